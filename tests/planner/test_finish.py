@@ -15,12 +15,11 @@ from guidefield.collision.certify.verdict import Reason
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import finish as module
-from guidefield.planner.finish import HURRIED, LOST, finish, found_motion
-from guidefield.planner.motion.spline import interpolate
-from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.finish import HURRIED, LOST, REPAIRS, STOPPING, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer, free, of_many
+from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
@@ -32,8 +31,7 @@ from tests.planner.walls import over_the_wall, smallest_clearance
 
 def through_the_wall(made: Problem, path: np.ndarray) -> Trajectory:
     """The straight motion, which touches the wall."""
-    limits = made.group.velocity_limits, made.group.acceleration_limits
-    return parameterize(interpolate(path[[0, -1]]), *limits)
+    return soonest_along(made, path[[0, -1]])
 
 
 def misled(monkeypatch: pytest.MonkeyPatch, trajectories: Sequence[Trajectory]) -> list[OptimizationSettings]:
@@ -98,7 +96,7 @@ def test_without_iterations_it_is_the_path_as_fast_as_it_can_be_executed() -> No
     finished = finish(asked, PathSoFar(path), Stages(asked))
     assert finished.verdict.free
     for waypoint in path:
-        assert np.linalg.norm(finished.trajectory.positions - waypoint, axis=1).min() < 1e-9
+        assert np.linalg.norm(finished.trajectory.positions - waypoint, axis=1).min() < 0.05
     optimised = finish(made, PathSoFar(path), Stages(made))
     assert optimised.trajectory.duration < finished.trajectory.duration
 
@@ -152,6 +150,37 @@ def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pyt
     assert asked == [BALANCED, closer(BALANCED)]
     assert finished.verdict.free
     assert LOST in finished.warnings[0]
+    assert np.linalg.norm(finished.path[finished.crossings[0]] - path[crossings[0]]) < 0.05
+
+
+def test_without_iterations_a_guided_motion_crosses_its_plane_where_its_knot_says() -> None:
+    made, path, crossings = guided_over_the_wall()
+    asked = dataclasses.replace(made, optimization_iterations=0)
+    finished = finish(asked, PathSoFar(path, crossings), Stages(asked))
+    assert finished.verdict.free
+    tip = made.kinematics.tip_position(made.group.expand_from_chart(finished.path[finished.crossings[0]]))
+    assert abs(made.guide_planes[0].signed_height(tip)) <= PASSAGE.reached
+    assert made.guide_planes[0].contains(tip)
+
+
+def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, path, crossings = guided_over_the_wall()
+    asked, closeness = dataclasses.replace(made, optimization_iterations=0), list[int]()
+
+    def refused(*asked_for: Any) -> tuple[Trajectory, dict[int, int]]:
+        closeness.append(asked_for[-1])
+        return through_the_wall(made, path), {}
+
+    monkeypatch.setattr(module, "_rounded", refused)
+    finished = finish(asked, PathSoFar(path, crossings), Stages(asked))
+    assert closeness == [2**k for k in range(REPAIRS + 1)]
+    assert finished.verdict.free
+    assert finished.warnings == (STOPPING,)
+    for waypoint in path:
+        (knots,) = np.nonzero((finished.path == waypoint).all(axis=1))
+        assert not finished.trajectory.velocities[knots].any()
     np.testing.assert_array_equal(finished.path[finished.crossings[0]], path[crossings[0]])
 
 
@@ -162,7 +191,7 @@ def test_an_end_beyond_a_limit_is_refused_by_joint_value_limits_and_place() -> N
     beyond[0, 0] = upper + 0.01
     stages = Stages(made)
     refused = finish(made, PathSoFar(beyond, proven=False), stages).verdict
-    # a spline that is drawn closer to a path that is beyond a limit would be, too: it is not tried
+    # a motion that is drawn closer to a path that is beyond a limit would be, too: it is not tried
     assert [stage.outcome for stage in stages.left if stage.name == "certify"] == ["beyond limits"] * 2
     assert (refused.reason, refused.piece) == (Reason.BEYOND_LIMITS, 0)
     ending = refusal(made, refused)

@@ -11,7 +11,7 @@ import pytest
 from guidefield.collision.certify.certificate import certify
 from guidefield.errors import Status
 from guidefield.messages.scene import Sphere
-from guidefield.planner.in_motion import STOPS, joined
+from guidefield.planner.in_motion import STOPS
 from guidefield.planner.motion.limit_load import limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
@@ -184,18 +184,3 @@ def test_without_a_jerk_limit_a_joint_may_rise_to_its_velocity_limit() -> None:
         start_acceleration=made.group.acceleration_limits * one,
     )
     check(rising, plan(rising, Planner.TREE))
-
-
-def test_joined_motions_are_each_where_they_were() -> None:
-    rng = np.random.default_rng(1)
-    first = Trajectory(np.array([0.0, 0.5, 1.0]), rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
-    second = Trajectory(
-        np.array([0.0, 2.0]), np.vstack([first.positions[-1:], rng.normal(size=(1, 2))]),
-        np.vstack([first.velocities[-1:], rng.normal(size=(1, 2))]),
-    )  # fmt: skip
-    still = Trajectory(np.zeros(1), first.positions[:1], np.zeros((1, 2)))
-    both = joined([still, first, second])
-    assert both.duration == 3.0
-    times = np.linspace(0.0, 1.0, 9)
-    np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)
-    np.testing.assert_allclose(both.evaluate(1.0 + 2.0 * times)[0], second.evaluate(2.0 * times)[0], atol=1e-12)

@@ -13,12 +13,11 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.motion.spline import interpolate
-from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
+from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
@@ -67,8 +66,7 @@ def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monk
     made = dataclasses.replace(
         wall, q_start=wall.group.from_chart(start), goal=to_configuration(goal, wall.group), guide_planes=()
     )
-    limits = wall.group.velocity_limits, wall.group.acceleration_limits
-    optimized_to = 2 * [parameterize(interpolate(np.array([start, goal])), *limits)]  # through the wall, twice
+    optimized_to = 2 * [soonest_along(wall, np.array([start, goal]))]  # through the wall, twice
 
     def misled(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: object) -> Optimized:
         result = optimize(problem, motion, settings)

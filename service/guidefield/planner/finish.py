@@ -1,15 +1,16 @@
 """From a path that was found to the trajectory that is executed: optimise shape and time together, certify it.
 
 What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
-certified either, the path that was found is taken instead, as fast as a spline through it can be executed. Where that
-is refused it is drawn closer to the path, whose straight motions are its limit.
+certified either, the path that was found is taken instead, as fast as it can be executed round its corners. Where that
+is refused the motion is drawn closer to the path. In the end it stops at every corner: then it is the path itself.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -19,14 +20,11 @@ from guidefield.collision.certify.settings import LIMITS
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.connect.constrained_tree import Keeper
-from guidefield.planner.motion.jerk import parameterize_gently
-from guidefield.planner.motion.spline import CubicSpline, interpolate
-from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.passages import Passage
+from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.plane_place import PlanePlace
 from guidefield.planner.optimize.settings import (
     MANY,
@@ -37,6 +35,7 @@ from guidefield.planner.optimize.settings import (
     free,
     of_many,
 )
+from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
@@ -46,15 +45,17 @@ from guidefield.planner.timed_guide import TimedPath
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
-REPAIRS = 12
-"""How often the spline is drawn closer to the path where the certificate refused it."""
-
+REPAIRS = 4
+"""How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
 
 LAST_JUDGEMENT = 0.1
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
+
+STOPPING = "no motion round the corners of the path was certified: this one stops at each of them"
+"""Warning about a motion that is slower therefore."""
 
 HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
 """Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
@@ -94,18 +95,19 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
     if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
-        return _certified(problem, found.path, found.crossings, stages)
+        return _along(problem, found, stages)
     finished = _optimized(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
-    as_found = _certified(problem, found.path, found.crossings, stages)
+    as_found = _along(problem, found, stages)
     if finished is None:
-        return replace(as_found, warnings=(f"{LOST}; this is the motion as it was found",))
+        return _warned(as_found, f"{LOST}; this is the motion as it was found")
     why = finished.verdict.reason
     if not as_found.verdict.free:
         return as_found if why is Reason.CONTACT else finished
-    warning = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
-    return replace(as_found, warnings=(warning,))
+    return _warned(
+        as_found, f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
+    )
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -118,7 +120,7 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
     """
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
-    return _certified(problem, found.path, found.crossings, stages)
+    return _along(problem, found, stages)
 
 
 def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
@@ -244,55 +246,86 @@ class Crossed(ReadOnly):
         """Whether it crosses any on its way."""
         return bool(self.passages)
 
-    def knots(self, optimized: Optimized) -> dict[int, int]:
-        """By index of each guide plane, the knot of an optimised trajectory that is on it."""
-        last = len(optimized.trajectory.times) - 1
+    def knots(self, trajectory: Trajectory, passed: Sequence[int]) -> dict[int, int]:
+        """By index of each guide plane, the knot of a trajectory that is on it.
+
+        Args:
+            trajectory: The trajectory.
+            passed: Its knots at the passages.
+        """
+        last = len(trajectory.times) - 1
         at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
-        return at_ends | dict(zip(self.on_way, optimized.passed, strict=True))
+        return at_ends | dict(zip(self.on_way, passed, strict=True))
 
 
 NO_PLANES = Crossed((), (), {})
 """Of a motion that crosses none."""
 
 
-def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
-    """The time-optimal motion along a path (n, nv), whatever its jerk."""
-    group = problem.group
-    return parameterize(through(problem, path), group.velocity_limits, group.acceleration_limits)
-
-
 def _of_optimized(problem: Problem, optimized: Optimized, crossed: Crossed, stages: Stages) -> Finished:
     """An optimised trajectory, judged, with a warning where time was up meanwhile."""
+    warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
     trajectory = optimized.trajectory
+    certified = _certified(problem, trajectory, crossed.knots(trajectory, optimized.passed), stages)
+    return replace(certified, warnings=warnings)
+
+
+def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """The certified motion round the corners of a path, drawn closer to it where it is refused; else with stops."""
+    crossed, finished = Crossed.of(problem, found.path, found.crossings), None
+    for repair in range(REPAIRS + 1):
+        with stages.entered("parameterize", "as fast as the limits allow, round the corners") as stage:
+            made = _rounded(problem, found.path, crossed, 2**repair)
+            stage.outcome = LOST if made is None else f"{made[0].duration:.3f} s"
+        if made is None:
+            continue
+        finished = _certified(problem, *made, stages)
+        if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.budget.spent():
+            return finished
+    with stages.entered("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
+        trajectory, knots = stopping_along(problem, found.path)
+        stage.outcome = f"{trajectory.duration:.3f} s"
+    stopping = _certified(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
+    return _warned(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
+
+
+def _rounded(
+    problem: Problem, path: ChartPoints, crossed: Crossed, finer: int
+) -> tuple[Trajectory, dict[int, int]] | None:
+    """The motion round the corners of a path, and its knot on each guide plane; None where it misses one.
+
+    Args:
+        problem: The robot and its limits.
+        path: Chart points, shape (n, nv).
+        crossed: The guide planes.
+        finer: How many times as close it keeps to the path.
+    """
+    if not crossed.passages:
+        trajectory = motion_along(problem, path, finer)
+        return trajectory, crossed.knots(trajectory, ())
+    limits = limits_of(problem)
+    spline = rounded_spline(problem, path, limits, finer)
+    about = first_places(crossed.passages, Trajectory(*spline.knots()), spline.pieces)
+    exact = passing(spline, crossed.passages, about)
+    if exact is None:
+        return None
+    knots, passed = with_knots(*exact)
+    trajectory = at_limits(*knots, *limits)
+    return trajectory, crossed.knots(trajectory, passed)
+
+
+def _certified(problem: Problem, trajectory: Trajectory, crossings: Mapping[int, int], stages: Stages) -> Finished:
+    """A trajectory, judged."""
     with stages.entered("certify", "on the exact geometry, between samples too") as stage:
         verdict = judged(problem, trajectory.bezier())
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
-    warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
-    return Finished(verdict, trajectory.positions, crossed.knots(optimized), trajectory, warnings=warnings)
+    return Finished(verdict, trajectory.positions, crossings, trajectory)
 
 
-def _certified(problem: Problem, path: ChartPoints, crossings: Mapping[int, int], stages: Stages) -> Finished:
-    """Time and certify the spline through a path, drawing it closer to the path where it is refused."""
-    knots, marks = path, dict(crossings)
-    for repair in range(REPAIRS + 1):
-        with stages.entered("parameterize", "as fast as the limits allow") as stage:
-            spline = through(problem, knots if len(knots) > 1 else np.repeat(knots, 2, axis=0))
-            trajectory = timed(problem, spline)
-            stage.outcome = f"{trajectory.duration:.3f} s"
-        with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-            verdict = judged(problem, trajectory.bezier())
-            problem.counters.collision_checks += verdict.evaluations
-            stage.outcome = verdict.reason.value
-        hopeless = repair == REPAIRS or verdict.piece is None or len(knots) < 2
-        if verdict.free or hopeless or problem.budget.spent():
-            break
-        refused = trajectory.bezier()[verdict.piece].mean(axis=0)
-        worst, nearest = _nearest(knots, refused)
-        if _refused_at(problem, nearest, verdict.reason):
-            break  # a spline that is drawn closer would be refused there, too
-        knots, marks = _denser(problem, knots, marks, worst)
-    return Finished(verdict, knots, marks, trajectory)
+def _warned(finished: Finished, warning: str) -> Finished:
+    """The same with one more warning, the first."""
+    return replace(finished, warnings=(warning, *finished.warnings))
 
 
 def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
@@ -312,17 +345,14 @@ def _at_the_very_end(problem: Problem) -> Callable[[], object]:
     return lambda: time.monotonic() >= until and problem.budget.spent()
 
 
-def through(problem: Problem, path: ChartPoints) -> CubicSpline:
-    """The spline through a path's chart points (n, nv), n >= 2, that keeps the joints' position limits."""
-    return interpolate(path, problem.group.lower, problem.group.upper)
-
-
-def timed(problem: Problem, spline: CubicSpline) -> Trajectory:
-    """The motion along a curve within the problem's limits."""
-    group = problem.group
-    if problem.jerk_limits is None:
-        return parameterize(spline, group.velocity_limits, group.acceleration_limits)
-    return parameterize_gently(spline, group.velocity_limits, group.acceleration_limits, problem.jerk_limits)
+def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:
+    """Whether a motion was refused where the path (n, nv) itself is: drawn closer to it, it would be, too."""
+    verdict = finished.verdict
+    if verdict.piece is None or len(path) < 2:
+        return True
+    assert finished.trajectory is not None, "it was judged"
+    place = finished.trajectory.bezier()[verdict.piece].mean(axis=0)
+    return _refused_at(problem, _nearest(path, place), verdict.reason)
 
 
 def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
@@ -341,23 +371,9 @@ def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
     return False
 
 
-def _nearest(path: ChartPoints, place: ChartPoint) -> tuple[int, ChartPoint]:
-    """The segment of a path (n, nv) that is nearest to a place (nv,), and the point (nv,) of it that is."""
+def _nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
+    """The point (nv,) of a path (n, nv) that is nearest to a place (nv,)."""
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
-    segment = int(np.argmin(np.linalg.norm(place - nearest, axis=1)))
-    return segment, nearest[segment]
-
-
-def _denser(
-    problem: Problem, path: ChartPoints, crossings: dict[int, int], worst: int
-) -> tuple[ChartPoints, dict[int, int]]:
-    """Midpoints inserted into a segment and those next to it, within the path constraints."""
-    split = [i for i in range(worst - 1, worst + 2) if 0 <= i < len(path) - 1]
-    middles = np.array([0.5 * (path[i] + path[i + 1]) for i in split])
-    if problem.path_constraints:
-        keeper = Keeper(problem, problem.constrained_frames)
-        middles = np.array([middle if (back := keeper.brought_back(middle)) is None else back for middle in middles])
-    denser = np.insert(path, np.array(split) + 1, middles, axis=0)
-    return denser, {plane: index + sum(index > i for i in split) for plane, index in crossings.items()}
+    return cast(ChartPoint, nearest[int(np.argmin(np.linalg.norm(place - nearest, axis=1)))])

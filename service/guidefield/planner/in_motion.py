@@ -8,7 +8,6 @@ is refused. Among obstacles that move the stop is judged in time, and the run to
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -18,16 +17,16 @@ from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.fallback_connection import connect_to_goal
-from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion, soonest_along
+from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.stopping import backwards, jerks_apart, jerks_of, stopping
-from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 STOPS = "no motion within limits was found that doesn't stop: this one comes to rest after its start, or before its end"
 """Warning about a motion that begins or ends in motion, and is at rest on the way."""
@@ -58,7 +57,7 @@ class MovingEnds(ReadOnly):
         away = [np.abs((end - run.positions[0] + np.pi) % (2.0 * np.pi) - np.pi).max() for run in self.runs]
         run = self.runs[int(np.argmin(away))]
         turned = run.positions + (end - run.positions[0])  # whole turns may have been added
-        return joined([led_to(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
+        return one_after_another([led_to(self.stop, middle), middle, Trajectory(run.times, turned, run.velocities)])
 
 
 def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
@@ -126,22 +125,6 @@ def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
     return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
 
-def joined(parts: Sequence[Trajectory]) -> Trajectory:
-    """Motions one after the other, each of which begins where the last one ends, with its velocities."""
-    moving = [part for part in parts if part.duration > 0.0] or [parts[0]]
-    times, begin = [moving[0].times[:1]], 0.0
-    for part in moving:
-        times.append(begin + part.times[1:])
-        begin += part.duration
-    positions = [moving[0].positions, *(part.positions[1:] for part in moving[1:])]
-    velocities = [moving[0].velocities, *(part.velocities[1:] for part in moving[1:])]
-    return Trajectory(
-        np.concatenate(times),
-        cast(ChartPoints, np.concatenate(positions)),
-        cast(ChartRates, np.concatenate(velocities)),
-    )
-
-
 def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
     """One motion that doesn't stop; else the one that was found, with the ends about it."""
     if problem.optimization_iterations != 0:
@@ -164,9 +147,6 @@ def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathS
 
 def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
     """The fastest motion along a path from rest to rest, with the ends about it."""
-    if length_of(path) == 0.0:
-        still = cast(ChartRates, np.zeros((1, path.shape[1])))
-        return ends.around(Trajectory(np.zeros(1), path[:1], still))
     return ends.around(soonest_along(resting, path))
 
 

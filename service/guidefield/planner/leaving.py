@@ -14,8 +14,9 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.finish import Finished, through, timed
+from guidefield.planner.finish import Finished
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.path_motion import motion_along
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
@@ -97,7 +98,7 @@ def joined(problem: Problem, left: Left, rest: Finished) -> Finished:
 def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
     """A trajectory with the motion out of contact before it, and how long that takes [s]."""
     end = after.positions[0]  # whole turns may have been added
-    first = timed(problem, through(problem, np.array([left.start + (end - left.end), end])))
+    first = motion_along(problem, np.array([left.start + (end - left.end), end]))
     times = np.concatenate([first.times, first.duration + after.times[1:]])
     positions = np.concatenate([first.positions[:-1], after.positions])
     return Trajectory(times, positions, np.concatenate([first.velocities, after.velocities[1:]])), first.duration

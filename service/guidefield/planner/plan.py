@@ -14,10 +14,10 @@ from guidefield.planner.fallback_connection import connect_to_goal, connect_to_p
 from guidefield.planner.finish import Finished, finish, finish_timed
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.in_motion import STOPS, finish_in_motion, joined as one_after_another, led_to, moving_ends
+from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
 from guidefield.planner.leaving import after, joined, leave
 from guidefield.planner.led_goal import led_goal_points
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.onward import gone_on
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import Ending

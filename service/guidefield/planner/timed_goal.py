@@ -18,10 +18,11 @@ import numpy as np
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
-from guidefield.planner.finish import Finished, finish, found_motion, soonest_along
+from guidefield.planner.finish import Finished, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.worth import keeps_aside
+from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed

@@ -111,7 +111,7 @@ def _shaped(
             stage.outcome = verdict.reason.value
         if verdict.free:
             before = len(whole.times) - len(shaped.times)  # a knot, where it waits
-            knots = {plane: before + at for plane, at in crossed.knots(optimized).items()}
+            knots = {plane: before + at for plane, at in crossed.knots(optimized.trajectory, optimized.passed).items()}
             return Finished(verdict, whole.positions, knots, whole, warnings=warnings)
     return None
 

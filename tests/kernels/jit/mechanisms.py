@@ -34,7 +34,7 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.simd.packing import Words, pointers, unpacked
 from guidefield.kernels.simd.rotations import cosine_and_sine
 from guidefield.kernels.simd.vector import LANES, below, lanes_of, load, root, splat, store, total
-from guidefield.kernels.timing.natural_spline import second_derivatives
+from guidefield.kernels.timing.hermite import piece_peaks
 
 FLOATS_IN_OUT = types.Array(types.float32, 1, "C")
 
@@ -85,11 +85,11 @@ def sums(weighted: Weighted, sums_out: Floats) -> None:
     sums_out[0], sums_out[1] = _weighted_sum(weighted), _length(weighted.values)
 
 
-@compiled(SCALAR(VECTOR, MATRIX, VECTOR_OUT, MATRIX_OUT))
-def bend(steps: Floats, values: Floats, pivots_out: Floats, second_out: Floats) -> float:
-    """The largest second derivative of a spline, by the kernel of another file."""
-    second_derivatives(steps, values, pivots_out, second_out)
-    return float(np.abs(second_out).max())
+@compiled(SCALAR(VECTOR, MATRIX, MATRIX, MATRIX_OUT, MATRIX_OUT))
+def fastest(times: Floats, positions: Floats, velocities: Floats, speeds_out: Floats, others_out: Floats) -> float:
+    """The largest speed on a curve, by the kernel of another file."""
+    piece_peaks(times, positions, velocities, speeds_out, others_out)
+    return float(speeds_out.max())
 
 
 class Turning(NamedTuple):

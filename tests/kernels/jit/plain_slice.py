@@ -18,19 +18,18 @@ from guidefield.kernels.simd.packing import packed
 def results() -> dict[str, np.ndarray]:
     """By name; masks are whole numbers, what lanes return is in single precision."""
     from guidefield.kernels.timing.hermite import piece_peaks
-    from tests.kernels.jit.mechanisms import Turning, Weighted, bend, sums, turned
+    from tests.kernels.jit.mechanisms import Turning, Weighted, fastest, sums, turned
 
     rng = np.random.default_rng(7)
     found = {"sums": np.empty(2), "masks": np.zeros(8, np.int64), "cosines": np.zeros(8 * 16, np.float32)}
     sums(Weighted(frozen(rng.normal(size=64)), frozen(rng.normal(size=64))), found["sums"])
     steps, values = rng.uniform(0.1, 1.0, 20), rng.normal(size=(21, 3))
-    pivots, found["second derivatives"] = np.empty(21), np.empty((21, 3))
-    found["bend"] = np.array([bend(steps, values, pivots, found["second derivatives"])])
     angles = rng.uniform(-20.0, 20.0, 8 * 16).astype(np.float32)
     turned(packed(Turning(angles, found["cosines"], 8)), found["masks"])
     found["speeds"], found["accelerations"] = np.empty((2, 20, 3))
-    times = np.r_[0.0, np.cumsum(steps)]
-    piece_peaks(times, values, rng.normal(size=(21, 3)), found["speeds"], found["accelerations"])
+    times, velocities = np.r_[0.0, np.cumsum(steps)], rng.normal(size=(21, 3))
+    piece_peaks(times, values, velocities, found["speeds"], found["accelerations"])
+    found["fastest"] = np.array([fastest(times, values, velocities, *np.empty((2, 20, 3)))])
     return found
 
 

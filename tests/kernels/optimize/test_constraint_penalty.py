@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_constraint_penalty, constraint_penalty
-from guidefield.planner.optimize.bspline import BSpline, End
+from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kept_frames import kept_frames

@@ -17,7 +17,7 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.kernels.optimize.time_barrier import TimeLimits
-from guidefield.planner.optimize.bspline import BSpline, End
+from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem

@@ -12,7 +12,7 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constrai
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits
-from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics

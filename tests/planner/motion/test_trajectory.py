@@ -5,7 +5,7 @@ import pytest
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from tests.knots import random_knots
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -101,3 +101,18 @@ def test_arrays_are_read_only():
         for array in (value.times, value.positions, value.velocities, value.accelerations):
             with pytest.raises(ValueError, match="read-only"):
                 array[...] = 0.0
+
+
+def test_joined_motions_are_each_where_they_were() -> None:
+    rng = np.random.default_rng(1)
+    first = Trajectory(np.array([0.0, 0.5, 1.0]), rng.normal(size=(3, 2)), rng.normal(size=(3, 2)))
+    second = Trajectory(
+        np.array([0.0, 2.0]), np.vstack([first.positions[-1:], rng.normal(size=(1, 2))]),
+        np.vstack([first.velocities[-1:], rng.normal(size=(1, 2))]),
+    )  # fmt: skip
+    still = Trajectory(np.zeros(1), first.positions[:1], np.zeros((1, 2)))
+    both = one_after_another([still, first, second])
+    assert both.duration == 3.0
+    times = np.linspace(0.0, 1.0, 9)
+    np.testing.assert_allclose(both.evaluate(times)[0], first.evaluate(times)[0], atol=1e-12)
+    np.testing.assert_allclose(both.evaluate(1.0 + 2.0 * times)[0], second.evaluate(2.0 * times)[0], atol=1e-12)

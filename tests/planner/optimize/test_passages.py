@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.spline import interpolate
-from guidefield.planner.motion.timing import parameterize
+from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.bspline import BSpline, End
 from guidefield.planner.optimize.passages import (
     Passage,
     add_passage,
@@ -21,6 +19,7 @@ from guidefield.planner.optimize.passages import (
     with_knots,
 )
 from guidefield.planner.optimize.settings import PASSAGE
+from tests.planner.motion.paths import soonest
 
 PIECES = 10
 
@@ -137,10 +136,10 @@ def test_knots_at_places_leave_the_curve_as_it_is() -> None:
 
 def test_passages_begin_where_the_motion_is_at_their_waypoints_also_on_the_way_back() -> None:
     path = np.array([[0.0, 0.0], [1.0, 0.0], [1.5, 0.5], [1.0, 0.0], [0.0, 0.0]])
-    motion = parameterize(interpolate(path), np.ones(2), np.ones(2))
+    motion = soonest(path, np.ones(2), np.ones(2))
     passages = [Passage(Waypoint(path[k], 0.0), path[k]) for k in (1, 2, 3)]
     there, turned, back = first_places(passages, motion, 20)
     assert 0.0 < there < turned < back < 20.0
     assert turned == pytest.approx(10.0, abs=0.5)
     times = motion.duration / 20 * np.array([there, turned, back])
-    np.testing.assert_allclose(motion.evaluate(times)[0], path[1:4], atol=1e-9)
+    np.testing.assert_allclose(motion.evaluate(times)[0], path[1:4], atol=0.1)

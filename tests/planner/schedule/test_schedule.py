@@ -13,9 +13,8 @@ from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.planner.finish import soonest_along, through
-from guidefield.planner.motion.jerk import parameterize_gently
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.path_motion import motion_along, soonest_along
 from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
 from guidefield.planner.schedule.schedule import Schedule, Stuck, at_any_rate, at_one_rate, slices_in, step_of
@@ -180,9 +179,7 @@ def test_where_the_start_must_be_left_and_the_middle_is_closed_it_slows_down_wit
     limits = None if jerk is None else np.full(7, jerk)
     made = asked(ball(trajectory=flight([0.0, 3.0], (3.0, 0.0, 0.0), (3.0, 1.0, 0.0))), jerk_limits=limits)
     path = np.array([START, moved(1.2, 0.3, 0.0, 0.4, 0.0, 0.0, 0.0), moved(1.6, 0.1, 0.3, 0.4, 0.0, 0.5, 0.0)])
-    motion = swing(made) if jerk is None else parameterize_gently(
-        through(made, path), PANDA.velocity_limits, PANDA.acceleration_limits, limits
-    )  # fmt: skip
+    motion = motion_along(made, path)
     length = step_of(PANDA) / slices_in(step_of(PANDA))
     half = 0.5 * motion.duration
 

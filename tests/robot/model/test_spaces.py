@@ -16,7 +16,7 @@ from guidefield.collision.certify.certificate import certify, motion_free
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.planner.motion.spline import interpolate
+from guidefield.planner.motion.path_curve import PathCurve
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.path_so_far import PathSoFar
@@ -60,7 +60,7 @@ def judges(world: World, many: BatchCollision, group: PlanningGroup, q: Configur
 def planned(world: World, q: Configuration, z: ChartPoint, zs: ChartPoints) -> None:
     certify(world, polyline(zs))
     motion_free(world, zs[0], z)
-    interpolate(zs, world.group.lower, world.group.upper).evaluate(np.zeros(1))
+    PathCurve.along(zs).at(np.zeros(1))
     Trajectory(np.zeros(1), zs, Trajectory(np.zeros(1), zs, zs).velocities)  # refused
     PathSoFar(zs).extended(z)  # refused
     PathSoFar(q)  # refused

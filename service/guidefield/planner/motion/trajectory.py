@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -129,6 +130,22 @@ class Trajectory(ReadOnly):
         # a tick that rounding put at the end, or beyond it, gives way to the end
         times = np.append(ticks[ticks < self.duration * (1.0 - 1e-12)], self.duration) + self.times[0]
         return MotionSamples(times, *self.evaluate(times))
+
+
+def one_after_another(parts: Sequence[Trajectory]) -> Trajectory:
+    """Motions one after the other, each of which begins where the last one ends, with its velocities."""
+    moving = [part for part in parts if part.duration > 0.0] or [parts[0]]
+    times, begin = [moving[0].times[:1]], 0.0
+    for part in moving:
+        times.append(begin + part.times[1:])
+        begin += part.duration
+    positions = [moving[0].positions, *(part.positions[1:] for part in moving[1:])]
+    velocities = [moving[0].velocities, *(part.velocities[1:] for part in moving[1:])]
+    return Trajectory(
+        np.concatenate(times),
+        cast(ChartPoints, np.concatenate(positions)),
+        cast(ChartRates, np.concatenate(velocities)),
+    )
 
 
 def piece_accelerations(

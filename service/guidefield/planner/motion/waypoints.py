@@ -1,9 +1,12 @@
-"""The waypoints of a path: its length, and its straight pieces."""
+"""The waypoints of a path: its length, its straight pieces, and places along them."""
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
+from guidefield.planner.motion.settings import CURVE
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 
@@ -21,3 +24,35 @@ def polyline(path: ChartPoints) -> ChartCurves:
     if len(path) == 1:
         return np.repeat(path[None], 2, axis=1)
     return np.stack([path[:-1], path[1:]], axis=1)
+
+
+def distinct(path: ChartPoints) -> ChartPoints:
+    """The waypoints (n, nv) of a path without repetitions, first and last kept; a single one if they are all the same.
+
+    What is within `CURVE.repeated` of the one before repeats it.
+    """
+    if len(path) > 1 and np.linalg.norm(np.diff(path, axis=0), axis=1).min() > CURVE.repeated:
+        return path
+    kept = [path[0]]
+    for waypoint in path[1:-1]:
+        if np.linalg.norm(waypoint - kept[-1]) > CURVE.repeated:
+            kept.append(waypoint)
+    goal = path[-1]
+    while len(kept) > 1 and np.linalg.norm(goal - kept[-1]) <= CURVE.repeated:
+        kept.pop()
+    if np.linalg.norm(goal - kept[-1]) > CURVE.repeated:
+        kept.append(goal)
+    return cast(ChartPoints, np.array(kept))
+
+
+def subdivided(path: ChartPoints, spacing: float) -> ChartPoints:
+    """Places along a path (n, nv), its waypoints among them, evenly on each straight piece and at most so far apart.
+
+    There are three at least.
+    """
+    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    parts = np.maximum(np.ceil(lengths / spacing).astype(np.int64), 2 if len(path) == 2 else 1)
+    piece = np.repeat(np.arange(len(parts)), parts)
+    share = (np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[piece]
+    inner = path[piece] + share[:, None] * (path[piece + 1] - path[piece])
+    return cast(ChartPoints, np.concatenate([inner, path[-1:]]))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.certify.position_limits import excesses
-from guidefield.planner.motion.settings import SPLINE
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
+
+ROUNDING = 1e-12
+"""A curve that is beyond a limit by no more than this keeps it [rad or m]."""
 
 
 def leaving(
@@ -25,7 +27,7 @@ def leaving(
         Shape (c,), bool.
     """
     beyond, _ = excesses(bezier(knots, values, slopes), lower, upper)
-    left: np.ndarray = np.any(beyond > SPLINE.rounding, axis=0)
+    left: np.ndarray = np.any(beyond > ROUNDING, axis=0)
     return left
 
 

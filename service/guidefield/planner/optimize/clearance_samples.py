@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.optimize.clearance_model import MotionSamples
+from guidefield.planner.motion.bspline import BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.bspline import BSpline, basis
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.read_only import read_only
 from guidefield.robot.model.spaces import ChartPoints

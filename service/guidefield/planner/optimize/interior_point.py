@@ -22,7 +22,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrie
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits, time_barrier
-from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest

@@ -22,8 +22,8 @@ from typing import Protocol
 
 import numpy as np
 
+from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.bspline import ENDS, BSpline, basis
 from guidefield.planner.optimize.settings import PASSAGE
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates

@@ -7,10 +7,10 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.optimize.limit_barrier import MotionLimits
+from guidefield.planner.motion.bspline import ENDS, BSpline, End
 from guidefield.planner.motion.stopping import ROUNDING
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.optimize.bspline import ENDS, BSpline, End
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only

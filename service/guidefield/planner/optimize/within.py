@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 
 from guidefield.kernels.optimize.limit_barrier import MotionLimits
-from guidefield.planner.optimize.bspline import BSpline
+from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.interior_point import Descent, Question
 from guidefield.planner.optimize.start import load_of
 from guidefield.read_only import read_only

@@ -7,11 +7,11 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.planner.motion.jerk import smooth
 from guidefield.planner.motion.limit_load import TOLERANCE, limit_load
 from guidefield.planner.motion.settings import TIMING
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.within_limits import bounded_slopes, leaving, smoothly_within
+from guidefield.planner.schedule.even_samples import smooth
 from guidefield.planner.schedule.schedule import Schedule
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
@@ -66,10 +66,10 @@ def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
     own = np.maximum.accumulate(schedule.at(fine, step)[0])
     among = np.interp(motion.times - motion.times[0], own, fine)
     times = np.unique(np.concatenate([even, among, [0.0, schedule.duration]]))
-    kept = np.r_[True, np.diff(times) > TIMING.shortest_step]
+    kept = np.r_[True, np.diff(times) > TIMING.shortest_piece]
     kept[-1] = True
     times = times[kept]
-    if len(times) > 2 and times[-1] - times[-2] <= TIMING.shortest_step:
+    if len(times) > 2 and times[-1] - times[-2] <= TIMING.shortest_piece:
         times = np.delete(times, -2)
     positions, velocities = _sampled(schedule, times)
     velocities[[0, -1]] = 0.0

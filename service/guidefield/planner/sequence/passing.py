@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from guidefield.planner.finish import soonest_along
-from guidefield.planner.in_motion import joined as in_sequence
+from guidefield.planner.motion.trajectory import one_after_another
+from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.sequence.corners import Rounded
 from guidefield.planner.sequence.joined import Joined, Part, PassedAt, slowest
 from guidefield.planner.sequence.optimized_passing import optimized_past
@@ -37,7 +37,7 @@ def _stopping(parts: Sequence[Part]) -> Joined:
     """The motions as they were planned, at rest at every goal."""
     knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
     passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
-    return Joined(in_sequence([one.motion for one in parts]), passages, stops=True)
+    return Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
 
 
 def _soonest(parts: Sequence[Part], path: Rounded) -> Joined:

@@ -13,14 +13,11 @@ from itertools import pairwise
 import numpy as np
 
 from guidefield.collision.certify.verdict import Reason
-from guidefield.planner.finish import through
-from guidefield.planner.motion.jerk import parameterize_gently
-from guidefield.planner.motion.timing import parameterize
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.path_motion import motion_along
 from guidefield.planner.sequence.corners import Curve, Rounded, rounded
 from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
-from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 
 
@@ -61,7 +58,7 @@ def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Round
     for _ in range(ROUNDING.tries):
         with stages.entered("parameterize", "past the goals, as fast as the limits allow") as stage:
             path = rounded(curves, goals, radii, ROUNDING.spacing / density)
-            motion = _timed(problem, path, density)
+            motion = motion_along(problem, path.path, density)
             joined = Joined(motion, passages_of(motion, path, goals))
             stage.outcome = f"{motion.duration:.3f} s"
         with stages.entered("certify", "between the goals and past them, between samples too") as stage:
@@ -97,12 +94,3 @@ def passages_of(motion: Trajectory, path: Rounded, goals: Sequence[PassedGoal]) 
         about = low + int(np.argmin(goal.distances(motion.positions[low:high])))
         passages.append(passed_about(goal, motion, (int(first), about, int(last))))
     return tuple(passages)
-
-
-def _timed(problem: Problem, path: Rounded, density: int) -> Trajectory:
-    """The motion along a path as fast as the limits allow, with so many times as many pieces where jerk is limited."""
-    group, spline = problem.group, through(problem, path.path)
-    if problem.jerk_limits is None:
-        return parameterize(spline, group.velocity_limits, group.acceleration_limits)
-    limits = group.velocity_limits, group.acceleration_limits, problem.jerk_limits
-    return parameterize_gently(spline, *limits, finer=density)

@@ -17,7 +17,8 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
-from guidefield.planner.finish import Finished, through, timed
+from guidefield.planner.finish import Finished
+from guidefield.planner.path_motion import motion_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
@@ -81,7 +82,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
         if stuck is not None:
             return _failed(still, path, _stopped(problem, stage.outcome) or stuck_ending(way, stuck), stages)
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
-            trajectory = timed(problem, through(problem, path if len(path) > 1 else np.repeat(path, 2, axis=0)))
+            trajectory = motion_along(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
             verdict = _judged(still, way, trajectory.bezier())

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.bspline import BSpline, End
 
 
 def de_boor(spline: BSpline, time: float) -> np.ndarray:

@@ -26,6 +26,12 @@ def basis_slopes(t: np.ndarray) -> np.ndarray:
     return np.column_stack([-(s**2), 3.0 * t**2 - 4.0 * t, 4.0 * s - 3.0 * s**2, t**2]) / 2.0
 
 
+def basis_bends(t: np.ndarray) -> np.ndarray:
+    """The second derivatives of `basis` by t (k,): shape (k, 4)."""
+    s = 1.0 - t
+    return np.column_stack([s, 3.0 * t - 2.0, 3.0 * s - 2.0, t])
+
+
 @dataclass(frozen=True, eq=False)
 class End(ReadOnly):
     """The state at an end of a motion.
