@@ -164,7 +164,7 @@ def test_goals_are_passed_beyond_a_turn() -> None:
     assert min(speed(reply, step.end) for step in reply.steps[:2]) > 0.1
 
 
-@pytest.mark.parametrize("radius", [1e-6, 0.01])
+@pytest.mark.parametrize("radius", [1e-9, 1e-6, 0.01])
 def test_passing_never_takes_longer_than_stopping(radius: float) -> None:
     """Where the radius is next to nothing the motion stops, and a warning says so."""
     fields = {"limits": {name: {"acceleration": 15.0, "jerk": 20.0} for name in ARM}}
@@ -194,6 +194,6 @@ def test_goals_within_large_radii_are_passed_in_their_order() -> None:
     request = json.loads(example("rounded"))
     steps = [step | {"radius": 50.0} if step.get("stop") is False else step for step in request["steps"]]
     reply = ask(steps, "ur5", request["scene"], start=request["start"])
-    assert reply.status.name in ("SUCCESS", "INVALID_MOTION_PLAN"), "it says how it ended"
+    assert reply.status.name == "SUCCESS", reply.status.message
     spans = [time for step in reply.steps for time in (step.begin, step.end)]
     assert spans == sorted(spans)

@@ -1,7 +1,7 @@
 """Motions one after the other as one that doesn't stop between them: the shortest of those that are certified.
 
 Corners are rounded first, and timed as a whole. From that motion on all are optimised as one. Where neither is shorter
-than the motions with stops between them, these are it.
+than the motions with stops between them, these are it; so they are where a radius is next to nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from guidefield.planner.sequence.optimized_passing import optimized_past
 from guidefield.planner.sequence.rounding import passages_of, rounded_motion
 from guidefield.planner.task.stages import Stages
 
+NO_RADIUS = 1e-6
+"""Goals with a radius up to this are stopped at: optimised motions pass places that closely, no closer [m, rad]."""
+
 
 def join(parts: Sequence[Part], stages: Stages) -> Joined:
     """Join motions of the same joints.
@@ -27,6 +30,8 @@ def join(parts: Sequence[Part], stages: Stages) -> Joined:
         stages: Where time is counted.
     """
     stopping = _stopping(parts)
+    if min(one.goal.radius for one in parts if one.goal is not None) <= NO_RADIUS:
+        return stopping
     along = rounded_motion(parts, stages)
     first = stopping if along is None else _soonest(parts, along[1])
     found = [optimized_past(parts, first, stages), None if along is None else along[0], stopping]

@@ -76,7 +76,7 @@ def stretches_of(
         span: When the step begins and ends [s].
         permissions: What may touch when.
         way: The straight way that the tip keeps to.
-        straight: From when to when it does [s].
+        straight: From when to when it does [s]; not at all where that is no time.
     """
     begin, end = span
     changes = [time for one in permissions for time in (one.begin, one.end)] + list(straight if way else ())
@@ -91,7 +91,8 @@ def stretches_of(
             fields["world"] = World.build(conditions.group, conditions.scene, pairs)
         else:
             fields["allowed_collisions"], fields["world"] = conditions.allowed_collisions, conditions.world
-        motion, kept = part(trajectory, first, last), straight[0] <= first and last <= straight[1]
+        kept = straight[0] < straight[1] and straight[0] <= first and last <= straight[1]
+        motion = part(trajectory, first, last)
         stretches.append(Stretch(**fields, index=index, motion=motion, way=way if kept else None))
     return stretches
 
