@@ -16,7 +16,8 @@ from guidefield.engine import Engine
 from guidefield.messages.certify_reply import Place
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, UrdfText
-from guidefield.messages.scene import Box, Scene, Sphere
+from guidefield.messages.scene import Box, ObstacleTrajectory, Scene, Sphere
+from guidefield.messages.values import Placement
 from tests.doubt_units import two_plans
 from tests.planner.problems import closed_shell
 from tests.robot.odd_meshes import stl
@@ -105,6 +106,23 @@ def test_a_true_answer_is_not_contradicted(tmp_path: Path) -> None:
         came = doubted(loaded(tmp_path), slide(until))
         assert came.found == ()
         assert came.reply.certificate.reason == reason
+
+
+def test_a_goal_that_something_comes_to_rest_in_is_rightly_refused(tmp_path: Path) -> None:
+    """At time 0 it would be free: a refusal is false only if it is free once all rest."""
+    from doubting.doubted import doubted
+
+    way = ObstacleTrajectory(
+        times=[0.0, 1.0], placements=[Placement(position=at) for at in ((0.6, 0.0, 2.0), (0.6, 0.0, 0.5))]
+    )
+    scene = Scene(name="s", obstacles=[Sphere(name="lid", radius=0.1, trajectory=way)])
+    goal = JointsGoal({"slide": 0.6})
+    came = doubted(
+        loaded(tmp_path),
+        PlanRequest(UrdfText(text=SLIDER), scene, goal=goal, start={"slide": 0.0}, guide_planes=[], recording="off"),
+    )
+    assert came.reply.status.name == "GOAL_IN_COLLISION"
+    assert came.found == ()
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def value(rng: np.random.Generator, joint: Joint) -> Any:
     if rng.random() < 0.08 and np.isfinite([lower, upper]).all():
         return float(rng.choice([lower, upper]))
     most = ROAM if joint.kind is JointKind.PRISMATIC else np.pi
-    return float(rng.uniform(max(lower, -most), max(min(upper, most), lower)))
+    return float(rng.uniform(min(max(lower, -most), upper), max(min(upper, most), lower)))
 
 
 def free(rng: np.random.Generator, loaded: Loaded, planned: list[Joint], base: Wire) -> Wire | None:

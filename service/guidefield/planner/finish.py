@@ -180,7 +180,7 @@ def optimized_motion(
         found: The path with the guide planes that the motion crosses; None: it crosses none.
     """
     crossed = NO_PLANES if found is None else Crossed.of(problem, found.path, found.crossings)
-    settings = settings_of(problem, passes=crossed.any)
+    settings = settings_of(problem, passes=bool(crossed.passages))
     with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
         optimized = optimize(problem, motion, settings, others, crossed.passages)
         stage.outcome = optimized.outcome.value
@@ -240,11 +240,6 @@ class Crossed(ReadOnly):
             tuple(plane for _, plane in inner),
             {plane: 0 if at == 0 else -1 for plane, at in crossings.items() if at in (0, last)},
         )
-
-    @property
-    def any(self) -> bool:
-        """Whether it crosses any on its way."""
-        return bool(self.passages)
 
     def knots(self, trajectory: Trajectory, passed: Sequence[int]) -> dict[int, int]:
         """By index of each guide plane, the knot of a trajectory that is on it.

@@ -24,7 +24,7 @@ from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.worth import better
 from guidefield.planner.schedule.retimed import later
-from guidefield.planner.schedule.standing import free_from, met
+from guidefield.planner.schedule.standing import free_from, met, stays_free
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -58,10 +58,14 @@ def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finishe
     motion = found.trajectory()
     if problem.optimization_iterations == 0 or length_of(motion.positions) == 0.0:
         return None
-    crossed = Crossed.of(problem, motion.positions, found.crossings)
-    until, since = met(problem, problem.z_start)[0], free_from(problem, motion.positions[-1])
-    between = until, since if since <= motion.times[-1] else -np.inf
-    return _shaped(problem, motion, between, partial(judged_in_time, problem), stages, crossed)
+    crossed, judged = Crossed.of(problem, motion.positions, found.crossings), partial(judged_in_time, problem)
+    leave_by = met(problem, problem.z_start)[0] if _moving_part(motion).times[0] > 0.0 else 0.0
+    made, goal = _shaped(problem, motion, (leave_by, -np.inf), judged, stages, crossed), motion.positions[-1]
+    if made is None or made.trajectory is None or stays_free(problem, goal, float(made.trajectory.times[-1])):
+        return made
+    if not stays_free(problem, goal, found.time):
+        return made  # neither is the motion's end that was found
+    return _shaped(problem, motion, (leave_by, free_from(problem, goal)), judged, stages, crossed)
 
 
 def shaped_in_time(
@@ -95,7 +99,7 @@ def _shaped(
     """The optimised motion from one that keeps a schedule and crosses guide planes; None where it is no better."""
     if problem.budget.spent():
         return None
-    begun, settings, (leave_by, arrive_from) = _moving_part(motion), settings_of(problem, passes=crossed.any), between
+    begun, settings, (leave_by, arrive_from) = _moving_part(motion), settings_of(problem), between
     with stages.entered("relax", f"shape and time together, among what moves, {problem.objective.value}") as stage:
         optimized = optimize(problem, begun, settings, (), crossed.passages, leave_by=leave_by, arrive_from=arrive_from)
         stage.outcome = optimized.outcome.value

@@ -229,12 +229,12 @@ def of_many(settings: OptimizationSettings) -> OptimizationSettings:
 
 
 def free(settings: OptimizationSettings) -> OptimizationSettings:
-    """For a motion that passes nothing and keeps no path constraints, of up to `MANY` coordinates.
+    """For a motion that keeps no path constraints, of up to `MANY` coordinates, and passes nothing among what rests.
 
     The Hessian of its clearance is mostly too stiff: with all of it many looks bring little, one after the other. On 78
     problems of a Panda, a UR5, a Fetch and a Baxter 0.61, 0.67, 0.47 and 0.34 of the looks are taken, to motions that
     take 1.00, 1.00, 0.96 and 0.92 of the time and keep 1 mm less to 7 mm more. Motions that cross guide planes get up
-    to 16 % longer with it.
+    to 16 % longer with it; among obstacles that move 0.4 and 4 % (door.json, conveyor.json), in half the time.
     """
     return dataclasses.replace(settings, worth=0.4, stiffness=0.5, least_stiffness=0.3)
 
