@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -66,6 +67,28 @@ def test_the_goal_is_reached_and_every_piece_follows_the_one_before() -> None:
     for joint, value in GOAL.positions.items():
         assert reached[joint] == pytest.approx(value, abs=1e-5)
     assert [one.reason for one in answers if isinstance(one, StreamState)][-1] == "at_goal"
+
+
+OPENED = """
+from guidefield.kernels.stream import arrival, judge, profiles, room, way
+from guidefield.messages.scene import Scene
+from guidefield.messages.streams import StreamOpen
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.scene.scene import build
+from guidefield.stream.stream import CertifiedStream
+
+with CertifiedStream(StreamOpen("ur5", "empty"), Catalog().load("ur5"), build(Scene("empty"))):
+    asked = [
+        arrival.arrival, judge.judged, judge.travelled, profiles.piece_and_braking, room.distances, room.pressure,
+        room.swept, way.cut_short, way.straight_free, way.way_between,
+    ]
+    print(*(one.__name__ for one in asked if not one.overloads))
+"""
+
+
+def test_no_update_waits_for_kernels_of_streams() -> None:
+    told = subprocess.run([sys.executable, "-c", OPENED], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == []
 
 
 def test_the_same_updates_get_the_same_bits() -> None:

@@ -13,6 +13,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from guidefield.errors import GuidefieldError, InvalidConfiguration, MalformedRequest
+from guidefield.kernels.jit.compilers import load
+from guidefield.kernels.stream import arrival, judge, profiles, room, way
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.robot.group.group import PlanningGroup
@@ -44,6 +46,10 @@ AT = 1e-6
 
 SLACK = 1e-6
 """Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
+
+
+KERNELS = (arrival, judge, profiles, room, way)
+"""What the first update would wait for, 30 to 60 ms: loaded when a stream opens."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,8 @@ class CertifiedStream:
         taking: TakeOver | None = None,
         watching: Watching | None = None,
     ) -> None:
+        for kernels in KERNELS:
+            load(kernels)
         self._opened = asked = opened(request, robot, scene)
         self.request = request
         self.group, self.scene = asked.group, scene
