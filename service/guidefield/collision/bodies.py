@@ -51,15 +51,19 @@ def body_placements(data: Any) -> np.ndarray:
 def _one_behind_the_other(placements: Any, *, writeable: bool = False) -> np.ndarray:
     if not len(placements):
         return np.empty((0, 3, 4))
-    size = np.dtype(float).itemsize
-    rotations = [placement.rotation for placement in placements]
-    translations = [placement.translation for placement in placements]
-    addresses = np.array([part.__array_interface__["data"][0] for part in (*rotations, *translations)])
-    count, first = len(rotations), rotations[0]
-    expected = addresses[0] + 12 * size * np.arange(count)
-    if first.strides != (size, 3 * size) or not np.array_equal(addresses, np.r_[expected, expected + 9 * size]):
+    size, count, first = np.dtype(float).itemsize, len(placements), placements[0].rotation
+    begin = _address(first)
+    ends = (placements[0].translation, placements[count - 1].rotation)
+    # in a C++ vector all are as far apart as the first and the last say
+    expected = [begin + 9 * size, begin + 12 * size * (count - 1)]
+    if first.strides != (size, 3 * size) or list(map(_address, ends)) != expected:
         raise RuntimeError("Pinocchio's placements don't lie one behind the other")
     return as_strided(first, (count, 3, 4), (12 * size, size, 3 * size), writeable=writeable)
+
+
+def _address(array: np.ndarray) -> int:
+    """Where an array begins in memory; sooner told than by its `ctypes`."""
+    return int(array.__array_interface__["data"][0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.collision.bodies import Bodies
+from guidefield.collision.bodies import bodies as bodies_of
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
@@ -110,8 +111,10 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-def motion_bound(group: PlanningGroup, bodies: Bodies, own: np.ndarray) -> MotionBound:
-    """The bound for a robot whose own pairs of bodies are given, shape (n_self, 2)."""
+@kept_with_alike
+def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
+    """The bound for a robot whose own pairs of bodies are given, an array (n_self, 2) of int64; made once for them."""
+    bodies, own = bodies_of(group), np.frombuffer(own_pairs, np.int64).reshape(-1, 2)
     first, second = bodies.moved_by[own[:, 0]], bodies.moved_by[own[:, 1]]
     together, centred = _moves(group)
     arrays = {

@@ -82,7 +82,7 @@ class NearPairs:
 
     def within(
         self, placements: np.ndarray, centres: np.ndarray, own: np.ndarray, mixed: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The pairs at each of s configurations that balls and boxes can't tell to be farther apart than margins.
 
         Args:
@@ -92,22 +92,41 @@ class NearPairs:
             mixed: Margins of the robot's bodies and obstacles, shape (s, r) [m].
 
         Returns:
-            Configuration and index of each of them, both of shape (k,), in this order.
+            Configuration and index of each of them, both of shape (k,), in this order, and the larger of both bounds of
+            its signed distance, shape (k,) [m].
         """
         at, found = self.by_place(centres, mixed)
         margins = np.concatenate([own.ravel(), mixed[at, self.pairs.bodies(found)[:, 0]]])
         count = self.pairs.n_self
         which = np.concatenate([np.repeat(np.arange(len(centres)), count), at])
         pairs = np.concatenate([np.tile(np.arange(count), len(centres)), found])
-        close = np.zeros(len(pairs), bool)
+        bounds = np.empty(len(pairs))
         for first in range(0, len(pairs), TOGETHER):
-            some = np.arange(first, min(first + TOGETHER, len(pairs)))
-            some = some[self.separations(centres, which[some], pairs[some]) <= margins[some]]
-            some = some[self.closer_separations(placements, which[some], pairs[some]) <= margins[some]]
-            close[some] = True
-        which, pairs = which[close], pairs[close]
-        order = np.lexsort((pairs, which))
-        return which[order], pairs[order]
+            some = slice(first, first + TOGETHER)
+            bounds[some] = self.bounds(placements, centres, which[some], pairs[some], margins[some])
+        close = np.flatnonzero(bounds <= margins)
+        order = close[np.lexsort((pairs[close], which[close]))]
+        return which[order], pairs[order], bounds[order]
+
+    def bounds(
+        self, placements: np.ndarray, centres: np.ndarray, which: np.ndarray, pairs: np.ndarray, margins: np.ndarray
+    ) -> np.ndarray:
+        """`separations`; of those that are no larger than margins (m,) the larger of these and `closer_separations`.
+
+        Args:
+            placements: As in `closer_separations`.
+            centres: As in `separations`.
+            which: As there.
+            pairs: As there.
+            margins: Shape (m,) [m].
+
+        Returns:
+            Shape (m,) [m].
+        """
+        found = self.separations(centres, which, pairs)
+        near = np.flatnonzero(found <= margins)
+        found[near] = np.maximum(found[near], self.closer_separations(placements, which[near], pairs[near]))
+        return found
 
     def by_place(self, centres: np.ndarray, margins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The pairs with obstacles whose boxes are within margins of the boxes about balls: no others are as near.

@@ -145,7 +145,7 @@ class World:
     @cached_property
     def motion_bound(self) -> MotionBound:
         """How much closer bodies can come when the robot moves."""
-        return motion_bound(self.group, self.bodies, self.pairs.own)
+        return motion_bound(self.group, self.pairs.own.tobytes())
 
     @cached_property
     def closing(self) -> Closing:
@@ -263,7 +263,7 @@ class World:
             placements[row] = self.joint_placements
         centres = self.bodies.centres_in_world(placements)
         own, mixed = (np.full((len(qs), count), TOUCHING) for count in (self.pairs.n_self, self.pairs.links))
-        at, found = self.near_pairs.within(placements, centres, own, mixed)
+        at, found, _ = self.near_pairs.within(placements, centres, own, mixed)
         return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
 
     def in_collision_each(self, qs: Sequence[ModelConfiguration]) -> list[bool]:

@@ -175,39 +175,37 @@ class _Judge:
         own, mixed = world.motion_bound.moved(reach, chords.half_widths)
         fresh = np.flatnonzero([segment.pairs is None for segment in level])
         margins = with_coal_error(own[fresh]), with_coal_error(mixed[fresh] + self.min_clearance)
-        near = world.near_pairs.within(joints[fresh], centres[fresh], *margins)
-        pairs = [segment.pairs or [] for segment in level]
-        for row, pair in zip(fresh[near[0]].tolist(), near[1].tolist(), strict=True):
-            pairs[row].append(pair)
+        at, pairs, apart = world.near_pairs.within(joints[fresh], centres[fresh], *margins)
+        near = _with_pairs_left(level, _Near(fresh[at], pairs, apart))
         moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
         ways = Ways(jacobians, centres, reach, chords.chords, moves, chords.off)
-        return bodies, self._with_margins(pairs, own, mixed, ways, joints)
+        return bodies, self._with_margins(near, own, mixed, ways, joints)
 
     def _with_margins(
-        self, pairs: list[list[int]], own: np.ndarray, mixed: np.ndarray, ways: Ways, joints: np.ndarray
+        self, near: _Near, own: np.ndarray, mixed: np.ndarray, ways: Ways, joints: np.ndarray
     ) -> list[list[_Asked]]:
         """Pairs at each of s segments that balls can't tell apart, with what they may lose and have to keep.
 
         Args:
-            pairs: Indices of pairs.
+            near: The pairs.
             own: How much closer own pairs can come in the segment's box, shape (s, n_self) [m].
             mixed: How much closer the robot's bodies can come there to what stands still, shape (s, r) [m].
             ways: The straight ways that the segments are near.
             joints: Placements of the joints at the middles, shape (s, njoints, 3, 4) [m].
         """
-        world, counts = self.world, [len(some) for some in pairs]
-        row, pair = np.repeat(np.arange(len(pairs)), counts), np.fromiter(chain.from_iterable(pairs), int, sum(counts))
+        world, (row, pair, apart) = self.world, near
         first, second = world.pairs.bodies(pair).T
         is_own, bound = pair < world.pairs.n_self, mixed[row, first]
         bound[is_own] = own[row[is_own], pair[is_own]]
         bound = np.minimum(bound, world.closing.beside(ways, row, np.where(is_own, world.pairs.links + pair, first)))
         kept = np.where(is_own, 0.0, self.min_clearance)
         margins = with_coal_error(bound + kept)
-        near = np.flatnonzero(world.near_pairs.separations(ways.centres, row, pair) <= margins)
-        near = near[world.near_pairs.closer_separations(joints, row[near], pair[near]) <= margins[near]]
-        columns = (column[near].tolist() for column in (pair, first, second, bound, kept, margins))
+        unknown = np.flatnonzero(np.isneginf(apart))
+        apart[unknown] = world.near_pairs.bounds(joints, ways.centres, row[unknown], pair[unknown], margins[unknown])
+        close = np.flatnonzero(apart <= margins)
+        columns = (column[close].tolist() for column in (pair, first, second, bound, kept, margins))
         asked = zip(*columns, strict=True)
-        return [list(islice(asked, count)) for count in np.bincount(row[near], minlength=len(pairs)).tolist()]
+        return [list(islice(asked, count)) for count in np.bincount(row[close], minlength=len(joints)).tolist()]
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
         """Those of some pairs that are within their margins, the robot's bodies where they are told, (r, 3, 4).
@@ -249,6 +247,33 @@ class _Judge:
             if one.kept > 0.0 and world.penetration(one.pair, one.kept) is not None:
                 return Reason.TOO_CLOSE, one.pair
         return None
+
+
+class _Near(NamedTuple):
+    """Pairs that may be near each other in segments, by segment.
+
+    Attributes:
+        row: Index of the segment, shape (k,).
+        pair: Index of the pair, shape (k,).
+        apart: A lower bound of its signed distance at the segment's middle, shape (k,) [m]; minus infinity: unknown.
+    """
+
+    row: np.ndarray
+    pair: np.ndarray
+    apart: np.ndarray
+
+
+def _with_pairs_left(level: Sequence[CurveSegment], fresh: _Near) -> _Near:
+    """The pairs in segments of which none was judged before, and those that are left in the others."""
+    left = [segment.pairs or [] for segment in level]
+    counts = [len(some) for some in left]
+    count = sum(counts)
+    if not count:
+        return fresh
+    row = np.concatenate([fresh.row, np.repeat(np.arange(len(left)), counts)])
+    pair = np.concatenate([fresh.pair, np.fromiter(chain.from_iterable(left), int, count)])
+    order = np.argsort(row, kind="stable")
+    return _Near(row[order], pair[order], np.concatenate([fresh.apart, np.full(count, -np.inf)])[order])
 
 
 _Asked = tuple[int, int, int, float, float, float]
