@@ -12,7 +12,7 @@ import pytest
 from guidefield.collision.world import World
 from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
-from guidefield.kept import kept_with
+from guidefield.kept import MOST, kept_with
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.stores.runs import RunStore
 
@@ -34,6 +34,25 @@ def test_finds_once_for_each_object_and_arguments() -> None:
     assert [name(one), name(one), name(one, "x"), name(one, "x")] == [str(id(one))] * 2 + [f"{id(one)}x"] * 2
     assert name(other) == str(id(other))
     assert asked == [(one, ""), (one, "x"), (other, "")]
+
+
+def test_of_many_answers_about_an_object_those_asked_for_last_are_kept() -> None:
+    """Clients choose some of the arguments, such as the pairs that may touch: what is kept for them has a bound."""
+    asked = []
+
+    @kept_with
+    def find(_thing: Thing, number: int) -> Thing:
+        asked.append(number)
+        return Thing()
+
+    thing = Thing()
+    first, second = weakref.ref(find(thing, 0)), weakref.ref(find(thing, 1))
+    for number in range(2, MOST + 1):
+        assert find(thing, 0) is first()
+        find(thing, number)
+    assert second() is None
+    assert find(thing, 0) is first()
+    assert asked == list(range(MOST + 1))
 
 
 def test_what_was_found_goes_with_the_object() -> None:

@@ -15,7 +15,7 @@ from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem
@@ -99,9 +99,7 @@ def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Traj
     """A trajectory with the motion out of contact before it, and how long that takes [s]."""
     end = after.positions[0]  # whole turns may have been added
     first = motion_along(problem, np.array([left.start + (end - left.end), end]))
-    times = np.concatenate([first.times, first.duration + after.times[1:]])
-    positions = np.concatenate([first.positions[:-1], after.positions])
-    return Trajectory(times, positions, np.concatenate([first.velocities, after.velocities[1:]])), first.duration
+    return one_after_another([first, after]), first.duration
 
 
 def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -> Callable[[ChartPoint], bool]:

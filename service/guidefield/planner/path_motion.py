@@ -45,19 +45,19 @@ def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: i
 
 def motion_along(problem: Problem, path: ChartPoints, finer: int = 1) -> Trajectory:
     """The same within the problem's limits; a single knot where the path (n, nv) goes nowhere."""
-    if len(distinct(path)) == 1:
-        return standing(path[0])
-    limits = limits_of(problem)
-    return executed(rounded_spline(problem, path, limits, finer), limits)
+    return _within(problem, path, limits_of(problem), finer)
 
 
 def soonest_along(problem: Problem, path: ChartPoints) -> Trajectory:
     """The same along a path (n, nv), whatever its jerk."""
+    unlimited = cast(ChartRate, np.full(problem.group.nv, np.inf))
+    return _within(problem, path, limits_of(problem)._replace(jerk=unlimited))
+
+
+def _within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> Trajectory:
     if len(distinct(path)) == 1:
         return standing(path[0])
-    limits = limits_of(problem)
-    unlimited = limits._replace(jerk=cast(ChartRate, np.full(problem.group.nv, np.inf)))
-    return executed(rounded_spline(problem, path, unlimited), unlimited)
+    return executed(rounded_spline(problem, path, limits, finer), limits)
 
 
 def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
-from typing import cast
 
 import numpy as np
 
@@ -23,13 +22,13 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.worth import better
+from guidefield.planner.path_motion import limits_of
 from guidefield.planner.schedule.retimed import later
 from guidefield.planner.schedule.standing import free_from, met, stays_free
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
-from guidefield.robot.model.spaces import ChartRate
 
 Judge = Callable[[Trajectory], Verdict]
 """Judges a motion in time."""
@@ -129,12 +128,8 @@ def _moving_part(motion: Trajectory) -> Trajectory:
 
 def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
     """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits."""
-    group, begin = problem.group, float(motion.times[0])
-    jerks = cast(ChartRate, np.full(group.nv, np.inf)) if problem.jerk_limits is None else problem.jerk_limits
-    knots, rates = (
-        (motion.times - begin, motion.positions, motion.velocities),
-        (group.velocity_limits, group.acceleration_limits, jerks),
-    )
+    begin, rates = float(motion.times[0]), limits_of(problem)
+    knots = (motion.times - begin, motion.positions, motion.velocities)
     fast = at_limits(*knots, *rates)
     if begin + fast.duration >= arrive_from:
         yield Trajectory(begin + fast.times, fast.positions, fast.velocities)

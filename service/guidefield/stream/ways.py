@@ -77,8 +77,8 @@ class Room:
 
         What the robot may be off by there is kept as well, unless an end is closer than that.
         """
-        zs = np.array(ends)
-        beyond = [*(self.swept(ends) + share * most for share in STREAM.closer), 0.0]
+        zs, off = np.array(ends), self.swept(ends)
+        beyond = [*(off + share * most for share in STREAM.closer), 0.0]
         kept = [self._least + one for one in beyond]
         return next((one for one in kept if not self._lanes.touching(zs, one).any()), kept[-1])
 

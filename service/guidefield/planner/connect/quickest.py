@@ -88,7 +88,8 @@ class _Search:
 
     def score(self, way: ChartPoints) -> float:
         """What a way (n, nv) counts [s]: its estimated time, and a share of its length unless time alone counts."""
-        limits, score = self._problem.group.velocity_limits, estimated_time(way, self._problem.group.velocity_limits)
+        limits = self._problem.group.velocity_limits
+        score = estimated_time(way, limits)
         if self._problem.objective is not Objective.TIME:
             score += QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
         return score
