@@ -5,7 +5,7 @@ Usage: tools/bench stream FOLDER [--arms 10,14,18,22] [--runs N] [--first N] [--
 
 FOLDER holds public random scenarios in the neutral format: a robot among five boxes of 0.3 m that drift, each declared
 0.3 m/s. *panda*: a Panda among 20 boxes of 10 to 12 cm that drift at 0.1 to 0.5 m/s, each of which declares its own
-speed; with --hunters three that hunt it at 0.9 m/s. A run succeeds if the robot stands at its goal within 10 s and
+speed; with --hunters three that hunt it at 0.9 m/s; its jerks are limited as its maker says. A run succeeds if the robot stands at its goal within 10 s and
 touched nothing, moving or at rest; an outside judge samples each 4 ms with plain Pinocchio and Coal. The CPU time of
 every update is charged to the simulated clock: a piece that is late isn't taken. *free* is the same run without
 obstacles; *x free* the ratio of times, of runs that succeeded.
@@ -38,6 +38,9 @@ from streaming.simulation import Outcome, simulate
 
 LONGEST = 10.0
 """A run ends then [s]."""
+
+PANDA_JERKS = (7500.0, 3750.0, 5000.0, 6250.0, 7500.0, 10000.0, 10000.0)
+"""A Panda's own limits, as its maker states them beside the accelerations that its description has [rad/s^3]."""
 
 SMALLEST_GAP = 0.10
 """What boxes keep from a Panda's start and goal at first [m]."""
@@ -142,6 +145,7 @@ def panda_run(index: int, hunters: bool) -> tuple[Outcome, Outcome]:
             scene="floor",
             goal=request[1],
             start=request[0],
+            limits={name: JointLimits(jerk=jerk) for name, jerk in zip(request[0], PANDA_JERKS, strict=True)},
             obstacles=[StreamObstacle(mover.message, mover.largest) for mover in some],
         )
         with CertifiedStream(asked, robot, scene) as stream:

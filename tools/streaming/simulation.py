@@ -141,6 +141,7 @@ class Bodies:
         self._first, self._second = np.array(self.own, np.int64).reshape(-1, 2).T
         self.allowed = set(stream.request.allowed_collisions)
         self.radii = np.array([radius_of(shape.geometry) for shape in self.geometry.geometryObjects])
+        self._boxes = [_box_of(shape.geometry) for shape in self.geometry.geometryObjects]
 
     def place(self, z: np.ndarray) -> np.ndarray:
         """Put them at coordinates z (nv,); where their frames are, shape (n, 3) [m]."""
@@ -156,12 +157,12 @@ class Bodies:
         return self._group.robot.link_of_geometry(body)
 
     def touches(self, body: int, shape: coal.CollisionGeometry, place: coal.Transform3s) -> bool:
-        """Whether a body touches a shape somewhere."""
+        """Whether a body touches a shape somewhere; the box about it is asked first."""
         here = self.placed.oMg[body]
         own = self.geometry.geometryObjects[body].geometry
-        result = coal.CollisionResult()
         there = coal.Transform3s(here.rotation, here.translation)
-        return bool(coal.collide(own, there, shape, place, coal.CollisionRequest(), result))
+        box, inside = self._boxes[body]
+        return _collide(box, there * inside, shape, place) and _collide(own, there, shape, place)
 
     def touching_own(self) -> tuple[str, str] | None:
         """A pair of its own that touches, or None."""
@@ -174,6 +175,17 @@ class Bodies:
             if self.touches(a, shape, coal.Transform3s(here.rotation, here.translation)):
                 return self.name(a), self.name(b)
         return None
+
+
+def _box_of(shape: coal.CollisionGeometry) -> tuple[coal.Box, coal.Transform3s]:
+    """The box along a shape's axes that holds it, and where that is in the shape's frame [m]."""
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    return coal.Box(*(high - low)), coal.Transform3s(np.eye(3), 0.5 * (low + high))
+
+
+def _collide(one: coal.CollisionGeometry, here: object, other: coal.CollisionGeometry, there: object) -> bool:
+    return bool(coal.collide(one, here, other, there, coal.CollisionRequest(), coal.CollisionResult()))
 
 
 def simulate(
