@@ -5,10 +5,10 @@ Usage: tools/bench stream FOLDER [--arms 10,14,18,22] [--runs N] [--first N] [--
 
 FOLDER holds public random scenarios in the neutral format: a robot among five boxes of 0.3 m that drift, each declared
 0.3 m/s. *panda*: a Panda among 20 boxes of 10 to 12 cm that drift at 0.1 to 0.5 m/s, each of which declares its own
-speed; with --hunters three that hunt it at 0.9 m/s; its jerks are limited as its maker says. A run succeeds if the robot stands at its goal within 10 s and
-touched nothing, moving or at rest; an outside judge samples each 4 ms with plain Pinocchio and Coal. The CPU time of
-every update is charged to the simulated clock: a piece that is late isn't taken. *free* is the same run without
-obstacles; *x free* the ratio of times, of runs that succeeded.
+speed; with --hunters three that hunt it at 0.9 m/s; its jerks are limited as its maker says. A run succeeds if the
+robot stands at its goal within 10 s and touched nothing, moving or at rest; an outside judge samples each 4 ms with
+plain Pinocchio and Coal. The CPU time of every update is charged to the simulated clock: a piece that is late isn't
+taken. *free* is the same run without obstacles; *x free* the ratio of times, of runs that succeeded.
 """
 
 from __future__ import annotations
