@@ -12,7 +12,7 @@ from guidefield.messages.checked_scenes import WORTH, CheckedScenes
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, GuidePlane, Mesh, PointCloud, Scene
 from guidefield.messages.seen_scene import SeenScene
-from guidefield.messages.values import Float32Array
+from guidefield.messages.values import Float32Array, Uint32Array
 
 
 def crates(count: int = WORTH) -> list[Box]:
@@ -104,6 +104,9 @@ def test_packed_points_count() -> None:
     packed = Float32Array(np.zeros(3 * WORTH, "<f4").tobytes())
     scene = Scene("s", obstacles=[PointCloud(name="c", points=packed, radius=0.1)])
     assert SeenScene(scene).parts == WORTH + 1
+    triangles = Uint32Array(np.tile(np.arange(3, dtype="<u4"), WORTH).tobytes())
+    mesh = Mesh(name="m", vertices=packed, triangles=triangles)
+    assert SeenScene(Scene("s", obstacles=[mesh])).parts == 2 * WORTH + 1
 
 
 def test_the_rest_of_a_request_is_checked_each_time() -> None:

@@ -42,6 +42,29 @@ def test_packed_vertices_are_bounded_too() -> None:
             codec.decode(data, TaggedRequest, Encoding.MSGPACK)
 
 
+@pytest.mark.parametrize(
+    ("packed", "told"),
+    [
+        (struct.pack("<6I", 0, 1, 2, 1, 0, 2), None),
+        (struct.pack("<6I", 0, 1, 2, 1, 3, 2), r"triangles\[1\]` names vertex 3, but there are 3"),
+        (struct.pack("<3I", 0, 1, 0xFFFFFFFF), "names vertex 4294967295"),
+        (struct.pack("<3I", 0, 0x7FFFFFFF, 1), "names vertex 2147483647"),
+        (struct.pack("<3I", 0x80000000, 0, 1), "names vertex 2147483648"),
+        (struct.pack("<4I", 0, 1, 2, 0), "whole triples"),
+        (b"", "1 to 1000000 triangles, got 0"),
+    ],
+)
+def test_packed_triangles_are_checked(packed: bytes, told: str | None) -> None:
+    vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    mesh = {**TRIANGLE, "vertices": vertices, "triangles": {"uint32": packed}}
+    data = codec._ENCODERS[Encoding.MSGPACK].encode(_potential(mesh))
+    if told is None:
+        codec.decode(data, TaggedRequest, Encoding.MSGPACK)
+    else:
+        with pytest.raises(MalformedRequest, match=told):
+            codec.decode(data, TaggedRequest, Encoding.MSGPACK)
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 2 * LARGEST, -2 * LARGEST])
 def test_one_point_of_many_that_is_no_place_is_seen(value: float) -> None:
     for near in (LARGEST, -0.9 * LARGEST, 1e-40, -0.0):

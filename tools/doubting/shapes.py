@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from doubting.meshes import outward
 from doubting.solid import is_closed
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Float32Array, Placement
+from guidefield.messages.values import Float32Array, Placement, Uint32Array
 
 Surface = tuple[np.ndarray, np.ndarray]
 """Vertices (v, 3) and triangles (t, 3) of a mesh."""
@@ -118,6 +118,12 @@ def points_of(points: messages.Points) -> np.ndarray:
     return np.array(points, float)
 
 
+def triangles_of(triangles: messages.Triangles) -> np.ndarray:
+    if isinstance(triangles, Uint32Array):
+        return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(int)
+    return np.array(triangles)
+
+
 def _solid(shape: Any) -> list[Body]:
     return [Body(shape, pin.SE3.Identity())]
 
@@ -127,7 +133,7 @@ def _mesh(message: messages.Mesh) -> list[Body]:
     if key not in _MESHES:
         if len(_MESHES) >= MOST_KEPT:
             _MESHES.clear()
-        vertices, triangles = points_of(message.vertices), np.array(message.triangles)
+        vertices, triangles = points_of(message.vertices), triangles_of(message.triangles)
         mesh = triangle_mesh(vertices, triangles)
         hull, solid = hull_of(mesh), (vertices, triangles) if is_closed(vertices, triangles) else None
         body = Body(mesh, pin.SE3.Identity(), MESH_SLACK, hull, solid)

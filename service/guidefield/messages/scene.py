@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import chain
 from typing import Annotated, Literal
 
@@ -19,6 +20,7 @@ from guidefield.messages.values import (
     Placement,
     Positive,
     QuaternionXYZW,
+    Uint32Array,
     Vector3,
     require_finite,
     require_finite_number,
@@ -30,6 +32,8 @@ Triangle = tuple[int, int, int]
 
 MAX_VERTICES = 1_000_000
 """Most vertices, triangles or points that one obstacle may have."""
+
+Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
 
 
 class ObstacleTrajectory(Message):
@@ -137,15 +141,26 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
     """
 
     vertices: Points
-    triangles: Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)]
+    triangles: Triangles
 
     def __post_init__(self) -> None:
         super().__post_init__()
         count = _check_points("vertices", self.vertices)
-        least, most = min(chain.from_iterable(self.triangles)), max(chain.from_iterable(self.triangles))
-        if least >= 0 and most < count:  # of a million triangles this is found in a third of the time
-            return
-        for row, triangle in enumerate(self.triangles):
+        triangles: Iterable[Iterable[int]]
+        if isinstance(self.triangles, Uint32Array):
+            packed = self.triangles.uint32
+            if not 1 <= len(packed) // 12 <= MAX_VERTICES:
+                raise ValueError(f"`triangles` must have 1 to {MAX_VERTICES} triangles, got {len(packed) // 12}")
+            if _all_below(count, packed):
+                return
+            flat = memoryview(packed).cast("I")
+            triangles = zip(flat[0::3], flat[1::3], flat[2::3], strict=True)
+        else:
+            triangles = self.triangles
+            least, most = min(chain.from_iterable(triangles)), max(chain.from_iterable(triangles))
+            if least >= 0 and most < count:  # of a million triangles this is found in a third of the time
+                return
+        for row, triangle in enumerate(triangles):
             for index in triangle:
                 if not 0 <= index < count:
                     raise ValueError(
@@ -222,6 +237,22 @@ class Scene(Message):
 
 _SMALL = bytes(sign | exponent for sign in (0, 0x80) for exponent in range(0x4E))
 """Highest bytes (sign and most of the exponent) of the float32 below 2^29 in magnitude, which is within `LARGEST`."""
+
+
+_POSITIVE = bytes(range(0x80))
+"""Highest bytes of the uint32 below 2^31."""
+
+
+def _all_below(count: int, packed: bytes) -> bool:
+    """Whether all of some little-endian uint32 are below a count of at most 2^31.
+
+    All at once, as one long integer: with 2^31 - count added to each, the highest bit is set of those that aren't.
+    """
+    if packed[3::4].translate(None, _POSITIVE):
+        return False
+    added = (2**31 - count).to_bytes(4, "little") * (len(packed) // 4)
+    moved = int.from_bytes(packed, "little") + int.from_bytes(added, "little")
+    return not moved.to_bytes(len(packed), "little")[3::4].translate(None, _POSITIVE)
 
 
 def _check_points(field: str, points: Points) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from guidefield.messages.scene import Scene
-from guidefield.messages.values import Float32Array
+from guidefield.messages.values import Float32Array, Uint32Array
 
 
 class SeenScene:
@@ -56,9 +56,11 @@ class SeenScene:
 
 
 def _packed(body: Any) -> int:
-    """How many points of an obstacle are packed."""
+    """How many points and triangles of an obstacle are packed."""
     points = getattr(body, "points", None) or getattr(body, "vertices", None)
-    return len(points.float32) // 12 if isinstance(points, Float32Array) else 0
+    triangles = getattr(body, "triangles", None)
+    counted = len(points.float32) // 12 if isinstance(points, Float32Array) else 0
+    return counted + (len(triangles.uint32) // 12 if isinstance(triangles, Uint32Array) else 0)
 
 
 def _lists_of(body: Any) -> list[list[Any]]:

@@ -52,6 +52,16 @@ class Float32Array(Message):
             raise ValueError(f"`float32` must hold whole triples (12 bytes each), got {len(self.float32)} bytes")
 
 
+class Uint32Array(Message):
+    """Triangles packed: triples of little-endian uint32 that number vertices, bytes in MessagePack, base64 in JSON."""
+
+    uint32: bytes
+
+    def __post_init__(self) -> None:
+        if len(self.uint32) % 12:
+            raise ValueError(f"`uint32` must hold whole triples (12 bytes each), got {len(self.uint32)} bytes")
+
+
 class Placement(Message):
     """A rigid placement of a frame in the world, or in the frame that holds it.
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from guidefield.aside import Spent, done_aside, wait_for_others
 from guidefield.messages import codec, scene as messages
-from guidefield.messages.values import Float32Array
 from guidefield.scene import scene as scenes
 from guidefield.scene.mesh import MOST_FACES
+from guidefield.scene.points import count_of
 from guidefield.scene.scene import Scene
 
 MANY = 1000
@@ -73,16 +73,12 @@ def _parts(obstacle: messages.Obstacle) -> int:
     """Of how many corners, triangles and points an obstacle is declared; 0 of a primitive."""
     match obstacle:
         case messages.Mesh():
-            return len(obstacle.triangles) + _count(obstacle.vertices)
+            return count_of(obstacle.triangles) + count_of(obstacle.vertices)
         case messages.Polygon():
             return len(obstacle.vertices)
         case messages.PointCloud():
-            return _count(obstacle.points)
+            return count_of(obstacle.points)
     return 0
-
-
-def _count(points: messages.Points) -> int:
-    return len(points.float32) // 12 if isinstance(points, Float32Array) else len(points)
 
 
 def _faces(scene: Scene) -> int:

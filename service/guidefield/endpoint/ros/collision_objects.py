@@ -203,6 +203,7 @@ def _sizes(shape: Box | Sphere | Cylinder) -> tuple[int, list[float]]:
 
 def _mesh_message(types: Types, mesh: Mesh) -> Any:
     assert isinstance(mesh.vertices, list), "it came as numbers"
+    assert isinstance(mesh.triangles, list), "it came as numbers"
     points = [types.new("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in mesh.vertices]
     triangles = [types.new("shape_msgs/msg/MeshTriangle", vertex_indices=list(t)) for t in mesh.triangles]
     return types.new("shape_msgs/msg/Mesh", triangles=triangles, vertices=points)

@@ -22,6 +22,7 @@ from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.points import count_of
 
 Moments = Mapping[int, Sequence[float]]
 """At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
@@ -88,7 +89,7 @@ def _standing(one: Obstacle, time: float) -> Obstacle:
     For one of very many triangles stands the box about it, for a cloud of very many points one of fewer and larger.
     """
     assert one.motion is not None, "it moves"
-    if isinstance(one.message, messages.Mesh) and len(one.message.triangles) > SCHEDULE.most_triangles:
+    if isinstance(one.message, messages.Mesh) and count_of(one.message.triangles) > SCHEDULE.most_triangles:
         return obstacles.build(_box_about(one, time), 0)
     if one.cloud is not None and len(one.cloud.points) > SCHEDULE.most_points:
         few = covering(one.cloud, SCHEDULE.most_points)
