@@ -3,33 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.collision.motion_bound import MotionBound, cross
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartRates, ModelTangents
-
-
-class Ways(NamedTuple):
-    """Straight ways in the chart, s of them, the robot at their middles, and how far off them it may be.
-
-    Attributes:
-        jacobians: Joint Jacobians at the middles in the world frame, shape (s, 6, nv of the model).
-        centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
-        reach: See `MotionBound.reach`, there, shape (s, r, nv of the model).
-        chords: c, half of each way, shape (s, group.nv) [rad or m].
-        moves: Velocities of all joints at the middles where c is that in the chart, shape (s, nv of the model).
-        off: The most that each coordinate is off the way, shape (s, group.nv) [rad or m].
-    """
-
-    jacobians: np.ndarray
-    centres: np.ndarray
-    reach: np.ndarray
-    chords: ChartRates
-    moves: ModelTangents
-    off: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,43 +96,6 @@ class Closing(ReadOnly):
             both[:, len(movers) - len(own) : len(movers)] += both[:, len(movers) :]
         fastest, changing = fastest[:, : len(movers)], changing[:, : len(movers)]
         return np.minimum(fastest, speeds[:, movers] + 0.5 * changing * spans[:, None]), changing
-
-    def beside(self, ways: Ways, at: np.ndarray, movers: np.ndarray) -> np.ndarray:
-        """How far points of movers get from where they are at the middles of ways, near these.
-
-        From the middle m of a way to m + t c, |t| <= 1, a point gets as far as it does in a time of 1 that begins with
-        the speed at m: |x'| + |x''| / 2. From there to m + t c + o it gets as far as in a box (`MotionBound`).
-
-        Args:
-            ways: The ways.
-            at: At which of them, shape (k,).
-            movers: Whose points, shape (k,).
-
-        Returns:
-            Shape (k,) [m].
-        """
-        own = np.flatnonzero(movers >= len(self.bound.moved_by))
-        rows = np.concatenate([movers, movers[own] + len(self.bound.own)])
-        found = self._beside(ways, np.concatenate([at, at[own]]), rows)
-        found[own] += found[len(movers) :]
-        return found[: len(movers)]
-
-    def _beside(self, ways: Ways, at: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """`beside` of the bodies of rows (k,)."""
-        bound, bodies, masks = self.bound, self.bodies[rows], self.masks[rows]
-        turning_masks = masks * bound.turns
-        twists = ((ways.jacobians * ways.moves[:, None])[at] @ masks[..., None])[..., 0]
-        linear, angular = twists[:, :3], twists[:, 3:]
-        moved = linear + cross(angular[..., None], ways.centres[at, bodies][..., None])[..., 0]
-        speeds = np.sqrt((moved * moved).sum(axis=1)) + np.sqrt((angular * angular).sum(axis=1)) * self.radii[rows]
-        rates = np.abs(ways.chords)
-        rho, v = ways.reach[at, bodies] * masks, bound.spread(rates)[at]
-        rho += (rho * bound.sweep(rates)[at]).sum(axis=1, keepdims=True) * turning_masks
-        turning = v * turning_masks
-        before = np.cumsum(turning, axis=1) - turning
-        changing = (rho * v * (2.0 * before + bound.doubled * v)).sum(axis=1)
-        found: np.ndarray = speeds + 0.5 * changing + (rho * bound.sweep(ways.off)[at]).sum(axis=1)
-        return found
 
     def _of_movers(self, rows: np.ndarray) -> np.ndarray:
         """Those of movers (s, movers), of those of the rows (s, p): own pairs add up those of both bodies."""

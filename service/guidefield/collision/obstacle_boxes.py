@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -21,18 +21,12 @@ ROUNDING = 1e-9
 class ObstacleBoxes:
     """Boxes about the obstacles of a scene, as they are placed at first.
 
-    Those along their own axes are made of what Coal judges, once an obstacle is asked for.
-
     Args:
         obstacles: The obstacles.
     """
 
     def __init__(self, obstacles: tuple[Obstacle, ...]) -> None:
         self._obstacles = obstacles
-        self._known = np.zeros(len(obstacles), bool)
-        self._axes = np.empty((len(obstacles), 3, 3))
-        self._centres = np.empty((len(obstacles), 3))
-        self._halves = np.empty((len(obstacles), 3))
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which obstacles may be in which of some boxes along the world's axes.
@@ -44,11 +38,11 @@ class ObstacleBoxes:
         Returns:
             Index of a box and index of an obstacle, both of shape (k,), in this order.
         """
-        asked, found = self._tree.overlapping(low, high)
-        if not len(self._endless):
-            return asked, self._bounded[found]
-        asked = np.concatenate([asked, np.repeat(np.arange(len(low)), len(self._endless))])
-        found = np.concatenate([self._bounded[found], np.tile(self._endless, len(low))])
+        asked, found = self.tree.overlapping(low, high)
+        if not len(self.endless):
+            return asked, self.bounded[found]
+        asked = np.concatenate([asked, np.repeat(np.arange(len(low)), len(self.endless))])
+        found = np.concatenate([self.bounded[found], np.tile(self.endless, len(low))])
         order = np.lexsort((found, asked))
         return asked[order], found[order]
 
@@ -62,12 +56,13 @@ class ObstacleBoxes:
         Returns:
             Shape (m, k) [m]; of a half-space 0, for its box is endless.
         """
-        self._require(obstacles)
-        along = np.matmul(points, self._axes[obstacles]) - self._centres[obstacles, None]
-        outside = np.maximum(np.abs(along) - self._halves[obstacles, None], 0.0)
+        axes, centres, halves = self.along_own_axes
+        along = np.matmul(points, axes[obstacles]) - centres[obstacles, None]
+        outside = np.maximum(np.abs(along) - halves[obstacles, None], 0.0)
         found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
         return found
 
+    @cached_property
     def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The boxes along the obstacles' own axes.
 
@@ -75,32 +70,28 @@ class ObstacleBoxes:
             Their axes as columns, shape (o, 3, 3), centres along them and half extents, both of shape (o, 3) [m]; the
             extents of a half-space are infinite.
         """
-        self._require(np.arange(len(self._obstacles)))
-        return self._axes, self._centres, self._halves
+        axes, middles, halves = self._own
+        return axes, np.einsum("ni,nij->nj", middles, axes), halves
 
     @cached_property
-    def _endless(self) -> np.ndarray:
-        """Those without an end."""
+    def endless(self) -> np.ndarray:
+        """Those without an end, ascending indices, shape (e,)."""
         return np.flatnonzero([isinstance(one.message, messages.HalfSpace) for one in self._obstacles])
 
     @cached_property
-    def _bounded(self) -> np.ndarray:
-        """The others."""
-        return np.setdiff1d(np.arange(len(self._obstacles)), self._endless)
+    def bounded(self) -> np.ndarray:
+        """The others, shape (b,)."""
+        return np.setdiff1d(np.arange(len(self._obstacles)), self.endless)
 
     @cached_property
-    def _tree(self) -> BoxTree:
-        low, high = boxes_along_axes([self._obstacles[index] for index in self._bounded.tolist()])
-        return BoxTree.of(low, high)
+    def tree(self) -> BoxTree:
+        """A tree of the boxes about those, along the world's axes."""
+        return BoxTree.of(*_along_axes(*(array[self.bounded] for array in self._own)))
 
-    def _require(self, obstacles: np.ndarray) -> None:
-        """Make the boxes of some obstacles that are not made yet."""
-        missing = np.unique(obstacles[~self._known[obstacles]])
-        if len(missing):
-            axes, middles, halves = _own_boxes([self._obstacles[index] for index in missing.tolist()])
-            self._axes[missing], self._halves[missing] = axes, halves
-            self._centres[missing] = np.einsum("ni,nij->nj", middles, axes)
-            self._known[missing] = True
+    @cached_property
+    def _own(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes along the obstacles' own axes: these as columns, middles in the world, half extents."""
+        return _own_boxes(self._obstacles)
 
 
 @kept_with
@@ -109,7 +100,7 @@ def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
     return ObstacleBoxes(scene.obstacles)
 
 
-def boxes_along_axes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
+def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
     """Boxes along the world's axes that contain obstacles, a hair wider than they have to be.
 
     Of primitives they are made of what is declared, many at once.
@@ -120,14 +111,18 @@ def boxes_along_axes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray]
     Returns:
         Lower and upper corners, both of shape (n, 3) [m, world].
     """
-    axes, middles, halves = _own_boxes(obstacles)
+    return _along_axes(*_own_boxes(obstacles))
+
+
+def _along_axes(axes: np.ndarray, middles: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of boxes along their own axes, as `_own_boxes` has them."""
     reach = np.einsum("nij,nj->ni", np.abs(axes), halves)
     low, high = middles - reach, middles + reach
     wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
     return low - wider, high + wider
 
 
-def _own_boxes(obstacles: list[Obstacle]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _own_boxes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Boxes about obstacles along their own axes: these as columns (n, 3, 3), middles in the world, half extents [m].
 
     Of primitives they are made of what is declared, many at once.

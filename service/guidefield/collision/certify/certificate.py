@@ -17,16 +17,23 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.chords import chords_of
+from guidefield.collision.certify.chords import Chords, chords_of
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import excesses
 from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal_error
+from guidefield.collision.certify.tables import certified_obstacles, certified_robot
 from guidefield.collision.certify.verdict import Reason, Verdict
-from guidefield.collision.closing import Ways
+from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
+from guidefield.kernels.certificate.losses import find_losses
+from guidefield.kernels.certificate.near import ASKED, PAIR, ROW, find_near
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelTangents
+
+ROOM = 1024
+"""Room for so many pairs that are near each other in the segments of a batch; where there are more, they are found
+again."""
 
 
 def certify(
@@ -118,6 +125,7 @@ class _Judge:
         self.floor = floor
         self.evaluations = 0
         self.min_clearance = min_clearance
+        self._robot, self._obstacles = certified_robot(world), certified_obstacles(world)
 
     def refusal(self, level: list[CurveSegment], stopped: Callable[[], object]) -> Verdict | None:
         """Why one of some segments in order is refused, the first of them; None if all are free."""
@@ -170,42 +178,44 @@ class _Judge:
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
             world.place_bodies()
             joints[row], bodies[row] = joints_now, bodies_now
-        centres = world.bodies.centres_in_world(joints)
-        reach = world.motion_bound.reach(jacobians, centres)
-        own, mixed = world.motion_bound.moved(reach, chords.half_widths)
-        fresh = np.flatnonzero([segment.pairs is None for segment in level])
-        margins = with_coal_error(own[fresh]), with_coal_error(mixed[fresh] + self.min_clearance)
-        at, pairs, apart = world.near_pairs.within(joints[fresh], centres[fresh], *margins)
-        near = _with_pairs_left(level, _Near(fresh[at], pairs, apart))
         moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
-        ways = Ways(jacobians, centres, reach, chords.chords, moves, chords.off)
-        return bodies, self._with_margins(near, own, mixed, ways, joints)
+        return bodies, self._asked(level, chords, jacobians, joints.reshape(*joints.shape[:2], 12), moves)
 
-    def _with_margins(
-        self, near: _Near, own: np.ndarray, mixed: np.ndarray, ways: Ways, joints: np.ndarray
+    def _asked(
+        self,
+        level: Sequence[CurveSegment],
+        chords: Chords,
+        jacobians: np.ndarray,
+        joints: np.ndarray,
+        moves: ModelTangents,
     ) -> list[list[_Asked]]:
-        """Pairs at each of s segments that balls can't tell apart, with what they may lose and have to keep.
+        """The pairs in each of s segments that balls and boxes can't tell apart, in ascending order.
 
         Args:
-            near: The pairs.
-            own: How much closer own pairs can come in the segment's box, shape (s, n_self) [m].
-            mixed: How much closer the robot's bodies can come there to what stands still, shape (s, r) [m].
-            ways: The straight ways that the segments are near.
-            joints: Placements of the joints at the middles, shape (s, njoints, 3, 4) [m].
+            level: The segments.
+            chords: The boxes that they are in, and the straight ways that they are near.
+            jacobians: Joint Jacobians at the middles in the world frame, shape (s, 6, nv of the model).
+            joints: Placements there of the joints, shape (s, njoints, 12) [m].
+            moves: Velocities of all joints there where those in the chart are the chords, shape (s, nv of the model).
         """
-        world, (row, pair, apart) = self.world, near
-        first, second = world.pairs.bodies(pair).T
-        is_own, bound = pair < world.pairs.n_self, mixed[row, first]
-        bound[is_own] = own[row[is_own], pair[is_own]]
-        bound = np.minimum(bound, world.closing.beside(ways, row, np.where(is_own, world.pairs.links + pair, first)))
+        robot, obstacles = self._robot, self._obstacles
+        centres, own = np.empty((len(level), len(robot.radii), 3)), np.empty((len(level), len(robot.own)))
+        mixed = np.empty(centres.shape[:2])
+        find_losses(robot, jacobians, joints, chords.half_widths, chords.chords, moves, chords.off, centres, own, mixed)
+        own_margins, margins = with_coal_error(own), with_coal_error(mixed + self.min_clearance)
+        starts, left = _left_of(self.world.pairs, level)
+        count, found = ROOM, np.empty((0, ASKED), np.int64)
+        while count > len(found):
+            found = np.empty((count, ASKED), np.int64)
+            count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found)
+        found = found[:count]
+        row, pair, first, second = found[np.lexsort((found[:, PAIR], found[:, ROW]))].T
+        is_own = pair < len(robot.own)
+        bound, margin = mixed[row, first], margins[row, first]
+        bound[is_own], margin[is_own] = own[row[is_own], pair[is_own]], own_margins[row[is_own], pair[is_own]]
         kept = np.where(is_own, 0.0, self.min_clearance)
-        margins = with_coal_error(bound + kept)
-        unknown = np.flatnonzero(np.isneginf(apart))
-        apart[unknown] = world.near_pairs.bounds(joints, ways.centres, row[unknown], pair[unknown], margins[unknown])
-        close = np.flatnonzero(apart <= margins)
-        columns = (column[close].tolist() for column in (pair, first, second, bound, kept, margins))
-        asked = zip(*columns, strict=True)
-        return [list(islice(asked, count)) for count in np.bincount(row[close], minlength=len(joints)).tolist()]
+        asked = zip(*(column.tolist() for column in (pair, first, second, bound, kept, margin)), strict=True)
+        return [list(islice(asked, count)) for count in np.bincount(row, minlength=len(level)).tolist()]
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
         """Those of some pairs that are within their margins, the robot's bodies where they are told, (r, 3, 4).
@@ -249,31 +259,16 @@ class _Judge:
         return None
 
 
-class _Near(NamedTuple):
-    """Pairs that may be near each other in segments, by segment.
+def _left_of(pairs: Pairs, level: Sequence[CurveSegment]) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs that are left in segments.
 
-    Attributes:
-        row: Index of the segment, shape (k,).
-        pair: Index of the pair, shape (k,).
-        apart: A lower bound of its signed distance at the segment's middle, shape (k,) [m]; minus infinity: unknown.
+    Returns:
+        Where those of each begin, and the number of all, shape (s + 1,), and index and bodies of each, shape (k, 3).
+        Of a segment in which none was judged before there are none.
     """
-
-    row: np.ndarray
-    pair: np.ndarray
-    apart: np.ndarray
-
-
-def _with_pairs_left(level: Sequence[CurveSegment], fresh: _Near) -> _Near:
-    """The pairs in segments of which none was judged before, and those that are left in the others."""
     left = [segment.pairs or [] for segment in level]
-    counts = [len(some) for some in left]
-    count = sum(counts)
-    if not count:
-        return fresh
-    row = np.concatenate([fresh.row, np.repeat(np.arange(len(left)), counts)])
-    pair = np.concatenate([fresh.pair, np.fromiter(chain.from_iterable(left), int, count)])
-    order = np.argsort(row, kind="stable")
-    return _Near(row[order], pair[order], np.concatenate([fresh.apart, np.full(count, -np.inf)])[order])
+    every = np.fromiter(chain.from_iterable(left), np.int64)
+    return np.cumsum([0, *map(len, left)]), np.column_stack([every, pairs.bodies(every)])
 
 
 _Asked = tuple[int, int, int, float, float, float]

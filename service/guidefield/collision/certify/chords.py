@@ -7,10 +7,11 @@ by no more, in each coordinate, than the one of them that is farthest off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from guidefield.kernels.certificate.chords import find_chords
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
 
@@ -34,14 +35,8 @@ class Chords(NamedTuple):
 
 def chords_of(parts: Sequence[ChartCurves]) -> Chords:
     """The chords of parts, each of some Bezier curves one behind the other: control points (m, k, nv)."""
-    sizes = np.array([part.shape[0] * part.shape[1] for part in parts])
-    starts, points = np.cumsum(sizes) - sizes, np.concatenate(parts).reshape(-1, parts[0].shape[2])
-    low, high = np.minimum.reduceat(points, starts), np.maximum.reduceat(points, starts)
-    middles, half_widths = 0.5 * (low + high), 0.5 * (high - low)
-    ways, of = points[starts + sizes - 1] - points[starts], np.repeat(np.arange(len(parts)), sizes)
-    squares = np.einsum("si,si->s", ways, ways)
-    beyond = points - middles[of]
-    along = np.einsum("pi,pi->p", beyond, ways[of]) / np.where(squares > 0.0, squares, 1.0)[of]
-    reach = np.maximum.reduceat(np.abs(along), starts)
-    off = np.maximum.reduceat(np.abs(beyond - along[:, None] * ways[of]), starts)
-    return Chords(middles, half_widths, reach[:, None] * ways, off)
+    starts = np.cumsum([0, *(part.shape[0] * part.shape[1] for part in parts)])
+    points = np.concatenate([part.reshape(-1, part.shape[2]) for part in parts])
+    found = Chords(*(cast(Any, np.empty((len(parts), points.shape[1]))) for _ in Chords._fields))
+    find_chords(points, starts, *found)
+    return found

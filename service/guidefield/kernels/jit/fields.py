@@ -15,6 +15,7 @@ from guidefield.kernels.jit.signatures import (
     FLOATS,
     FLOATS_OUT,
     INDEX_MATRIX,
+    INDEX_MATRIX_OUT,
     INDICES,
     INDICES_OUT,
     MATRIX,
@@ -36,7 +37,7 @@ BlocksOut = Annotated[Floats, BLOCKS_OUT]
 Indices = Annotated[Integers, INDICES]
 IndicesOut = Annotated[Integers, INDICES_OUT]
 IndexRows = Annotated[Integers, INDEX_MATRIX]
-IndexRowsOut = Annotated[Integers, types.Array(types.int64, 2, "C")]
+IndexRowsOut = Annotated[Integers, INDEX_MATRIX_OUT]
 IndexBlocksOut = Annotated[Integers, types.Array(types.int64, 3, "C")]
 Singles = Annotated[Floats32, FLOATS]
 SinglesOut = Annotated[Floats32, FLOATS_OUT]

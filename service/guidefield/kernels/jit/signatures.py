@@ -44,6 +44,9 @@ MATRIX_OUT = types.Array(types.float64, 2, "C")
 INDICES_OUT = types.Array(types.int64, 1, "C")
 """Output of whole numbers, shape (n,)."""
 
+INDEX_MATRIX_OUT = types.Array(types.int64, 2, "C")
+"""Output of whole numbers, shape (m, n)."""
+
 BLOCKS_OUT = types.Array(types.float64, 3, "C")
 """Output, shape (k, m, n)."""
 

@@ -1,0 +1,87 @@
+"""The pairs that Coal is asked about are those that going through all of them leaves, whatever is left of a part."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.collision.certify.tables import certified_obstacles, certified_robot
+from guidefield.kernels.certificate.near import ASKED, find_near
+from guidefield.messages import scene as messages
+from tests.collision.listed import listed
+from tests.collision.scenery import box, scattered, world_of
+from tests.robots import group
+
+FLOOR = messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-0.4)
+
+
+def crowded(rng):
+    """A Panda among more obstacles than one level of a tree holds, some pairs left out, one obstacle without end."""
+    places = rng.uniform(-1.2, 1.2, (300, 3)).tolist()
+    crumbs = [box(f"c{k}", rng.uniform(0.01, 0.1, 3), place) for k, place in enumerate(places)]
+    return world_of(group("panda"), [*crumbs, FLOOR], [("panda_link3", "c7"), ("panda_hand", "floor")])
+
+
+def placed(world, rng, count):
+    """Joints and centres of balls at random configurations."""
+    joints = np.empty((count, world.model.njoints, 3, 4))
+    for row in range(count):
+        pin.forwardKinematics(world.model, world.data, world.group.expand(world.group.random(rng)))
+        joints[row] = world.joint_placements
+    return joints, np.ascontiguousarray(world.bodies.centres_in_world(joints))
+
+
+def found(world, joints, centres, own, mixed, left=None):
+    """Part and pair of what the kernel finds, and how many it says there are."""
+    some = [[]] * len(joints) if left is None else left
+    every = np.array([pair for pairs in some for pair in pairs], np.int64)
+    rows = np.column_stack([every, world.pairs.bodies(every)])
+    starts, asked = np.cumsum([0, *map(len, some)]), np.empty((10_000, ASKED), np.int64)
+    arguments = joints.reshape(*joints.shape[:2], 12), centres, own, mixed, starts, rows, asked
+    count = find_near(certified_robot(world), certified_obstacles(world), *arguments)
+    for _, pair, *bodies in asked[:count].tolist():
+        assert tuple(bodies) == world.pairs.of(pair)
+    return sorted(map(tuple, asked[:count, :2].tolist())), count
+
+
+def going_through_all(world, joints, centres, own, mixed):
+    """The same by looking at every pair."""
+    bodies, near = listed(world), []
+    every = np.arange(len(bodies))
+    for row in range(len(joints)):
+        margins = np.concatenate([own[row], mixed[row][bodies[world.pairs.n_self :, 0]]])
+        at = np.full(len(every), row)
+        one, other = (
+            world.near_pairs.separations(centres, at, every),
+            world.near_pairs.closer_separations(joints, at, every),
+        )
+        near += [(row, pair) for pair in np.flatnonzero((one <= margins) & (other <= margins)).tolist()]
+    return near
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_pairs_found_are_those_that_going_through_all_leaves(seed):
+    rng = np.random.default_rng(seed)
+    for world in (crowded(rng), world_of(group("panda"), scattered(rng, 6)), world_of(group("panda"), [FLOOR])):
+        joints, centres = placed(world, rng, 5)
+        own = rng.uniform(0.0, 0.1, (5, world.pairs.n_self))
+        mixed = rng.uniform(0.0, 0.1, (5, world.pairs.links))
+        expected = going_through_all(world, joints, centres, own, mixed)
+        assert found(world, joints, centres, own, mixed)[0] == expected
+        left = [sorted(rng.choice(len(world.pairs), 30, replace=False).tolist()) for _ in range(5)]
+        left[2] = []  # none was judged before: all are meant
+        among = [(row, pair) for row, pair in expected if not left[row] or pair in left[row]]
+        assert found(world, joints, centres, own, mixed, left)[0] == among
+
+
+def test_pairs_without_room_are_counted():
+    rng = np.random.default_rng(4)
+    world = crowded(rng)
+    joints, centres = placed(world, rng, 2)
+    own, mixed = np.full((2, world.pairs.n_self), 0.1), np.full((2, world.pairs.links), 0.1)
+    every, count = found(world, joints, centres, own, mixed)
+    assert len(every) == count > 40
+    asked = np.full((40, ASKED), -1, np.int64)
+    nothing = np.zeros(3, np.int64), np.empty((0, 3), np.int64)
+    arguments = joints.reshape(2, -1, 12), centres, own, mixed, *nothing, asked
+    assert find_near(certified_robot(world), certified_obstacles(world), *arguments) == count
+    assert set(map(tuple, asked[:, :2].tolist())) < set(every)
