@@ -7,6 +7,7 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
@@ -110,13 +111,15 @@ class BSpline(ReadOnly):
 
     def at(self, places: np.ndarray) -> ChartPoints:
         """Chart points (k, nv) at places (k,), in pieces from the start."""
-        pieces, t = self.piece_of(places)
-        return cast(ChartPoints, np.einsum("ka,kaj->kj", basis(t), self.points[pieces[:, None] + np.arange(4)]))
+        found = np.empty((len(places), self.points.shape[1]))
+        spline_points(self.points, places, found)
+        return cast(ChartPoints, found)
 
     def slopes(self, places: np.ndarray) -> ChartPoints:
         """Derivatives (k, nv) by the place, at places (k,), in pieces from the start [rad or m]."""
-        pieces, t = self.piece_of(places)
-        return cast(ChartPoints, np.einsum("ka,kaj->kj", basis_slopes(t), self.points[pieces[:, None] + np.arange(4)]))
+        found = np.empty((len(places), self.points.shape[1]))
+        spline_slopes(self.points, places, found)
+        return cast(ChartPoints, found)
 
     def towards(self, other: BSpline, share: float) -> BSpline:
         """At a share of the way to another one of the same ends and as many pieces; the step goes by its logarithm."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.task.problem import Problem
+from guidefield.read_only import read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.guide_plane import GuidePlane
 
@@ -41,12 +43,21 @@ class PlanePlace:
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""
-        away = self.problem.kinematics.tip_positions(zs) - self.plane.flat.origin
-        depths = away @ (self.plane.inward @ self.plane.flat.axes).T - self.plane.offsets - self.inset
-        return np.column_stack([away @ self.plane.normal, np.minimum(depths, 0.0)])
+        directions, offsets = self._heights
+        missed: np.ndarray = (self.problem.kinematics.tip_positions(zs) - self.plane.flat.origin) @ directions - offsets
+        np.minimum(missed[:, 1:], 0.0, out=missed[:, 1:])
+        return missed
+
+    @cached_property
+    def _heights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (3, 1 + edges) and offsets (1 + edges,) of the heights over the plane and its inset edges."""
+        plane = self.plane
+        rows = np.vstack([plane.normal, plane.inward @ plane.flat.axes]).T, np.r_[0.0, plane.offsets + self.inset]
+        read_only(*rows)
+        return rows
 
     def rows(self, z: ChartPoint) -> np.ndarray:
         """As in `Place`, shape (1 + edges, nv); zero for an edge that the tip is inside of."""
-        plane, J = self.plane, self.problem.kinematics.tip_slopes(z)
-        beyond = self.missed(z[None])[0, 1:] < 0.0
-        return np.vstack([plane.normal @ J, np.where(beyond[:, None], plane.inward @ plane.flat.axes @ J, 0.0)])
+        rows: np.ndarray = self._heights[0].T @ self.problem.kinematics.tip_slopes(z)
+        rows[1:][self.missed(z[None])[0, 1:] >= 0.0] = 0.0
+        return rows
