@@ -17,12 +17,23 @@ from guidefield.messages import scene as messages
 from guidefield.planner import finish as module
 from guidefield.planner.finish import HURRIED, LOST, REPAIRS, STOPPING, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import subdivided
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.settings import BALANCED, PASSAGE, OptimizationSettings, closer, free, of_many
+from guidefield.planner.optimize.settings import (
+    BALANCED,
+    OPTIMIZATION,
+    PASSAGE,
+    OptimizationSettings,
+    closer,
+    free,
+    guided,
+    guided_of_many,
+    of_many,
+)
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.conditions import Budget
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
 from guidefield.scene.guide_plane import build
@@ -124,6 +135,34 @@ def test_an_optimised_guided_motion_crosses_its_plane_where_its_knot_says() -> N
     )
 
 
+def test_the_optimisation_begins_with_straight_ways_between_planes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path, crossings = guided_over_the_wall()
+    at = crossings[0]
+    wandering = subdivided(path, 0.05)
+    to = int(np.argmin(np.linalg.norm(wandering - path[at], axis=1)))
+    wandering[1:-1] += 0.01 * np.resize([1.0, -1.0], len(wandering) - 2)[:, None]
+    wandering[to] = path[at]
+    begun: list[np.ndarray] = []
+
+    def noted(problem: Problem, way: np.ndarray) -> Trajectory:
+        begun.append(way)
+        return soonest_along(problem, way)
+
+    monkeypatch.setattr(module, "soonest_along", noted)
+    assert finish(made, PathSoFar(wandering, {0: to}, proven=False), Stages(made)).verdict.free
+    (way,) = begun
+    assert len(way) < 0.5 * len(wandering)
+    assert np.abs(way - path[at]).max(axis=1).min() < 1e-6, "in single precision"
+
+
+@pytest.mark.parametrize("objective", Objective)
+def test_guided_motions_keep_a_higher_floor_and_none_a_lower_one(objective: Objective) -> None:
+    settings = OPTIMIZATION[objective]
+    for made in (guided(settings), guided_of_many(settings)):
+        assert settings.floor < made.floor <= made.farthest_floor
+        assert made.farthest_floor >= settings.farthest_floor
+
+
 def test_planes_at_the_ends_are_crossed_there() -> None:
     made, path, _ = guided_over_the_wall()
     several = dataclasses.replace(made, guide_planes=3 * made.guide_planes)
@@ -147,7 +186,7 @@ def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pyt
 
     monkeypatch.setattr(module, "optimize", lose)
     finished = finish(made, PathSoFar(path, crossings), Stages(made))
-    assert asked == [BALANCED, closer(BALANCED)]
+    assert asked == [guided(BALANCED), closer(guided(BALANCED))]
     assert finished.verdict.free
     assert LOST in finished.warnings[0]
     assert np.linalg.norm(finished.path[finished.crossings[0]] - path[crossings[0]]) < 0.05

@@ -20,6 +20,7 @@ from guidefield.collision.certify.settings import LIMITS
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
+from guidefield.planner.fewer_waypoints import fewer_waypoints
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of, polyline
@@ -33,6 +34,8 @@ from guidefield.planner.optimize.settings import (
     closer,
     constrained,
     free,
+    guided,
+    guided_of_many,
     of_many,
 )
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
@@ -160,10 +163,14 @@ def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished |
 
     None where it can't be brought onto a guide plane.
     """
+
+    def soonest(path: ChartPoints) -> Trajectory:
+        return soonest_along(problem, fewer_waypoints(problem, path, found.crossings) if found.crossings else path)
+
     with stages.entered("parameterize", "as fast as the limits allow along the path") as stage:
-        motion = soonest_along(problem, found.path)
+        motion = soonest(found.path)
         stage.outcome = f"{motion.duration:.3f} s"
-    others = (soonest_along(problem, path) for path in found.others)
+    others = (soonest(path) for path in found.others)
     return optimized_motion(problem, motion, others, stages, found)
 
 
@@ -205,12 +212,12 @@ def optimized_motion(
 
 def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
     """Of the optimisation of a problem's motion, which may have to pass something on its way."""
-    settings = OPTIMIZATION[problem.objective]
-    if problem.group.nv > MANY:
-        settings = of_many(settings)
-    elif not (problem.path_constraints or passes):
-        settings = free(settings)
-    return constrained(settings) if problem.path_constraints else settings
+    settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
+    if problem.path_constraints:
+        return constrained(of_many(settings) if many else settings)
+    if passes:
+        return guided_of_many(settings) if many else guided(settings)
+    return of_many(settings) if many else free(settings)
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,6 +61,21 @@ GOALS = GoalSettings()
 
 
 @dataclass(frozen=True)
+class StraightWaySettings:
+    """Of the straight ways between guide planes that take the place of steps.
+
+    Attributes:
+        margin: Distance that they keep from obstacles beyond the clearance asked for [m]. A choice: less than what the
+            optimiser keeps, so that it has to push little.
+    """
+
+    margin: float = 0.03
+
+
+STRAIGHT_WAYS = StraightWaySettings()
+
+
+@dataclass(frozen=True)
 class MeasuringSettings:
     """Of the figures of a motion. What isn't told otherwise is a choice: it decides what a figure means.
 

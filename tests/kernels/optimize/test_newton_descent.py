@@ -21,7 +21,15 @@ from tests.kernels.barrier.test_robot_barrier import made
 from tests.kernels.optimize.test_motion_objective import GIVEN, ends_of, look, motion, of, unconstrained
 
 RULES = DescentRules(
-    steps=1000, tries=40, shorter=0.7, settled=1e-13, little=0.0, longest=0.5, trusted=math.inf, damping=1e-9
+    steps=1000,
+    tries=40,
+    shorter=0.7,
+    settled=1e-13,
+    little=0.0,
+    longest=0.5,
+    most_stretched=0.5,
+    trusted=math.inf,
+    damping=1e-9,
 )
 
 
@@ -91,6 +99,13 @@ def test_no_coordinate_moves_further_than_allowed_in_a_step() -> None:
     after, taken = descended(spline, limits, model, steps=1, longest=1e-3)
     assert taken == 1
     assert np.abs(after.inner - spline.inner).max() <= 1e-3 + 1e-15
+
+
+def test_time_changes_no_more_than_allowed_in_a_step() -> None:
+    spline, limits = motion("panda", moving=False)
+    model = look("panda", spline.points)
+    free, after = (descended(spline, limits, model, steps=1, **most)[0] for most in ({}, {"most_stretched": 1e-3}))
+    assert abs(math.log(free.step / spline.step)) > 2e-3, "else it doesn't matter"
     assert abs(math.log(after.step / spline.step)) <= 1e-3 + 1e-15
 
 

@@ -18,7 +18,7 @@ from guidefield.planner.optimize.passages import (
     passing,
     with_knots,
 )
-from guidefield.planner.optimize.settings import PASSAGE
+from guidefield.planner.optimize.settings import BALANCED, PASSAGE
 from tests.planner.motion.paths import soonest
 
 PIECES = 10
@@ -69,7 +69,7 @@ def test_the_gradient_is_that_of_finite_differences_of_the_least_miss(seed: int)
     n, nv = spline.points.shape
     gradient, blocks = np.zeros((n, nv)), np.zeros((n, nv, 4 * nv))
     at = nearest(place, spline, 4.6)
-    value = add_passage(place, spline, at, 7.0, gradient, blocks)
+    value = add_passage(place, spline, at, 7.0, BALANCED.crossing, gradient, blocks)
     assert value == pytest.approx(7.0 * least(spline, place, at, 0.3), rel=1e-4)
     rng = np.random.default_rng(seed)
     for _ in range(4):
@@ -85,7 +85,7 @@ def test_its_hessian_is_positive_and_leaves_free_what_time_makes_up_for() -> Non
     n, nv = spline.points.shape
     at = nearest(place, spline, 4.6)
     blocks = np.zeros((n, nv, 4 * nv))
-    add_passage(place, spline, at, 1.0, np.zeros((n, nv)), blocks)
+    add_passage(place, spline, at, 1.0, BALANCED.crossing, np.zeros((n, nv)), blocks)
     whole = np.zeros((n * nv, n * nv))
     for i in range(n):
         for k in range(max(i - 3, 0), i + 1):

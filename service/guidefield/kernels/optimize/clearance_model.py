@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import types, void
 
 from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
@@ -25,7 +26,16 @@ from guidefield.kernels.barrier.verlet_list import NEAR_BODIES, NearBodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.jit.signatures import (
+    BLOCKS_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+)
 
 
 class MotionSamples(NamedTuple):
@@ -107,6 +117,24 @@ def add_sample(
             into = blocks_out[k + a, p, (3 - a) * nv :]  # blocks k to k + a, side by side
             for q in range(into.shape[0]):
                 into[q] += share * row[q]
+
+
+@compiled(void(types.int64, VECTOR, SCALAR, VECTOR, MATRIX, MATRIX_OUT, BLOCKS_OUT))
+def add_place(
+    k: int, basis: Floats, weight: float, slope: Floats, hessian: Floats, gradient_out: Floats, blocks_out: Floats
+) -> None:
+    """Add what depends on the motion at one place alone, as a sample of the clearance does.
+
+    Args:
+        k: The first of the four control points that the place depends on.
+        basis: Its share of each, shape (4,).
+        weight: Factor of all.
+        slope: Its gradient by z, shape (nv,).
+        hessian: Its Hessian by z, shape (nv, nv).
+        gradient_out: By the control points, shape (n, nv).
+        blocks_out: Hessian, see `ClearanceModel`, shape (n, nv, 4 nv).
+    """
+    add_sample(k, basis, weight, slope, hessian, np.empty(4 * slope.shape[0]), gradient_out, blocks_out)
 
 
 @compiled(

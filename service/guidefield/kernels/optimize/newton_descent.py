@@ -40,7 +40,8 @@ class DescentRules(NamedTuple):
         shorter: By this factor.
         settled: A step that promises less than this share of the objective is not taken.
         little: After a step that brought less than this share of the objective no further one is taken.
-        longest: Most that a coordinate of a control point [rad or m], u, and the departure [s] move in one step.
+        longest: Most that a coordinate of a control point [rad or m] and the departure [s] move in one step.
+        most_stretched: Most that u changes in one step.
         trusted: Where a coordinate is further from where the clearance was looked at, no further step is taken.
         damping: Added to the Hessian's diagonal, as a share of it.
     """
@@ -51,6 +52,7 @@ class DescentRules(NamedTuple):
     settled: float
     little: float
     longest: float
+    most_stretched: float
     trusted: float
     damping: float
 
@@ -168,7 +170,7 @@ def newton_descent(
         promised = -_product(gradient, move)
         if promised < rules.settled * abs(value):
             break
-        stride = min(1.0, rules.longest / _largest(move))
+        stride = _stride(move, free, rules)
         lower = math.inf
         length, departure = step, begin
         for _ in range(rules.tries):
@@ -202,6 +204,14 @@ def newton_descent(
         if value - lower < rules.little * abs(value) or _distance(trial, model.points) > rules.trusted:
             break
     return step, begin, taken
+
+
+@uncounted
+def _stride(move: Floats, free: int, rules: DescentRules) -> float:
+    """Share of a step, in which times are behind what is free, that goes no further than is allowed."""
+    moves = max(_largest(move[:free]), _largest(move[free + 1 :]))
+    stretched: float = abs(move[free])
+    return min(1.0, rules.longest / max(moves, 1e-300), rules.most_stretched / max(stretched, 1e-300))
 
 
 @uncounted

@@ -155,7 +155,8 @@ class Descent(ReadOnly):
         here = []
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
-            value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, gradient, blocks)
+            crossing = question.settings.crossing
+            value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, crossing, gradient, blocks)
         model = ClearanceModel(
             value, spline.points, spline.step, spline.begin, gradient, blocks, border, by_times, corner
         )
@@ -193,6 +194,7 @@ class Descent(ReadOnly):
             settled=settings.settled,
             little=settings.little,
             longest=settings.longest,
+            most_stretched=settings.most_stretched,
             trusted=settings.trusted,
             damping=settings.damping,
         )

@@ -22,11 +22,15 @@ from typing import Protocol
 
 import numpy as np
 
+from guidefield.kernels.optimize.clearance_model import add_place
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.settings import PASSAGE
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
+
+_AROUND = np.arange(-2.0, 3.0)
+"""Where samples are taken about a place, in their spacing."""
 
 
 class Place(Protocol):
@@ -77,8 +81,9 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
     """
     spacing = PASSAGE.spacing
     for _ in range(PASSAGE.shifts):
-        at = np.clip(about + spacing * np.arange(-2.0, 3.0), 0.0, float(spline.pieces))
-        squares = np.einsum("nk,nk->n", *2 * (place.missed(spline.at(at)),))
+        at = np.minimum(np.maximum(about + spacing * _AROUND, 0.0), float(spline.pieces))
+        missed = place.missed(spline.at(at))
+        squares = np.einsum("nk,nk->n", missed, missed)
         if squares[2] == 0.0:
             return float(at[2])
         least = int(np.argmin(squares))
@@ -89,13 +94,19 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
             before, here, after = squares[least - 1 : least + 2]
             bend = before - 2.0 * here + after
             about += 0.5 * spacing * float((before - after) / bend) if bend > 0.0 else 0.0
-            return float(np.clip(about, 0.0, spline.pieces))
+            return min(max(about, 0.0), float(spline.pieces))
         spacing *= PASSAGE.closer
     return about
 
 
 def add_passage(
-    place: Place, spline: BSpline, at: float, weight: float, gradient_out: np.ndarray, blocks_out: np.ndarray
+    place: Place,
+    spline: BSpline,
+    at: float,
+    weight: float,
+    crossing: float,
+    gradient_out: np.ndarray,
+    blocks_out: np.ndarray,
 ) -> float:
     """Add what passing a place adds to the objective of a motion.
 
@@ -104,6 +115,7 @@ def add_passage(
         spline: The motion.
         at: Where it comes nearest, in pieces from the start.
         weight: w [1/m² or 1/rad²].
+        crossing: κ [m or rad].
         gradient_out: By its control points, shape (n, nv).
         blocks_out: Hessian, as in `ClearanceModel`, shape (n, nv, 4 nv).
 
@@ -114,15 +126,9 @@ def add_passage(
     z, slope = spline.at(where)[0], spline.slopes(where)[0]
     missed, rows = place.missed(z[None])[0], place.rows(z)
     a = rows @ slope
-    held = rows - np.outer(a, a @ rows) / (a @ a + PASSAGE.stiff**2)
-    hessian, by_z = weight * rows.T @ held, weight * missed @ rows
+    held = rows - np.outer(a, a @ rows) / (a @ a + crossing**2)
     (piece,), t = spline.piece_of(where)
-    shares, nv = basis(t)[0], len(z)
-    for i in range(4):
-        gradient_out[piece + i] += shares[i] * by_z
-        for j in range(i + 1):
-            block = blocks_out[piece + i, :, (3 - i + j) * nv : (4 - i + j) * nv]
-            block += shares[i] * shares[j] * hessian
+    add_place(piece, basis(t)[0], weight, missed @ rows, rows.T @ held, gradient_out, blocks_out)
     return 0.5 * weight * float(missed @ missed)
 
 
