@@ -93,6 +93,11 @@ class MotionBound(ReadOnly):
 
         It is 1 for a joint that slides, and 0 for one that does not move the body; arguments as in `at`.
         """
+        reach: np.ndarray = self.axis_distances(jacobians, centres) * self.moved_by
+        return reach
+
+    def axis_distances(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
+        """The same of each body from every axis, whether that moves it or not, shape (s, r, nv of the model) [m]."""
         # about the middle of the robot, where differences of squares lose the least
         middle = centres.mean(axis=1, keepdims=True)
         w = jacobians[:, 3:]
@@ -101,8 +106,8 @@ class MotionBound(ReadOnly):
         # |v + w x c|^2
         squared = (v * v).sum(axis=1)[:, None] + 2.0 * (c @ cross(v, w)) - (c @ w) ** 2
         squared += (c * c).sum(axis=2)[:, :, None] * (w * w).sum(axis=1)[:, None]
-        reach: np.ndarray = (np.sqrt(np.maximum(squared, 0.0) @ self.centred) + self.radii) * self.moved_by
-        return reach
+        distances: np.ndarray = np.sqrt(np.maximum(squared, 0.0) @ self.centred) + self.radii
+        return distances
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

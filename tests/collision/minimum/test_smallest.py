@@ -15,7 +15,12 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
+from guidefield.collision.minimum.tables import bezier_curve, body_pairs, resting_obstacles, robot_bodies
 from guidefield.collision.world import World
+from guidefield.kernels.minimum import smallest as kernels
+from guidefield.kernels.minimum.closing import ACCELERATION, SPEED, closing_of, find_rates
+from guidefield.kernels.minimum.places import place as place_at
+from guidefield.kernels.minimum.tables import MovingRobot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.group.group import PlanningGroup
 from tests.collision.listed import are_mixed, are_signed
@@ -172,9 +177,33 @@ def test_a_search_that_is_stopped_tells_what_is_certain() -> None:
     assert bounds[0] < exact.distance - TOLERANCE
 
 
+def closing_by_numpy(surveyor: Surveyor, since: float, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the speed and acceleration of every pair."""
+    places = surveyor.places(np.array([since, until]))
+    closing, movers = surveyor.worlds.moving.closing, np.unique(surveyor.movers)
+    rates = surveyor.curve.most(np.array([since]), np.array([until]))
+    reach, speeds = places.reach.max(axis=0)[None], places.speeds.mean(axis=0)[None]
+    fastest, changing = (of[0] for of in closing.over(movers, reach, speeds, *rates, np.array([until - since])))
+    of = np.searchsorted(movers, surveyor.movers)
+    return fastest[of], changing[of]
+
+
+def closing_by_kernels(surveyor: Surveyor, since: float, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same by the kernels, run as Python."""
+    world = surveyor.worlds.moving
+    moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), bezier_curve(surveyor.curve))
+    search = kernels._search(moving, 2, 0)
+    for slot, time in enumerate((since, until)):
+        place_at(moving, time, False, slot, search.places, search.room)
+    find_rates(moving, since, until, search.rates)
+    movers = [closing_of(moving, k, 1, 0, 1, search.places, search.rates) for k in range(len(world.pairs))]
+    known = search.rates.known[movers]
+    return known[:, SPEED], known[:, ACCELERATION]
+
+
 @settings(deadline=None, max_examples=60)
-@given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6))
-def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, seed: int) -> None:
+@given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6), st.sampled_from([closing_by_numpy, closing_by_kernels]))
+def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, seed: int, closing: Any) -> None:
     """The derivatives of |r|^2 by differences, r between points of two bodies, or of one and a point that rests."""
     place, rng = world(name), np.random.default_rng(seed)
     trajectory = motion(place.group, seed)
@@ -182,11 +211,7 @@ def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, s
     until = since + rng.choice([1e-3, 0.02, 0.19])
     inside = Curve(trajectory.bezier(), trajectory.piece_times()).breaks
     assert not len(inside), "the motion has no jumps of speed"
-    places = surveyor.places(np.array([since, until]))
-    closing, movers = surveyor.worlds.moving.closing, np.unique(surveyor.movers)
-    rates = surveyor.curve.most(np.array([since]), np.array([until]))
-    reach, speeds = places.reach.max(axis=0)[None], places.speeds.mean(axis=0)[None]
-    fastest, changing = (of[0] for of in closing.over(movers, reach, speeds, *rates, np.array([until - since])))
+    fastest, changing = closing(surveyor, since, until)
     h = 1e-4
     middle = rng.uniform(since + h, until - h) if until - since > 2 * h else 0.5 * (since + until)
     steps = [placed(place, trajectory.evaluate(np.array([middle + k * h]))[0][0]) for k in (-1, 0, 1)]
@@ -198,13 +223,13 @@ def test_no_points_close_in_faster_or_change_it_faster_than_is_said(name: str, s
         if pair < place.pairs.n_self:
             y = rng.choice(corners(place.group.geometry.geometryObjects[second].geometry))
         r = [at[first].act(x) - (at[second].act(y) if pair < place.pairs.n_self else y) for at in steps]
-        squares, of = [v @ v for v in r], int(np.searchsorted(movers, surveyor.movers[pair]))
+        squares = [v @ v for v in r]
         speed = abs(squares[2] - squares[0]) / (2 * h)
         bend = (squares[2] - 2 * squares[1] + squares[0]) / h**2
         apart = max(np.linalg.norm(v) for v in r)
-        slack = 1e-5 * (1.0 + apart) + 1e-3 * fastest[of] * apart
-        assert speed <= 2.0 * fastest[of] * apart + slack
-        most = 2.0 * (fastest[of] ** 2 + apart * changing[of])
+        slack = 1e-5 * (1.0 + apart) + 1e-3 * fastest[pair] * apart
+        assert speed <= 2.0 * fastest[pair] * apart + slack
+        most = 2.0 * (fastest[pair] ** 2 + apart * changing[pair])
         assert bend <= most * (1.0 + 1e-3) + 1e-5
 
 

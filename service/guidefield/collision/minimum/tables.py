@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import coal
 import numpy as np
+import pinocchio as pin
 
+from guidefield.collision.bodies import bodies, joint_placements
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.scene_tables import surface_parts
 from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.parts import Parts
@@ -59,7 +64,7 @@ def prepare_obstacles(scene: Scene) -> None:
 
 def robot_bodies(world: World) -> RobotBodies:
     """The robot of a world."""
-    group, bound, bodies = world.group, world.motion_bound, world.bodies
+    group, bound, about = world.group, world.motion_bound, world.bodies
     roots, parts = _robot_parts(group)
     robot = RobotBodies(
         joints=joints_of(group),
@@ -71,10 +76,10 @@ def robot_bodies(world: World) -> RobotBodies:
         centred=np.ascontiguousarray(bound.centred, float),
         turns=bound.turns.astype(float),
         doubled=bound.doubled,
-        carriers=bodies.joints.astype(np.int64),
-        centres=np.ascontiguousarray(bodies.centres, float).reshape(-1, 3),
-        radii=np.array(bodies.radii, float),
-        moved_by=bodies.moved_by.astype(float),
+        carriers=about.joints.astype(np.int64),
+        centres=np.ascontiguousarray(about.centres, float).reshape(-1, 3),
+        radii=np.array(about.radii, float),
+        moved_by=_listed([np.flatnonzero(row) for row in about.moved_by], about.moved_by.shape[1]),
         roots=roots,
         parts=parts,
     )
@@ -93,13 +98,44 @@ def resting_obstacles(world: World) -> RestingObstacles:
 
 def body_pairs(world: World) -> BodyPairs:
     """All pairs of a world."""
-    bound, every = world.motion_bound, np.arange(len(world.pairs))
+    every = np.arange(len(world.pairs))
     first, second = world.pairs.bodies(every).T
     second = np.where(every < world.pairs.n_self, second, second - world.pairs.links)
-    masks = bound.first_only.astype(float), bound.second_only.astype(float)
-    pairs = BodyPairs(np.ascontiguousarray(first), second, *masks)
+    pairs = BodyPairs(np.ascontiguousarray(first), second, *_seen_between(world.group, world.pairs.own.tobytes()))
     read_only(*pairs)
     return pairs
+
+
+@kept_with_alike
+def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen, and what is asked.
+
+    It is seen from the one between both from where the joints move them least at the neutral configuration.
+    """
+    own, about, bound = np.frombuffer(own_pairs, np.int64).reshape(-1, 2), bodies(group), motion_bound(group, own_pairs)
+    data, nv = group.model.createData(), group.model.nv
+    jacobian = pin.computeJointJacobians(group.model, data, pin.neutral(group.model)).reshape(6, -1)
+    reach = bound.axis_distances(jacobian[None], about.centres_in_world(joint_placements(data))[None])[0]
+    reached, ways = about.moved_by.copy(), (list[np.ndarray](), list[np.ndarray]())
+    for pair, (first, second) in enumerate(own.tolist()):
+        only = np.flatnonzero(bound.first_only[pair])[::-1], np.flatnonzero(bound.second_only[pair])
+        between = np.concatenate(only)  # from the first body to the second
+        costs = [reach[first, between[:at]].sum() + reach[second, between[at:]].sum() for at in range(len(between) + 1)]
+        at = int(np.argmin(costs))
+        reached[first, between[:at]] = reached[second, between[at:]] = True
+        ways[0].append(between[:at][::-1])
+        ways[1].append(between[at:])
+    found = _listed(ways[0], nv), _listed(ways[1], nv), reached
+    read_only(*found)
+    return found
+
+
+def _listed(some: Sequence[np.ndarray], width: int) -> np.ndarray:
+    """Rows of indices, and -1 behind them, shape (n, width)."""
+    rows = np.full((len(some), width), -1, np.int64)
+    for row, one in zip(rows, some, strict=True):
+        row[: len(one)] = one
+    return rows
 
 
 def bezier_curve(curve: Curve) -> BezierCurve:

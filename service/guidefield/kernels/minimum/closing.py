@@ -1,7 +1,8 @@
 """How fast a pair's bodies close in on each other between two places, and how fast that changes: rigorous bounds.
 
 The formulas and their reasons are those of `collision.closing`; its movers are the bodies, as the world sees them, and
-the two bodies of own pairs, each without the joints that move both.
+the two bodies of own pairs, both as some body between them sees them: how far apart points are is the same from
+anywhere. A short body that a joint turns beside a long one moves less than that, seen from the long one.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.minimum.curve_rates import largest_between
 from guidefield.kernels.minimum.places import Places
 from guidefield.kernels.minimum.tables import MovingRobot, RobotBodies
@@ -78,16 +79,22 @@ def find_rates(moving: MovingRobot, since: float, until: float, rates: Rates) ->
 
 @uncounted
 def _of_body(
-    robot: RobotBodies, b: int, mask: Floats, low: int, high: int, places: Places, rates: Rates
+    robot: RobotBodies, b: int, by: Integers, low: int, high: int, places: Places, rates: Rates
 ) -> tuple[float, float]:
-    """Bounds of the speed and the acceleration of a body's points by the coordinates of a mask (n,)."""
-    n, swept = robot.offset.shape[0], 0.0
-    for i in range(n):
-        rates.rho[i] = max(places.reach[low, b, i], places.reach[high, b, i]) * mask[i]
+    """Bounds of the speed and the acceleration of a body's points by some coordinates, those before -1 (n,), in order.
+
+    The first moves all others.
+    """
+    swept, count = 0.0, 0
+    while count < by.shape[0] and by[count] >= 0:
+        i = by[count]
+        rates.rho[i] = max(places.reach[low, b, i], places.reach[high, b, i])
         swept += rates.rho[i] * rates.sweeps[i]
+        count += 1
     before, fastest, changing = 0.0, 0.0, 0.0
-    for i in range(n):
-        turning = mask[i] * robot.turns[i]
+    for k in range(count):
+        i = by[k]
+        turning = robot.turns[i]
         # whatever is between is no farther from one of the two in time than half of it
         rho, v = rates.rho[i] + swept * turning, rates.velocities[i]
         fastest += rho * v
@@ -110,14 +117,14 @@ def closing_of(moving: MovingRobot, pair: int, interval: int, low: int, high: in
         rates: The largest rates between them.
     """
     robot, pairs = moving.robot, moving.pairs
-    own = pairs.first_only.shape[0]
+    own = pairs.first_by.shape[0]
     mover = robot.carriers.shape[0] + pair if pair < own else int(pairs.first[pair])
     if rates.asked[mover] == interval:
         return mover
     a, b = pairs.first[pair], pairs.second[pair]
     if pair < own:
-        fastest, changing = _of_body(robot, a, pairs.first_only[pair], low, high, places, rates)
-        more, also = _of_body(robot, b, pairs.second_only[pair], low, high, places, rates)
+        fastest, changing = _of_body(robot, a, pairs.first_by[pair], low, high, places, rates)
+        more, also = _of_body(robot, b, pairs.second_by[pair], low, high, places, rates)
         fastest, changing = fastest + more, changing + also
     else:
         fastest, changing = _of_body(robot, a, robot.moved_by[a], low, high, places, rates)

@@ -51,7 +51,7 @@ def least_distance(moving: MovingRobot, pair: int, s: int, places: Places) -> fl
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
     a, b = pairs.first[pair], pairs.second[pair]
     x, y, z = places.centres[s, a, 0], places.centres[s, a, 1], places.centres[s, a, 2]
-    if pair < pairs.first_only.shape[0]:
+    if pair < pairs.first_by.shape[0]:
         x, y, z = x - places.centres[s, b, 0], y - places.centres[s, b, 1], z - places.centres[s, b, 2]
         return math.sqrt(x * x + y * y + z * z) - float(robot.radii[a] + robot.radii[b])
     square = 0.0
@@ -84,7 +84,7 @@ def pair_distance(moving: MovingRobot, pair: int, s: int, places: Places, most: 
     scratch[LEAF_A], scratch[LEAF_B] = last[LAST_A], last[LAST_B]
     _write_pose(places.poses[s, robot.carriers[a]], poses[FIRST])
     own, root, pose_a = pointers(robot.parts), robot.roots[a], pointers(poses[FIRST])
-    if pair < pairs.first_only.shape[0]:
+    if pair < pairs.first_by.shape[0]:
         _write_pose(places.poses[s, robot.carriers[b]], poses[SECOND])
         found = bodies_distance(own, root, pose_a, own, robot.roots[b], pointers(poses[SECOND]), most, scratch)
     else:

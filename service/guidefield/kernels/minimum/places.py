@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
@@ -26,10 +26,10 @@ class Places(NamedTuple):
         times: Shape (s,) [s].
         poses: Of the joints, shape (s, joints, 3, 4) [m].
         centres: Of the balls about bodies, shape (s, r, 3) [m, world].
-        reach: Largest distance of each body from each axis that moves it, 1 for one that slides, 0 for one that does
-            not move it, shape (s, r, n) [m].
-        speeds: Bounds of the speeds of bodies, then of one body of each own pair as the other sees it, shape
-            (s, r + own) [m/s]; infinite where the rates jump.
+        reach: Largest distance of each body from each axis that is asked for (`BodyPairs.reached`), 1 from one that
+            slides, shape (s, r, n) [m].
+        speeds: Bounds of the speeds of bodies, then of how fast the bodies of each own pair move, both together, as
+            they are seen from a body between them, shape (s, r + own) [m/s]; infinite where the rates jump.
     """
 
     times: Floats
@@ -94,7 +94,7 @@ def place(moving: MovingRobot, time: float, jumps: bool, s: int, places: Places,
     for b in range(robot.carriers.shape[0]):
         x, y, z = moved_by(poses[robot.carriers[b]], robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
         places.centres[s, b, 0], places.centres[s, b, 1], places.centres[s, b, 2] = x, y, z
-        _reach(robot, b, x, y, z, room, places.reach[s, b])
+        _reach(robot, b, x, y, z, moving.pairs.reached[b], room, places.reach[s, b])
     subspaces_by_chart(joints, room.values, room.q, room.subspaces)
     for i in range(n):
         for k in range(TWIST):
@@ -103,8 +103,13 @@ def place(moving: MovingRobot, time: float, jumps: bool, s: int, places: Places,
 
 
 @uncounted
-def _reach(robot: RobotBodies, b: int, x: float, y: float, z: float, room: Room, reach_out: Floats) -> None:
-    """Largest distance of a body, whose ball is about (x, y, z), from each axis; see `MotionBound.reach`."""
+def _reach(
+    robot: RobotBodies, b: int, x: float, y: float, z: float, reached: np.ndarray, room: Room, reach_out: Floats
+) -> None:
+    """Largest distance of a body, whose ball is about (x, y, z), from the axes (n,) that are asked for.
+
+    See `MotionBound.reach`.
+    """
     n = robot.offset.shape[0]
     for i in range(n):
         S = room.subspaces[i]
@@ -113,7 +118,7 @@ def _reach(robot: RobotBodies, b: int, x: float, y: float, z: float, room: Room,
         vz = S[2] + S[3] * y - S[4] * x
         room.squares[i] = vx * vx + vy * vy + vz * vz
     for i in range(n):
-        if robot.moved_by[b, i] == 0.0:
+        if not reached[i]:
             reach_out[i] = 0.0
             continue
         square = 0.0
@@ -123,14 +128,15 @@ def _reach(robot: RobotBodies, b: int, x: float, y: float, z: float, room: Room,
 
 
 @uncounted
-def _speed(robot: RobotBodies, b: int, mask: Floats, centre: Floats, room: Room) -> float:
-    """Bound of the speed of a body's points, of the coordinates of a mask (n,) alone [m/s]."""
+def _speed(robot: RobotBodies, b: int, by: Integers, centre: Floats, room: Room) -> float:
+    """Bound of the speed of a body's points that some coordinates, those before -1 (n,), move alone [m/s]."""
     vx, vy, vz, wx, wy, wz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(mask.shape[0]):
-        if mask[i] != 0.0:
-            S = room.twists[i]
-            vx, vy, vz = vx + S[0], vy + S[1], vz + S[2]
-            wx, wy, wz = wx + S[3], wy + S[4], wz + S[5]
+    for k in range(by.shape[0]):
+        if by[k] < 0:
+            break
+        S = room.twists[by[k]]
+        vx, vy, vz = vx + S[0], vy + S[1], vz + S[2]
+        wx, wy, wz = wx + S[3], wy + S[4], wz + S[5]
     x, y, z = centre[0], centre[1], centre[2]
     vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
     radius = float(robot.radii[b])
@@ -143,8 +149,8 @@ def _write_speeds(robot: RobotBodies, pairs: BodyPairs, jumps: bool, s: int, pla
     for b in range(r):
         speed = _speed(robot, b, robot.moved_by[b], places.centres[s, b], room)
         places.speeds[s, b] = np.inf if jumps else speed
-    for own in range(pairs.first_only.shape[0]):
+    for own in range(pairs.first_by.shape[0]):
         a, b = pairs.first[own], pairs.second[own]
-        speed = _speed(robot, a, pairs.first_only[own], places.centres[s, a], room)
-        speed += _speed(robot, b, pairs.second_only[own], places.centres[s, b], room)
+        speed = _speed(robot, a, pairs.first_by[own], places.centres[s, a], room)
+        speed += _speed(robot, b, pairs.second_by[own], places.centres[s, b], room)
         places.speeds[s, r + own] = np.inf if jumps else speed

@@ -79,7 +79,7 @@ class _Search(NamedTuple):
 
 @counted
 def _places(robot: RobotBodies, pairs: BodyPairs, slots: int) -> Places:
-    r, n, movers = robot.carriers.shape[0], robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_only.shape[0]
+    r, n, movers = robot.carriers.shape[0], robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_by.shape[0]
     return Places(
         np.empty(slots),
         np.empty((slots, robot.joints.parents.shape[0], 3, 4)),
@@ -107,7 +107,7 @@ def _room(robot: RobotBodies) -> Room:
 
 @counted
 def _rates(robot: RobotBodies, pairs: BodyPairs) -> Rates:
-    n, movers = robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_only.shape[0]
+    n, movers = robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_by.shape[0]
     return Rates(
         np.empty(MOST_ORDER),
         np.empty(robot.expand.shape[1]),

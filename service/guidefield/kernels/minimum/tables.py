@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.fields import Blocks, Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 
 
@@ -25,7 +25,7 @@ class RobotBodies(NamedTuple):
         carriers: Joint of each body, shape (r,); 0 is the world.
         centres: Centre of a ball about each, in the frame of that joint, shape (r, 3) [m].
         radii: Its radius, shape (r,) [m].
-        moved_by: 1 where a coordinate moves a body, else 0, shape (r, n).
+        moved_by: The coordinates that move a body, ascending, and -1 behind them, shape (r, n).
         roots: Root of each in `parts`, shape (r,), in the frame of its joint.
         parts: Their convex parts.
     """
@@ -42,7 +42,7 @@ class RobotBodies(NamedTuple):
     carriers: Indices
     centres: Rows
     radii: Row
-    moved_by: Rows
+    moved_by: IndexRows
     roots: Indices
     parts: Parts
 
@@ -71,14 +71,17 @@ class BodyPairs(NamedTuple):
     Attributes:
         first: A body of the robot each, shape (m,).
         second: Another one of an own pair, else an obstacle, shape (m,).
-        first_only: 1 where a coordinate moves the first body of an own pair and not the second, shape (own, n).
-        second_only: The other way round, shape (own, n).
+        first_by: The coordinates that move the first body of an own pair as it is seen from some body between both, in
+            order from there to it, and -1 behind them, shape (own, n).
+        second_by: The same of the second, shape (own, n).
+        reached: Whether it is asked how far a body is from the axis of a coordinate, shape (r, n).
     """
 
     first: Indices
     second: Indices
-    first_only: Rows
-    second_only: Rows
+    first_by: IndexRows
+    second_by: IndexRows
+    reached: Flags
 
 
 class BezierCurve(NamedTuple):
