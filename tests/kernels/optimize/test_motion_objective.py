@@ -127,7 +127,7 @@ def of(
     n, nv = spline.points.shape
     inner, more = n - 6, 1 + times.departs
     free = inner * nv
-    blocks = np.full((inner, nv, (COUPLED + 1) * nv), np.nan)
+    blocks = np.full((n, nv, (COUPLED + 1) * nv), np.nan)
     border, corner, gradient = (np.full(shape, np.nan) for shape in ((more, free), (more, more), free + more))
     value = motion_objective(
         model or look(name, spline.points), ends_of(spline), limits, times, unconstrained(name), spline.points,
@@ -137,7 +137,7 @@ def of(
     for f in range(inner):
         for c in range(COUPLED + 1):
             if (k := f - COUPLED + c) >= 0:
-                block = blocks[f, :, c * nv : (c + 1) * nv]
+                block = blocks[3 + f, :, c * nv : (c + 1) * nv]
                 hessian[f * nv : (f + 1) * nv, k * nv : (k + 1) * nv] = block
                 hessian[k * nv : (k + 1) * nv, f * nv : (f + 1) * nv] = block.T
     hessian[free:, :free], hessian[:free, free:], hessian[free:, free:] = border, border.T, corner

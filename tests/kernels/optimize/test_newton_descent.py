@@ -10,7 +10,7 @@ import pytest
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
-from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
+from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
@@ -49,8 +49,9 @@ def descended(
     ends = ends_of(spline)
     kept = unconstrained("panda") if kept is None else kept
     step, begin, taken = newton_descent(
-        model, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points
-    )
+        model, ends, limits, times, kept, asked, unit, longest_step, 0.02, spline.step, spline.begin, points,
+        room_for_descent(*points.shape, times),
+    )  # fmt: skip
     return BSpline(points, step, spline.start, spline.end, begin), taken
 
 

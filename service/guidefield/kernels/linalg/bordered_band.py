@@ -15,13 +15,17 @@ from numba import types
 
 from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, compiled
+from guidefield.kernels.simd.vector import LANES_64, load, store
 
 COUPLED = 3
 """A block is coupled with as many before it."""
 
 AT_ONCE = 4
 """Pivots whose rows are taken from the rest together: each number of it is then loaded and stored once for all."""
+
+PANEL = 8 * AT_ONCE
+"""Pivots that are taken from the rest while a few rows of it are in the fastest memory; a band is larger than that."""
 
 
 @uncounted
@@ -63,22 +67,65 @@ def _factorize(band: Floats) -> bool:
         Whether the matrix is positive definite; if not, `band` means nothing.
     """
     rows, width = band.shape
-    for i in range(0, rows, AT_ONCE):
-        for t in range(min(AT_ONCE, rows - i)):
-            for b in range(t):
-                _take(band[i + t][: width - t + b], band[i + b][t - b], band[i + b][t - b :])
-            if not _eliminated(band[i + t]):
-                return False
-        if i + AT_ONCE > rows:
-            break
-        first, second, third, fourth = band[i], band[i + 1], band[i + 2], band[i + 3]
-        for k in range(AT_ONCE, min(rows - i, width)):
-            row = band[i + k][: width - k]
-            a, b, c, d = first[k:], second[k - 1 :], third[k - 2 :], fourth[k - 3 :]
-            a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
-            for m in range(row.shape[0]):
-                row[m] -= a0 * a[m] + b0 * b[m] + c0 * c[m] + d0 * d[m]
+    for first in range(0, rows, PANEL):
+        last = min(first + PANEL, rows)
+        for i in range(first, last, AT_ONCE):
+            for t in range(min(AT_ONCE, rows - i)):
+                for b in range(t):
+                    _take(band[i + t][: width - t + b], band[i + b][t - b], band[i + b][t - b :])
+                if not _eliminated(band[i + t]):
+                    return False
+            for k in range(i + AT_ONCE, min(last, i + width)):
+                _take_pivots(band, i, k)
+        for k in range(last, min(rows, last + width), AT_ONCE):
+            for i in range(first, last, AT_ONCE):
+                if k + AT_ONCE <= min(rows, i + width):
+                    _take_pivots_of_some(band, i, k)
+                else:
+                    for row in range(k, min(rows, i + width)):
+                        _take_pivots(band, i, row)
     return True
+
+
+@uncounted
+def _take_pivots(band: Floats, i: int, k: int) -> None:
+    """Take the rows of the `AT_ONCE` pivots from i on from row k: a vector loop."""
+    row = band[k][: band.shape[1] - (k - i)]
+    a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
+    a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
+    for m in range(row.shape[0]):
+        row[m] -= a0 * a[m] + b0 * b[m] + c0 * c[m] + d0 * d[m]
+
+
+@uncounted
+def _take_pivots_of_some(band: Floats, i: int, k: int) -> None:
+    """The same from the `AT_ONCE` rows from k on: what is loaded of pivots serves all of these."""
+    count = band.shape[1] - (k + 3 - i)
+    a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
+    a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
+    a1, b1, c1, d1 = a[1], b[1], c[1], d[1]
+    a2, b2, c2, d2 = a[2], b[2], c[2], d[2]
+    a3, b3, c3, d3 = a[3], b[3], c[3], d[3]
+    p, q, r, s = band[k], band[k + 1], band[k + 2], band[k + 3]
+    p[0] -= a0 * a0 + b0 * b0 + c0 * c0 + d0 * d0
+    p[1] -= a0 * a1 + b0 * b1 + c0 * c1 + d0 * d1
+    p[2] -= a0 * a2 + b0 * b2 + c0 * c2 + d0 * d2
+    q[0] -= a1 * a1 + b1 * b1 + c1 * c1 + d1 * d1
+    q[1] -= a1 * a2 + b1 * b2 + c1 * c2 + d1 * d2
+    r[0] -= a2 * a2 + b2 * b2 + c2 * c2 + d2 * d2
+    whole = count - count % LANES_64
+    for m in range(0, whole, LANES_64):
+        x, y, z, w = load(a, m + 3), load(b, m + 3), load(c, m + 3), load(d, m + 3)
+        store(p, m + 3, load(p, m + 3) - (a0 * x + b0 * y + c0 * z + d0 * w))
+        store(q, m + 2, load(q, m + 2) - (a1 * x + b1 * y + c1 * z + d1 * w))
+        store(r, m + 1, load(r, m + 1) - (a2 * x + b2 * y + c2 * z + d2 * w))
+        store(s, m, load(s, m) - (a3 * x + b3 * y + c3 * z + d3 * w))
+    for m in range(whole, count):
+        xs, ys, zs, ws = a[m + 3], b[m + 3], c[m + 3], d[m + 3]
+        p[m + 3] -= a0 * xs + b0 * ys + c0 * zs + d0 * ws
+        q[m + 2] -= a1 * xs + b1 * ys + c1 * zs + d1 * ws
+        r[m + 1] -= a2 * xs + b2 * ys + c2 * zs + d2 * ws
+        s[m] -= a3 * xs + b3 * ys + c3 * zs + d3 * ws
 
 
 @uncounted
@@ -124,7 +171,6 @@ class BorderedFactor(NamedTuple):
 FACTOR = numba_type(BorderedFactor)
 
 
-@inlined
 def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
     """Memory for n blocks of a size, and one or two more rows."""
     rows = n * size

@@ -185,7 +185,8 @@ def motion_objective(
         begin: t0 [s].
         first_step: h0 [s].
         limit_weight: μ.
-        blocks_out: Hessian of the n - 6 free points, as in `bordered_band`, shape (n - 6, nv, 4 nv).
+        blocks_out: Hessian by all points, shape (n, nv, 4 nv); without the first three and the last three it is that of
+            the n - 6 free points, as in `bordered_band`.
         border_out: By the times and these, shape (k, (n - 6) nv).
         corner_out: By the times, shape (k, k).
         gradient_out: By the points, then the times, shape ((n - 6) nv + k,).
@@ -195,14 +196,15 @@ def motion_objective(
     """
     n, nv = points.shape
     gradient, slopes = np.empty((n, nv)), np.empty((2 * ENDS, nv))
-    blocks, border, corner, by_times = model.blocks.copy(), model.border.copy(), model.corner.copy(), np.empty(2)
+    border, corner, by_times = model.border.copy(), model.corner.copy(), np.empty(2)
+    blocks_out[:, :, :] = model.blocks
     of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, gradient)
-    of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks, border[0])
+    of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks_out, border[0])
     by_times[0] += by_u
     corner[0, 0] += by_uu
     of_limits += add_time_barrier(times, begin, (n - 3) * step, limit_weight, by_times, corner)
     duration, of_begin = step / first_step, 1.0 / ((n - 3) * first_step)
-    of_constraints = add_constraint_penalty(kept, points, gradient, blocks)
+    of_constraints = add_constraint_penalty(kept, points, gradient, blocks_out)
     total: float = of_clearance + of_limits + duration + of_begin * begin + of_constraints
     by_times[0] += duration
     by_times[1] += of_begin
@@ -217,10 +219,9 @@ def motion_objective(
             by_times[0] += slopes[row, p] * gradient[i, p]
             corner[0, 0] += 2.0 * slopes[row, p] * border[0, i, p]
             corner[0, 1] += slopes[row, p] * border[1, i, p]
-    corner[0, 0] += _ends_to_border(blocks, slopes, border[0])
+    corner[0, 0] += _ends_to_border(blocks_out, slopes, border[0])
     corner[1, 0] = corner[0, 1]
     free, more = nv * (n - 2 * ENDS), corner_out.shape[0]
-    blocks_out[:, :, :] = blocks[ENDS:last]
     for i in range(ENDS, last):
         for p in range(nv):
             gradient_out[(i - ENDS) * nv + p] = gradient[i, p]
@@ -232,5 +233,5 @@ def motion_objective(
             corner_out[e, f] = corner[e, f]
     for j in range(nv):
         if limits.lower[j] >= limits.upper[j]:
-            _hold(j, blocks_out, border_out, gradient_out)
+            _hold(j, blocks_out[ENDS:last], border_out, gradient_out)
     return total

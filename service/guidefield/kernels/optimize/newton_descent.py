@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import numba_type
+from guidefield.kernels.jit.fields import BlocksOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, Floats, compiled
 from guidefield.kernels.linalg.bordered_band import (
     COUPLED,
+    BorderedFactor,
     factorize_bordered,
     room_for_factor,
     solve_factorized,
@@ -58,6 +59,27 @@ class DescentRules(NamedTuple):
 
 
 RULES = numba_type(DescentRules)
+
+
+class DescentRoom(NamedTuple):
+    """Memory of a descent, overwritten by each step: new one would cost as much as a third of a step.
+
+    Attributes:
+        blocks: Of the Hessian by all n control points, shape (n, nv, 4 nv).
+        factor: Of the factors of the free ones'.
+    """
+
+    blocks: BlocksOut
+    factor: BorderedFactor
+
+
+def room_for_descent(n: int, nv: int, times: TimeLimits) -> DescentRoom:
+    """Memory for motions of n control points of nv coordinates, and for these times."""
+    factor = room_for_factor(n - 2 * ENDS, nv, 1 + times.departs)
+    return DescentRoom(np.empty((n, nv, (COUPLED + 1) * nv)), factor)
+
+
+ROOM = numba_type(DescentRoom)
 
 
 @uncounted
@@ -112,6 +134,7 @@ def _distance(first: Floats, second: Floats) -> float:
         SCALAR,
         SCALAR,
         MATRIX_OUT,
+        ROOM,
     )
 )
 def newton_descent(
@@ -127,6 +150,7 @@ def newton_descent(
     step: float,
     begin: float,
     points_out: Floats,
+    room: DescentRoom,
 ) -> tuple[float, float, int]:
     """Lower the objective of `motion_objective` by Newton's method; every motion on the way is within limits.
 
@@ -146,17 +170,18 @@ def newton_descent(
         step: Length of pieces [s].
         begin: Departure [s].
         points_out: Control points, shape (n, nv), strictly within limits; moved [rad or m].
+        room: Memory.
 
     Returns:
         Length of pieces [s]; departure [s]; how many steps were taken.
     """
     n, nv = points_out.shape
     free, more = nv * (n - 2 * ENDS), 1 + times.departs
-    blocks, border = np.empty((n - 2 * ENDS, nv, (COUPLED + 1) * nv)), np.empty((more, free))
+    blocks, factor = room.blocks, room.factor
+    inner, border = blocks[ENDS : n - ENDS], np.empty((more, free))
     corner, gradient = np.empty((more, more)), np.empty(free + more)
     move, back = np.empty(free + more), np.empty(free + more)
     trial, scratch, corrected = np.empty((n, nv)), np.empty((n, nv)), np.empty((n, nv))
-    factor = room_for_factor(n - 2 * ENDS, nv, more)
     constrained = kept.frames.kinds.shape[0] > 0
     taken = 0
     for _ in range(rules.steps):
@@ -164,7 +189,7 @@ def newton_descent(
             model, ends, limits, times, kept, points_out, step, begin, first_step, limit_weight, blocks, border, corner,
             gradient,
         )  # fmt: skip
-        if not factorize_bordered(blocks, border, corner, rules.damping, factor):
+        if not factorize_bordered(inner, border, corner, rules.damping, factor):
             break
         solve_factorized(factor, -gradient, move)
         promised = -_product(gradient, move)

@@ -20,7 +20,7 @@ from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSa
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
-from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent
+from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits, time_barrier
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import clearance_samples
@@ -94,6 +94,7 @@ class Descent(ReadOnly):
         constrained: Where path constraints are looked at, were nothing passed.
         ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
+        room: Memory for steps.
     """
 
     question: Question
@@ -103,6 +104,7 @@ class Descent(ReadOnly):
     constrained: KeptSamples
     ends: MotionEnds
     unit: float
+    room: DescentRoom
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
@@ -120,7 +122,8 @@ class Descent(ReadOnly):
         )
         read_only(*ends)
         constrained = constraint_samples(question.sections, spline.pieces, (), samples, question.settings)
-        return cls(question, placed, near, samples, constrained, ends, question.duration / spline.pieces)
+        room = room_for_descent(*spline.points.shape, question.times)
+        return cls(question, placed, near, samples, constrained, ends, question.duration / spline.pieces, room)
 
     def look(self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
@@ -212,6 +215,7 @@ class Descent(ReadOnly):
             spline.step,
             spline.begin,
             points,
+            self.room,
         )
         return BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else None
 
