@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -261,30 +261,63 @@ def _length(trajectory: Trajectory, way: Callable[[ChartPoints], np.ndarray]) ->
         trajectory: The trajectory.
         way: Takes points of the chart, shape (n, nv), and gives those of the way, shape (n, k).
     """
-    knots = trajectory.times
-    count = max(1, len(knots) - 1)
-    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / count))
-    pieces, found, done = np.stack([knots[:-1], knots[1:]], axis=1), 0.0, 0.0
+    look, found, done = _first_look(trajectory), 0.0, 0.0
+    count = max(1, len(look.pieces))
     for _ in range(MEASURING.length_levels):
-        times = pieces[:, :1] + np.diff(pieces) * (np.arange(steps + 1) / steps)
-        at, rates, _ = trajectory.evaluate(times.ravel())
-        points = way(at)
-        points = points.reshape(*times.shape, points.shape[-1])
-        fine, coarse, coarser = (
-            np.linalg.norm(np.diff(points[:, ::stride], axis=1), axis=2).sum(axis=1) for stride in (1, 2, 4)
-        )
+        points = way(look.points)
+        points = points.reshape(*look.times.shape, points.shape[-1])
+        fine, coarse, coarser = (_chords_of(points[:, ::stride]) for stride in (1, 2, 4))
         lengths, before = (4.0 * fine - coarse) / 3.0, (4.0 * coarse - coarser) / 3.0
-        unsure = np.maximum(np.abs(lengths - before), _against_chords(times, at, rates))
+        unsure = np.maximum(np.abs(lengths - before), look.against)
         rough = unsure > MEASURING.length_share / count * (done + lengths.sum())
         done += float(lengths[~rough].sum())
         found = done + float(lengths[rough].sum())
         if not rough.any():
             break
-        middles = pieces[rough].mean(axis=1)
-        pieces = np.concatenate(
-            [np.stack([pieces[rough, 0], middles], axis=1), np.stack([middles, pieces[rough, 1]], axis=1)]
-        )
+        pieces, middles = look.pieces[rough], look.pieces[rough].mean(axis=1)
+        pieces = np.concatenate([np.stack([pieces[:, 0], middles], axis=1), np.stack([middles, pieces[:, 1]], axis=1)])
+        look = _Look.at(trajectory, pieces, look.times.shape[1] - 1)
     return found
+
+
+class _Look(NamedTuple):
+    """A trajectory at even times of some parts of it.
+
+    Attributes:
+        pieces: When each part begins and ends, shape (n, 2) [s].
+        times: Shape (n, k) [s].
+        points: Chart points then, shape (n k, nv) [rad or m].
+        against: How far it may go back and forth within chords between them, shape (n,) [rad or m].
+    """
+
+    pieces: np.ndarray
+    times: np.ndarray
+    points: ChartPoints
+    against: np.ndarray
+
+    @classmethod
+    def at(cls, trajectory: Trajectory, pieces: np.ndarray, steps: int) -> _Look:
+        """At the ends of so many steps of each part (n, 2)."""
+        times = pieces[:, :1] + np.diff(pieces) * (np.arange(steps + 1) / steps)
+        points, rates, _ = trajectory.evaluate(times.ravel())
+        return cls(pieces, times, points, _against_chords(times, points, rates))
+
+
+@kept_with
+def _first_look(trajectory: Trajectory) -> _Look:
+    """A trajectory between all its knots, so many times in all as its length is first measured with."""
+    knots = trajectory.times
+    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / max(1, len(knots) - 1)))
+    look = _Look.at(trajectory, np.stack([knots[:-1], knots[1:]], axis=1), steps)
+    read_only(*look)
+    return look
+
+
+def _chords_of(points: np.ndarray) -> np.ndarray:
+    """Lengths of polylines (n, k, d), shape (n,)."""
+    chords = np.diff(points, axis=1)
+    lengths: np.ndarray = np.sqrt(np.einsum("nkd,nkd->nk", chords, chords)).sum(axis=1)
+    return lengths
 
 
 def _against_chords(times: np.ndarray, points: ChartPoints, rates: ChartRates) -> np.ndarray:

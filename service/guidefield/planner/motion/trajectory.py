@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import cast
 
 import numpy as np
 
 from guidefield.planner.motion.within_limits import bezier
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
 
@@ -70,9 +71,15 @@ class Trajectory(ReadOnly):
     @property
     def peak_jerk(self) -> float:
         """Largest |da/dt| of any joint inside a piece [rad/s³ or m/s³]; the steps at knots are not counted."""
+        return float(np.abs(self._jerks).max(initial=0.0))
+
+    @cached_property
+    def _jerks(self) -> np.ndarray:
+        """Of the pieces, shape (n - 1, nv) [rad/s³ or m/s³]."""
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
-        jerks = (at_end - at_start) / np.diff(self.times)[:, None]
-        return float(np.abs(jerks).max(initial=0.0))
+        jerks: np.ndarray = (at_end - at_start) / np.diff(self.times)[:, None]
+        read_only(jerks)
+        return jerks
 
     def bezier(self) -> ChartCurves:
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
@@ -100,12 +107,10 @@ class Trajectory(ReadOnly):
         times = np.asarray(times, dtype=float)
         inside = np.clip(times, self.times[0], self.times[-1])
         piece = np.searchsorted(self.times[1:-1], inside, side="right")
-        at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
-        if len(at_start) == 0:
+        if len(self._jerks) == 0:
             still = cast(ChartRates, np.zeros((len(times), self.positions.shape[1])))
             return still + self.positions[0], still, still.copy()
-        v, a = self.velocities[piece], at_start[piece]
-        jerk = (at_end - at_start)[piece] / np.diff(self.times)[piece, None]
+        v, a, jerk = self.velocities[piece], self.accelerations[piece], self._jerks[piece]
         t = (inside - self.times[piece])[:, None]
         q = self.positions[piece] + t * (v + t * (a / 2.0 + t * jerk / 6.0))
         q[inside == self.times[-1]] = self.positions[-1]
