@@ -4,31 +4,47 @@ from __future__ import annotations
 
 import numpy as np
 
+from guidefield.collision.bodies import bodies
 from guidefield.collision.box_tree import CHILDREN
+from guidefield.collision.motion_bound import motion_bound
+from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
 from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.read_only import read_only
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.scene import Scene
 
 
-@kept_with
 def certified_robot(world: World) -> CertifiedRobot:
     """The robot of a world, and its own pairs."""
-    bodies, bound, pairs = world.bodies, world.motion_bound, world.pairs
+    return _robot(world.group, world.pairs.own.tobytes(), world.pairs.moving.tobytes())
+
+
+def certified_obstacles(world: World) -> CertifiedObstacles:
+    """The obstacles of a world, and which pairs with them are left out."""
+    return _obstacles(world.scene, world.pairs.left_out.tobytes())
+
+
+@kept_with_alike
+def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRobot:
+    """A robot with its own pairs and the bodies that are tested against obstacles, both arrays of int64."""
+    about, bound = bodies(group), motion_bound(group, own_pairs)
     robot = CertifiedRobot(
-        carriers=bodies.joints.astype(np.int64),
-        centres=_rows(bodies.centres, 3),
-        radii=_rows(bodies.radii),
-        part_centres=np.ascontiguousarray(bodies.part_centres, float),
-        part_radii=_rows(bodies.part_radii),
-        moved_by=np.ascontiguousarray(bodies.moved_by),
-        turns=bodies.turns[None].copy(),
-        half_widths=np.ascontiguousarray(bound.half_widths, float),
-        together=np.ascontiguousarray(bound.together, float),
-        centred=np.ascontiguousarray(bound.centred, float),
+        carriers=about.joints.astype(np.int64),
+        centres=_rows(about.centres, 3),
+        radii=_rows(about.radii),
+        part_centres=np.array(about.part_centres, float, order="C"),
+        part_radii=_rows(about.part_radii),
+        moved_by=np.array(about.moved_by, order="C"),
+        turns=about.turns[None].copy(),
+        half_widths=_rows(bound.half_widths),
+        together=_rows(bound.together),
+        centred=_rows(bound.centred),
         doubled=_rows(bound.doubled),
-        moving=pairs.moving.astype(np.int64),
-        own=np.ascontiguousarray(pairs.own, np.int64).reshape(-1, 2),
+        moving=np.frombuffer(moving, np.int64),
+        own=np.frombuffer(own_pairs, np.int64).reshape(-1, 2),
         apart_from=bound.apart_from.astype(np.int64),
     )
     read_only(*robot)
@@ -36,22 +52,21 @@ def certified_robot(world: World) -> CertifiedRobot:
 
 
 @kept_with
-def certified_obstacles(world: World) -> CertifiedObstacles:
-    """The obstacles of a world, and which pairs with them are left out."""
-    boxes = world.boxes
+def _obstacles(scene: Scene, left_out: bytes) -> CertifiedObstacles:
+    """The obstacles of a scene, and the pairs that are left out, an array of int64."""
+    boxes = obstacle_boxes(scene)
     axes, middles, halves = boxes.along_own_axes
     levels = boxes.tree.levels
-    counts = [level.shape[1] for level in levels]
     obstacles = CertifiedObstacles(
         axes=_rows(axes.reshape(-1, 9), 9),
         middles=_rows(middles, 3),
         halves=_rows(halves, 3),
         nodes=np.ascontiguousarray(np.concatenate([level.T for level in levels])),
-        levels=np.cumsum([0, *counts]),
+        levels=np.cumsum([0, *(level.shape[1] for level in levels)]),
         children=CHILDREN,
         order=boxes.bounded[boxes.tree.order].astype(np.int64),
         endless=boxes.endless.astype(np.int64),
-        left_out=world.pairs.left_out.astype(np.int64),
+        left_out=np.frombuffer(left_out, np.int64),
     )
     read_only(*(one for one in obstacles if isinstance(one, np.ndarray)))
     return obstacles
