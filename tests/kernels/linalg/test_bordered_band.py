@@ -66,6 +66,25 @@ def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None,
     assert factorized(of_blocks, matrix, 0.0) is None
 
 
+@given(st.integers(2, 8), st.integers(1, 20), st.integers(0, 1000), st.floats(0.0, 1.0))
+def test_what_is_not_coupled_makes_no_difference(blocks: int, size: int, seed: int, share: float) -> None:
+    of_blocks, right, matrix = system(blocks, size, 1, seed)
+    n, rng = blocks * size, np.random.default_rng(seed)
+    coupled = np.kron(np.ones((blocks, blocks)), np.eye(size)) + (rng.uniform(size=(n, n)) < share)
+    coupled = (coupled + coupled.T > 0.0) * matrix[:n, :n]
+    matrix[:n, :n] = coupled + np.diag(np.abs(coupled).sum(axis=1))
+    for f in range(blocks):
+        for c in range(COUPLED + 1):
+            if (k := f - COUPLED + c) >= 0:
+                rows, columns = slice(f * size, (f + 1) * size), slice(k * size, (k + 1) * size)
+                of_blocks[f, :, c * size : (c + 1) * size] = matrix[rows, columns]
+    matrix[-1, -1] += matrix[-1, :n] @ np.linalg.solve(matrix[:n, :n], matrix[:n, -1])
+    factor, solution = factorized(of_blocks, matrix, 0.0), np.empty(len(right))
+    assert factor is not None
+    solve_factorized(factor, right, solution)
+    np.testing.assert_allclose(matrix @ solution, right, atol=1e-8 * np.abs(matrix).max())
+
+
 def test_inputs_are_left_alone() -> None:
     of_blocks, right, matrix = system(6, 2, 2, 3)
     for array in (of_blocks, right, matrix):

@@ -89,19 +89,35 @@ def _factorize(band: Floats) -> bool:
 
 @uncounted
 def _take_pivots(band: Floats, i: int, k: int) -> None:
-    """Take the rows of the `AT_ONCE` pivots from i on from row k: a vector loop."""
+    """Take the rows of the `AT_ONCE` pivots from i on from row k, if they are coupled: a vector loop."""
     row = band[k][: band.shape[1] - (k - i)]
     a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
+    if _uncoupled(a, b, c, d, 1):
+        return
     a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
     for m in range(row.shape[0]):
         row[m] -= a0 * a[m] + b0 * b[m] + c0 * c[m] + d0 * d[m]
 
 
 @uncounted
+def _uncoupled(a: Floats, b: Floats, c: Floats, d: Floats, rows: int) -> bool:
+    """Whether the first numbers of four pivots, for so many rows, are all zero."""
+    zero = True
+    for m in range(rows):
+        zero &= a[m] == 0.0 and b[m] == 0.0 and c[m] == 0.0 and d[m] == 0.0
+    return zero
+
+
+@uncounted
 def _take_pivots_of_some(band: Floats, i: int, k: int) -> None:
-    """The same from the `AT_ONCE` rows from k on: what is loaded of pivots serves all of these."""
+    """The same from the `AT_ONCE` rows from k on: what is loaded of pivots serves all of these.
+
+    Far from obstacles nothing couples a motion's coordinates: most rows are left alone then.
+    """
     count = band.shape[1] - (k + 3 - i)
     a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
+    if _uncoupled(a, b, c, d, AT_ONCE):
+        return
     a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
     a1, b1, c1, d1 = a[1], b[1], c[1], d[1]
     a2, b2, c2, d2 = a[2], b[2], c[2], d[2]
