@@ -16,6 +16,7 @@ What comes out is a proposal: between the samples nobody has looked. The certifi
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 from collections.abc import Iterable, Sequence
@@ -181,8 +182,6 @@ class _Descending:
         problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
         robot = sampled_robot(problem, tables, ends)
         kept = [kept_at(problem, robot, z, at) for z, at in zip(ends, motion.times[[0, -1]].tolist(), strict=True)]
-        if self._passages:  # links of chains have many points, and through a gate all of them are near something
-            robot = few_points(robot)
         moving, longest = ends_of(problem, motion), np.inf
         if problem.in_motion:
             first = moving_motion(motion, moving, self._limits, self._settings)
@@ -209,8 +208,11 @@ class _Descending:
         if within is None:
             return None
         passed = first_places(self._passages, motion, within.pieces)
-        look, cost = self._descended(question, within, passed, self._settings.coarse, self._settings.samples)
-        return _Coarse(question, look, question.duration * cost)
+        coarse = question
+        if self._passages:  # links of chains have many points, and through a gate all of them are near something
+            coarse = dataclasses.replace(question, robot=few_points(robot))
+        look, cost = self._descended(coarse, within, passed, self._settings.coarse, self._settings.samples)
+        return _Coarse(coarse if self._settings.few else question, look, question.duration * cost)
 
     def fine(self, found: _Coarse) -> Look:
         """The motion with its pieces subdivided, after all fine weights."""
