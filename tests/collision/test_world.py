@@ -26,11 +26,11 @@ def pair_distances(world: World, q: np.ndarray) -> np.ndarray:
     """Coal's distance of each pair, with transforms from a forward kinematics of its own."""
     data = world.model.createData()
     pin.forwardKinematics(world.model, data, world.group.expand(q))
-    transforms = []
+    transforms, shapes = [], []
     for shape in geometry_of(world).geometryObjects:
         placed = data.oMi[shape.parentJoint] * shape.placement
         transforms.append(coal.Transform3s(placed.rotation, placed.translation))
-    shapes = [shape.geometry for shape in geometry_of(world).geometryObjects]
+        shapes.append(shape.geometry)
     request = coal.DistanceRequest()
     return np.array(
         [
