@@ -344,8 +344,7 @@ def _samples(
     inside = None
     if travelled[-1] > 2.0 * MEASURING.end_stretch:
         ends = (MEASURING.end_stretch, float(travelled[-1]) - MEASURING.end_stretch)
-        since, until = (_when(trajectory, fine, travelled, length) for length in ends)
-        inside = (since, until)
+        inside = _when(trajectory, fine, travelled, ends)
     times = np.interp(_even_lengths(travelled), travelled, fine)
     if problem.scene.moves or travelled[-1] <= 0.0:
         count = max(len(times), int(np.ceil(trajectory.duration * MEASURING.samples_a_second)) + 1)
@@ -357,15 +356,21 @@ def _samples(
 
 def _even_lengths(travelled: np.ndarray) -> np.ndarray:
     """Equal joint distances up to the last of some that were travelled (n,), shape (k,)."""
-    count = int(np.clip(np.ceil(travelled[-1] / MEASURING.spacing) + 1, 2, MEASURING.most_samples))
+    count = min(max(math.ceil(travelled[-1] / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
     return np.linspace(0.0, travelled[-1], count)
 
 
-def _when(trajectory: MotionInTime, fine: np.ndarray, travelled: np.ndarray, length: float) -> float:
-    """When a trajectory has travelled a joint distance [s], from many times (n,) and the distances by then (n,)."""
-    first = int(np.clip(np.searchsorted(travelled, length) - 1, 0, len(fine) - 2))
-    finer = np.linspace(fine[first], fine[first + 1], MEASURING.finer)
-    return float(np.interp(length, travelled[first] + _lengths(trajectory, finer), finer))
+def _when(
+    trajectory: MotionInTime, fine: np.ndarray, travelled: np.ndarray, lengths: tuple[float, float]
+) -> tuple[float, float]:
+    """When a trajectory has travelled two joint distances [s], from many times (n,) and the distances by then (n,)."""
+    first = np.minimum(np.maximum(np.searchsorted(travelled, lengths) - 1, 0), len(fine) - 2)
+    finer = np.linspace(fine[first], fine[first + 1], MEASURING.finer, axis=1)
+    points = trajectory.evaluate(finer.ravel())[0].reshape(*finer.shape, -1)
+    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
+    passed = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1) + travelled[first, None]
+    since, until = (float(np.interp(*one)) for one in zip(lengths, passed, finer, strict=True))
+    return since, until
 
 
 @kept_with

@@ -18,8 +18,8 @@ from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest,
 from guidefield.collision.minimum.tables import bezier_curve, body_pairs, resting_obstacles, robot_bodies
 from guidefield.collision.world import World
 from guidefield.kernels.minimum import smallest as kernels
-from guidefield.kernels.minimum.closing import ACCELERATION, SPEED, closing_of, find_rates
-from guidefield.kernels.minimum.places import place as place_at
+from guidefield.kernels.minimum.closing import ACCELERATION, SPEED, TRAVEL, closing_of, find_rates
+from guidefield.kernels.minimum.places import find_twists, place_at
 from guidefield.kernels.minimum.tables import MovingRobot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.group.group import PlanningGroup
@@ -192,12 +192,13 @@ def closing_by_kernels(surveyor: Surveyor, since: float, until: float) -> tuple[
     """The same by the kernels, run as Python."""
     world = surveyor.worlds.moving
     moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), bezier_curve(surveyor.curve))
-    search = kernels._search(moving, 2, 0)
-    for slot, time in enumerate((since, until)):
-        place_at(moving, time, False, slot, search.places, search.room)
+    search, half = kernels.new_search(moving), 0.5 * (until - since)
+    place_at(moving, since + half, search.place, search.room)
+    find_twists(moving, search.place, search.room)
     find_rates(moving, since, until, search.rates)
-    movers = [closing_of(moving, k, 1, 0, 1, search.places, search.rates) for k in range(len(world.pairs))]
+    movers = [closing_of(moving, k, 1, half, search.place, search.rates) for k in range(len(world.pairs))]
     known = search.rates.known[movers]
+    assert (known[:, TRAVEL] <= half * known[:, SPEED]).all()
     return known[:, SPEED], known[:, ACCELERATION]
 
 

@@ -23,8 +23,6 @@ from guidefield.kernels.minimum.smallest import (
     DISTANCE,
     ENDS,
     INTERVAL,
-    JUMPS_FIRST,
-    JUMPS_LAST,
     NEARLY,
     PAIR,
     SINCE,
@@ -128,11 +126,9 @@ class _Search:
 
     def _between(self, times: np.ndarray, distances: np.ndarray, pairs: tuple[int, int], answers: np.ndarray) -> bool:
         """Write the answers of a whole motion; whether nothing touches, nor nearly."""
-        jumps = np.isin(times, self._surveyor.breaks)
         order = np.argsort(-np.minimum(distances[:-1], distances[1:]), kind="stable")
         waiting = np.zeros((len(order) + 3 * DEEPEST, INTERVAL))
         waiting[: len(order), BEGINS], waiting[: len(order), ENDS] = times[order], times[order + 1]
-        waiting[: len(order), JUMPS_FIRST], waiting[: len(order), JUMPS_LAST] = jumps[order], jumps[order + 1]
         count, (first, past) = len(order), pairs
         while count > 0:
             closing = bool(self._stopped())

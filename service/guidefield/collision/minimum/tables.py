@@ -64,13 +64,23 @@ def prepare_obstacles(scene: Scene) -> None:
 
 def robot_bodies(world: World) -> RobotBodies:
     """The robot of a world."""
-    group, bound, about = world.group, world.motion_bound, world.bodies
-    roots, parts = _robot_parts(group)
+    origin = np.array(world.group.expand(world.group.q_origin), float)
+    read_only(origin)
+    return _alike_bodies(world.group, world.pairs.own.tobytes())._replace(origin=origin)
+
+
+@kept_with_alike
+def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
+    """The robot's bodies, but for the configuration from which rotation vectors start.
+
+    Own pairs, an array (own, 2) of int64, are those of the motion bound that is at hand already.
+    """
+    bound, about, (roots, parts) = motion_bound(group, own_pairs), bodies(group), _robot_parts(group)
     robot = RobotBodies(
         joints=joints_of(group),
         expand=np.ascontiguousarray(group.expand_velocity, float),
         offset=np.array(group.expand_offset, float),
-        origin=np.array(group.expand(group.q_origin), float),
+        origin=np.empty(0),
         half_widths=np.ascontiguousarray(bound.half_widths, float),
         together=np.ascontiguousarray(bound.together, float),
         centred=np.ascontiguousarray(bound.centred, float),
@@ -107,8 +117,8 @@ def body_pairs(world: World) -> BodyPairs:
 
 
 @kept_with_alike
-def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen, and what is asked.
+def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen.
 
     It is seen from the one between both from where the joints move them least at the neutral configuration.
     """
@@ -116,16 +126,15 @@ def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, n
     data, nv = group.model.createData(), group.model.nv
     jacobian = pin.computeJointJacobians(group.model, data, pin.neutral(group.model)).reshape(6, -1)
     reach = bound.axis_distances(jacobian[None], about.centres_in_world(joint_placements(data))[None])[0]
-    reached, ways = about.moved_by.copy(), (list[np.ndarray](), list[np.ndarray]())
+    ways = list[np.ndarray](), list[np.ndarray]()
     for pair, (first, second) in enumerate(own.tolist()):
         only = np.flatnonzero(bound.first_only[pair])[::-1], np.flatnonzero(bound.second_only[pair])
         between = np.concatenate(only)  # from the first body to the second
-        costs = [reach[first, between[:at]].sum() + reach[second, between[at:]].sum() for at in range(len(between) + 1)]
+        costs = np.concatenate([[0.0], np.cumsum(reach[first, between] - reach[second, between])])
         at = int(np.argmin(costs))
-        reached[first, between[:at]] = reached[second, between[at:]] = True
         ways[0].append(between[:at][::-1])
         ways[1].append(between[at:])
-    found = _listed(ways[0], nv), _listed(ways[1], nv), reached
+    found = _listed(ways[0], nv), _listed(ways[1], nv)
     read_only(*found)
     return found
 

@@ -83,6 +83,7 @@ def parts_distance(
         if count == 4 or square < 1e-16:
             return -rounding
         if done == rounds - 1 and rounds < ROUNDS:
+            write_axis(work, vx, vy, vz)
             return lower - rounding
     write_axis(work, vx, vy, vz)
     return math.sqrt(square) - rounding

@@ -1,4 +1,4 @@
-"""Distance of a pair of bodies at a place: at least, by balls and boxes, and by their convex parts."""
+"""Distance of a pair of bodies at a place: at least, by balls and boxes, by their convex parts, and for a while."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.minimum.body_distance import bodies_distance
-from guidefield.kernels.minimum.places import Places
+from guidefield.kernels.minimum.kept_distance import bodies_keep
+from guidefield.kernels.minimum.places import Place
 from guidefield.kernels.minimum.tables import MovingRobot
 from guidefield.kernels.simd.packing import pointers
 
@@ -46,13 +47,13 @@ def new_ask(moving: MovingRobot) -> Ask:
 
 
 @uncounted
-def least_distance(moving: MovingRobot, pair: int, s: int, places: Places) -> float:
-    """What a pair keeps at least at a place, row s, by the balls about bodies and the boxes about obstacles [m]."""
+def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
+    """What a pair keeps at least at a place, by the balls about bodies and the boxes about obstacles [m]."""
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
     a, b = pairs.first[pair], pairs.second[pair]
-    x, y, z = places.centres[s, a, 0], places.centres[s, a, 1], places.centres[s, a, 2]
+    x, y, z = place.centres[a, 0], place.centres[a, 1], place.centres[a, 2]
     if pair < pairs.first_by.shape[0]:
-        x, y, z = x - places.centres[s, b, 0], y - places.centres[s, b, 1], z - places.centres[s, b, 2]
+        x, y, z = x - place.centres[b, 0], y - place.centres[b, 1], z - place.centres[b, 2]
         return math.sqrt(x * x + y * y + z * z) - float(robot.radii[a] + robot.radii[b])
     square = 0.0
     for k in range(3):
@@ -63,36 +64,81 @@ def least_distance(moving: MovingRobot, pair: int, s: int, places: Places) -> fl
 
 
 @uncounted
-def pair_distance(moving: MovingRobot, pair: int, s: int, places: Places, most: float, ask: Ask) -> float:
+def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask: Ask) -> float:
     """The distance of a pair at a place.
 
     Args:
         moving: The robot and the pairs.
         pair: Which of them.
-        s: Row of the place.
-        places: The places.
+        place: The place.
         most: If they are farther apart than this, some bound of their distance that is no less than it is enough [m].
         ask: Where the search begins, and its scratch; changed.
 
     Returns:
         See `bodies_distance` [m].
     """
-    robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
-    a, b = pairs.first[pair], pairs.second[pair]
-    scratch, poses, last = pointers(ask.work), ask.poses, ask.last[pair]
+    robot, obstacles, second = moving.robot, moving.obstacles, moving.pairs.second[pair]
+    own, root, scratch = pointers(robot.parts), robot.roots[moving.pairs.first[pair]], _begun(moving, pair, place, ask)
+    pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
+    if pair < moving.pairs.first_by.shape[0]:
+        found = bodies_distance(own, root, pose_a, own, robot.roots[second], pose_b, most, scratch)
+    else:
+        scene = pointers(obstacles.parts)
+        found = bodies_distance(own, root, pose_a, scene, obstacles.roots[second], rests, most, scratch)
+    _remember(pair, ask)
+    return float(found)
+
+
+@uncounted
+def pair_keeps(
+    moving: MovingRobot, pair: int, place: Place, known: Floats, half: float, asked: float, ask: Ask
+) -> float:
+    """Whether a pair would keep a distance about a place if all velocities stayed what they are.
+
+    Args:
+        moving: The robot and the pairs.
+        pair: Which of them.
+        place: The place.
+        known: What is known of its mover; it begins with the twists of its bodies.
+        half: For how long before and after [s].
+        asked: The distance, above 0 [m].
+        ask: Where the search begins, and its scratch; changed.
+
+    Returns:
+        See `bodies_keep`.
+    """
+    robot, obstacles, second = moving.robot, moving.obstacles, moving.pairs.second[pair]
+    own, root, scratch = pointers(robot.parts), robot.roots[moving.pairs.first[pair]], _begun(moving, pair, place, ask)
+    pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
+    twists = pointers(known)
+    if pair < moving.pairs.first_by.shape[0]:
+        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, half, asked, scratch)
+    else:
+        scene = pointers(obstacles.parts)
+        found = bodies_keep(own, root, pose_a, scene, obstacles.roots[second], rests, twists, half, asked, scratch)
+    _remember(pair, ask)
+    return float(found)
+
+
+@uncounted
+def _begun(moving: MovingRobot, pair: int, place: Place, ask: Ask) -> Floats:
+    """The scratch of GJK with what is remembered of a pair, whose bodies are placed."""
+    robot, pairs, last = moving.robot, moving.pairs, ask.last[pair]
+    scratch: Floats = pointers(ask.work)
     write_axis(scratch, last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2])
     scratch[LEAF_A], scratch[LEAF_B] = last[LAST_A], last[LAST_B]
-    _write_pose(places.poses[s, robot.carriers[a]], poses[FIRST])
-    own, root, pose_a = pointers(robot.parts), robot.roots[a], pointers(poses[FIRST])
+    _write_pose(place.poses[robot.carriers[pairs.first[pair]]], ask.poses[FIRST])
     if pair < pairs.first_by.shape[0]:
-        _write_pose(places.poses[s, robot.carriers[b]], poses[SECOND])
-        found = bodies_distance(own, root, pose_a, own, robot.roots[b], pointers(poses[SECOND]), most, scratch)
-    else:
-        scene, rests = pointers(obstacles.parts), pointers(poses[AT_REST])
-        found = bodies_distance(own, root, pose_a, scene, obstacles.roots[b], rests, most, scratch)
+        _write_pose(place.poses[robot.carriers[pairs.second[pair]]], ask.poses[SECOND])
+    return scratch
+
+
+@uncounted
+def _remember(pair: int, ask: Ask) -> None:
+    """Remember of a pair where its next search begins."""
+    last, scratch = ask.last[pair], pointers(ask.work)
     last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2] = axis_in(scratch)
     last[LAST_A], last[LAST_B] = scratch[LEAF_A], scratch[LEAF_B]
-    return float(found)
 
 
 @uncounted

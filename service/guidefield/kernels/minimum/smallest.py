@@ -1,8 +1,12 @@
 """The smallest distances of some pairs along a motion, exact to a tolerance, by branch and bound over its time.
 
-The rules that say that a pair keeps a distance from one place to the next are those of `collision.minimum.intervals`,
-of first and second order. First the smallest distance at some places is found; then the intervals between them are
-judged, those with the smallest ends first. An interval is halved for the pairs that the rules leave.
+First the smallest distance at some places is found; then the intervals between them are judged, those with the smallest
+ends first. Of an interval only the place in its middle is looked at. A pair is done with there
+
+- if balls and boxes tell that it is farther apart than it can move in half of the interval, or
+- by `kept_distance`, which looks at where each part of its bodies is going, and how that may change.
+
+An interval is halved for the pairs that are left.
 """
 
 from __future__ import annotations
@@ -14,10 +18,10 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled
-from guidefield.kernels.minimum.closing import ACCELERATION, BOUNDS, SPEED, Rates, closing_of, find_rates
+from guidefield.kernels.minimum.closing import ACCELERATION, BOUNDS, TRAVEL, Rates, closing_of, find_rates
 from guidefield.kernels.minimum.curve_rates import MOST_ORDER
-from guidefield.kernels.minimum.pair_distance import Ask, least_distance, new_ask, pair_distance
-from guidefield.kernels.minimum.places import TWIST, Places, Room, place
+from guidefield.kernels.minimum.pair_distance import Ask, least_distance, new_ask, pair_distance, pair_keeps
+from guidefield.kernels.minimum.places import TWIST, Place, Room, find_twists, place_at
 from guidefield.kernels.minimum.tables import MOVING_ROBOT, BodyPairs, MovingRobot, RobotBodies
 
 DEEPEST = 48
@@ -30,12 +34,12 @@ SINCE, UNTIL, DISTANCE, TIME, PAIR, BOUND, ANSWER = range(7)
 """Numbers of a question, from when until when [s], and its answer: the smallest distance [m], when [s], which pair, and
 what all keep at least [m]; then how many numbers there are."""
 
-BEGINS, ENDS, JUMPS_FIRST, JUMPS_LAST, INTERVAL = range(5)
-"""Numbers of an interval that waits: from when until when [s], whether a rate jumps there; then how many there are."""
+BEGINS, ENDS, INTERVAL = range(3)
+"""Numbers of an interval that waits: from when until when [s]; then how many there are."""
 
-LOW, HIGH, START, COUNT, LEVEL = range(5)
-"""Numbers of an interval on the way down: its first and its last slot, where its columns begin and how many there are;
-then how many numbers there are."""
+SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
+"""Numbers of an interval on the way down: from when until when [s], where its pairs begin and how many there are; then
+how many numbers there are."""
 
 MOST_LEFT = 20_000
 """An interval in which more pairs are left is halved before it is looked at closely."""
@@ -48,44 +52,34 @@ NEARLY = 1e-5
 
 
 class _Left(NamedTuple):
-    """Intervals on the way down, and what is left in them; slots hold places.
+    """Intervals on the way down, and what is left in them.
 
     Attributes:
-        pairs: The pair of each column, shape (most,).
-        distances: Of each pair at each slot, at least, shape (slots, most) [m].
-        exact: Whether that is the distance itself, shape (slots, most).
-        jumps: Whether a rate jumps at a slot, shape (slots,).
-        stack: Shape (slots, LEVEL).
-        columns: Shape (slots * most,).
+        stack: Shape (DEEPEST + 3, LEVEL).
+        pairs: Those of each, one behind the other; first of all those that are looked at in a new one.
     """
 
+    stack: Floats
     pairs: Integers
-    distances: Floats
-    exact: np.ndarray
-    jumps: np.ndarray
-    stack: Integers
-    columns: Integers
 
 
 class _Search(NamedTuple):
-    """What a search holds: the robot at some times, rates between two of them, what is left, what was asked last."""
+    """What a search holds: the robot at a time, rates about it, and what was asked last."""
 
-    places: Places
+    place: Place
     room: Room
     rates: Rates
-    left: _Left
     ask: Ask
 
 
 @counted
-def _places(robot: RobotBodies, pairs: BodyPairs, slots: int) -> Places:
-    r, n, movers = robot.carriers.shape[0], robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_by.shape[0]
-    return Places(
-        np.empty(slots),
-        np.empty((slots, robot.joints.parents.shape[0], 3, 4)),
-        np.empty((slots, r, 3)),
-        np.empty((slots, r, n)),
-        np.empty((slots, movers)),
+def _place(robot: RobotBodies) -> Place:
+    n = robot.offset.shape[0]
+    return Place(
+        np.empty((robot.joints.parents.shape[0], 3, 4)),
+        np.empty((robot.carriers.shape[0], 3)),
+        np.empty((n, TWIST)),
+        np.empty((n, TWIST)),
     )
 
 
@@ -99,9 +93,6 @@ def _room(robot: RobotBodies) -> Room:
         np.empty(n),
         np.empty(n),
         np.empty(robot.origin.shape[0]),
-        np.empty((n, TWIST)),
-        np.empty((n, TWIST)),
-        np.empty(n),
     )
 
 
@@ -122,47 +113,20 @@ def _rates(robot: RobotBodies, pairs: BodyPairs) -> Rates:
 
 
 @counted
-def _left(slots: int, most: int) -> _Left:
-    return _Left(
-        np.empty(most, np.int64),
-        np.empty((slots, most)),
-        np.empty((slots, most), np.bool_),
-        np.empty(slots, np.bool_),
-        np.empty((slots, LEVEL), np.int64),
-        np.empty(slots * most, np.int64),
-    )
+def _left(first: int, past: int) -> _Left:
+    """Nothing is on the way down; some pairs are looked at in a new interval."""
+    count, levels = past - first, DEEPEST + 3
+    pairs = np.empty(count + levels * min(count, MOST_LEFT), np.int64)
+    for k in range(count):
+        pairs[k] = first + k
+    return _Left(np.empty((levels, LEVEL)), pairs)
 
 
 @counted
-def _search(moving: MovingRobot, slots: int, most: int) -> _Search:
-    """A search with room for so many times, and for so many pairs that are left of an interval."""
+def new_search(moving: MovingRobot) -> _Search:
+    """The robot is nowhere yet, and nothing is known."""
     robot, pairs = moving.robot, moving.pairs
-    return _Search(
-        _places(robot, pairs, slots), _room(robot), _rates(robot, pairs), _left(slots, most), new_ask(moving)
-    )
-
-
-@uncounted
-def _keeps(a: float, b: float, speed: float, acceleration: float, span: float, least: float) -> bool:
-    """Whether a pair that is so far apart at two times keeps a distance between them, by one of the rules."""
-    if _first_order(a, b, speed, span) >= least:
-        return True
-    if least <= 0.0:
-        return False
-    a, b, travel = max(a - ERROR, 0.0), max(b - ERROR, 0.0), speed * span
-    low, high = min(a, b) * min(a, b), max(a, b) * max(a, b)
-    sag = (speed * speed + (least + travel) * acceleration) * span * span
-    rise, lowest = high - low, low
-    if rise < sag:
-        drop = rise / sag
-        lowest = 0.5 * (low + high) - 0.25 * sag * (1.0 + drop * drop)
-    return lowest >= least * least
-
-
-@uncounted
-def _first_order(a: float, b: float, speed: float, span: float) -> float:
-    travel = speed * span
-    return max(0.5 * (a + b - travel), max(a, b) - travel) - ERROR
+    return _Search(_place(robot), _room(robot), _rates(robot, pairs), new_ask(moving))
 
 
 @uncounted
@@ -205,18 +169,18 @@ def smallest_at(
         answers: Questions, shape (q, ANSWER): what is smaller than the answers is written there.
         distances_out: Smallest distance at each time, shape (p,) [m]; infinite without a pair.
     """
-    search = _search(moving, 1, 0)
-    places, least, nearest = search.places, np.empty(past - first), first
+    search = new_search(moving)
+    place, least, nearest = search.place, np.empty(past - first), first
     for p in range(times.shape[0]):
-        place(moving, times[p], False, 0, places, search.room)
+        place_at(moving, times[p], place, search.room)
         for k in range(past - first):
-            least[k] = least_distance(moving, first + k, 0, places)
+            least[k] = least_distance(moving, first + k, place)
         found = np.inf
         for k in range(-1, past - first):  # the closest of the last time is asked before all others
             pair = nearest if k < 0 else first + k
             if past == first or least[pair - first] >= found or (k >= 0 and pair == nearest):
                 continue
-            apart = pair_distance(moving, pair, 0, places, found, search.ask)
+            apart = pair_distance(moving, pair, place, found, search.ask)
             if apart < found:
                 found = apart
                 nearest = pair
@@ -225,80 +189,100 @@ def smallest_at(
 
 
 @uncounted
-def _closer(moving: MovingRobot, search: _Search, slot: int, column: int, most: float, answers: Floats) -> None:
-    """Take the distance of a pair at a slot to what it is, up to `most`, unless that is known."""
-    left = search.left
-    if left.exact[slot, column] or left.distances[slot, column] >= most:
-        return
-    pair = left.pairs[column]
-    found = pair_distance(moving, pair, slot, search.places, most, search.ask)
-    left.distances[slot, column] = max(left.distances[slot, column], found) if found >= most else found
-    if found < most:
-        left.exact[slot, column] = True
-        _keep(answers, search.places.times[slot], found, pair)
+def _may_improve(answers: Floats, time: float, distance: float) -> float:
+    """The largest answer at a time that a distance is smaller than; minus infinity where there is none."""
+    most = -np.inf
+    for q in range(answers.shape[0]):
+        if answers[q, SINCE] <= time <= answers[q, UNTIL] and distance < answers[q, DISTANCE]:
+            most = max(most, answers[q, DISTANCE])
+    return most
+
+
+@uncounted
+def _is_done(
+    moving: MovingRobot, search: _Search, pair: int, mover: int, level: Floats, tolerance: float, answers: Floats
+) -> bool:
+    """Whether a pair needn't be looked at closer in an interval, in whose middle the robot is."""
+    since, until, known = level[SINCE_LEVEL], level[UNTIL_LEVEL], search.rates.known[mover]
+    least = _least_asked(answers, since, until, tolerance)
+    if least == -np.inf:
+        return True
+    least = max(least, 0.0)  # what overlaps isn't told from what touches
+    if least_distance(moving, pair, search.place) - known[TRAVEL] - ERROR >= least:
+        return True
+    half, middle = 0.5 * (until - since), 0.5 * (since + until)
+    asked = least + 0.5 * known[ACCELERATION] * half * half + ERROR
+    kept = pair_keeps(moving, pair, search.place, known, half, asked, search.ask)
+    if kept == np.inf:
+        return True
+    most = _may_improve(answers, middle, kept)
+    if most > -np.inf:
+        found = pair_distance(moving, pair, search.place, most, search.ask)
+        if found < most:
+            _keep(answers, middle, found, pair)
+    return False
+
+
+@uncounted
+def _close(moving: MovingRobot, search: _Search, pair: int, mover: int, level: Floats, answers: Floats) -> None:
+    """Write to the answers' bounds what a pair keeps at least in an interval, in whose middle the robot is."""
+    apart = pair_distance(moving, pair, search.place, np.inf, search.ask)
+    _keep(answers, 0.5 * (level[SINCE_LEVEL] + level[UNTIL_LEVEL]), apart, pair)
+    kept = apart - search.rates.known[mover, TRAVEL] - ERROR
+    for q in range(answers.shape[0]):
+        if level[SINCE_LEVEL] >= answers[q, SINCE] and level[UNTIL_LEVEL] <= answers[q, UNTIL]:
+            answers[q, BOUND] = min(answers[q, BOUND], kept)
 
 
 @uncounted
 def _judged(
-    moving: MovingRobot, search: _Search, interval: int, level: int, tolerance: float, closing: bool, answers: Floats
+    moving: MovingRobot,
+    search: _Search,
+    left: _Left,
+    interval: int,
+    level: int,
+    tolerance: float,
+    closing: bool,
+    answers: Floats,
 ) -> int:
-    """Judge the interval on a level of the stack: the columns left are written behind its own; how many there are.
+    """Judge an interval on the stack: the pairs left are written behind its own; how many, or -1: too many.
 
     Where it is the end (`closing`), what those keep at least is written to the answers' bounds.
     """
-    places, rates, left = search.places, search.rates, search.left
-    low, high = int(left.stack[level, LOW]), int(left.stack[level, HIGH])
-    start, count = int(left.stack[level, START]), int(left.stack[level, COUNT])
-    since, until = places.times[low], places.times[high]
-    find_rates(moving, since, until, rates)
-    span, behind = until - since, start + count
+    row = left.stack[level]
+    since, until, start, count = row[SINCE_LEVEL], row[UNTIL_LEVEL], int(row[START]), int(row[COUNT])
+    half, behind = 0.5 * (until - since), start + count
+    place_at(moving, 0.5 * (since + until), search.place, search.room)
+    find_twists(moving, search.place, search.room)
+    find_rates(moving, since, until, search.rates)
     for index in range(start, start + count):
-        column = left.columns[index]
-        mover = closing_of(moving, left.pairs[column], interval, low, high, places, rates)
-        speed, acceleration = rates.known[mover, SPEED], rates.known[mover, ACCELERATION]
-        least = _least_asked(answers, since, until, tolerance)
-        a, b = left.distances[low, column], left.distances[high, column]
-        if _keeps(a, b, speed, acceleration, span, least):
-            continue
-        most = least + 0.5 * speed * span + 4.0 * ERROR
-        _closer(moving, search, low, column, most, answers)
-        _closer(moving, search, high, column, most, answers)
-        least = _least_asked(answers, since, until, tolerance)
-        a, b = left.distances[low, column], left.distances[high, column]
-        if _keeps(a, b, speed, acceleration, span, least):
+        pair = left.pairs[index]
+        mover = closing_of(moving, pair, interval, half, search.place, search.rates)
+        if _is_done(moving, search, pair, mover, row, tolerance, answers):
             continue
         if closing:
-            for q in range(answers.shape[0]):
-                if since >= answers[q, SINCE] and until <= answers[q, UNTIL]:
-                    answers[q, BOUND] = min(answers[q, BOUND], _first_order(a, b, speed, span))
+            _close(moving, search, pair, mover, row, answers)
             continue
-        left.columns[behind] = column
+        if behind == left.pairs.shape[0]:
+            return -1
+        left.pairs[behind] = pair
         behind += 1
     return behind - start - count
 
 
 @uncounted
-def _begun(
-    moving: MovingRobot, search: _Search, first: int, past: int, interval: int, tolerance: float, answers: Floats
-) -> int:
-    """The pairs that balls and boxes leave between slots 0 and 1, as columns; how many there are, or -1: too many."""
-    places, rates, left = search.places, search.rates, search.left
-    count, since, until = 0, places.times[0], places.times[1]
-    find_rates(moving, since, until, rates)
-    least = _least_asked(answers, since, until, tolerance)
-    for pair in range(first, past):
-        a = least_distance(moving, pair, 0, places)
-        b = least_distance(moving, pair, 1, places)
-        mover = closing_of(moving, pair, interval, 0, 1, places, rates)
-        if _keeps(a, b, rates.known[mover, SPEED], rates.known[mover, ACCELERATION], until - since, least):
-            continue
-        if count == left.pairs.shape[0]:
-            return -1
-        left.pairs[count], left.columns[count] = pair, count
-        left.distances[0, count], left.distances[1, count] = a, b
-        left.exact[0, count] = left.exact[1, count] = False
-        count += 1
-    return count
+def _halve(left: _Left, level: int, more: int) -> int:
+    """Put an interval's halves in its place on the stack, with the pairs behind its own; how many are on it then."""
+    row = left.stack[level]
+    since, until, start = row[SINCE_LEVEL], row[UNTIL_LEVEL], row[START] + row[COUNT]
+    middle = 0.5 * (since + until)
+    if more == 0 or level + 2 > left.stack.shape[0] or not since < middle < until:
+        return level
+    for half in range(2):
+        other = left.stack[level + half]
+        other[SINCE_LEVEL], other[UNTIL_LEVEL] = (middle, until) if half == 0 else (since, middle)
+        other[START], other[COUNT] = start, more
+    return level + 2
 
 
 _INDEX = types.int64
@@ -326,63 +310,29 @@ def smallest_between(
         most: How many intervals are judged before it is left at that; at least one that waits is.
         closing: Whether none is halved any more: what is left is kept at least is written to the answers' bounds.
         answers: Questions with what is known of their answers, shape (q, ANSWER); written.
-        waiting: Intervals that wait, shape (w, INTERVAL), with room for 2 + `DEEPEST` more; the last comes first.
+        waiting: Intervals that wait, no rate jumps within one, shape (w, INTERVAL), with room for `DEEPEST` + 3 more;
+            the last comes first.
         count: How many there are.
 
     Returns:
         How many wait now; `TOUCHING` where bodies touch, or nearly.
     """
-    search, interval = _search(moving, DEEPEST + 3, min(past - first, MOST_LEFT)), 0
-    places, room, left = search.places, search.room, search.left
+    search, left, interval = new_search(moving), _left(first, past), 0
+    stack = left.stack
     while count > 0 and (interval < most or closing):
         count -= 1
-        row = waiting[count]
-        for slot in range(2):
-            place(moving, row[slot], row[JUMPS_FIRST + slot] != 0.0, slot, places, room)
-            left.jumps[slot] = row[JUMPS_FIRST + slot] != 0.0
-        interval += 1
-        began = _begun(moving, search, first, past, interval, tolerance, answers)
-        if began < 0:
-            middle = 0.5 * (row[BEGINS] + row[ENDS])
-            until, jumps = row[ENDS], row[JUMPS_LAST]
-            row[ENDS], row[JUMPS_LAST] = middle, 0.0
-            after = waiting[count + 1]
-            after[BEGINS], after[ENDS], after[JUMPS_FIRST], after[JUMPS_LAST] = middle, until, 0.0, jumps
-            count += 2
-            continue
-        first_level = left.stack[0]
-        first_level[LOW], first_level[HIGH], first_level[START], first_level[COUNT] = 0, 1, 0, began
-        top = 1
-        while top > 0:
-            if interval >= most and not closing:  # what is on the stack waits again
-                for level in range(top):
-                    a, b = left.stack[level, LOW], left.stack[level, HIGH]
-                    again = waiting[count]
-                    again[BEGINS], again[ENDS] = places.times[a], places.times[b]
-                    again[JUMPS_FIRST], again[JUMPS_LAST] = left.jumps[a], left.jumps[b]
-                    count += 1
-                break
-            top -= 1
+        stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
+        stack[0, START], stack[0, COUNT], top = 0.0, past - first, 1
+        while top > 0 and (interval < most or closing):
             interval += 1
-            more = _judged(moving, search, interval, top, tolerance, closing, answers)
+            more = _judged(moving, search, left, interval, top - 1, tolerance, closing, answers)
             for q in range(answers.shape[0]):
                 if answers[q, DISTANCE] <= NEARLY:
                     return TOUCHING
-            low, high = left.stack[top, LOW], left.stack[top, HIGH]
-            middle = 0.5 * (places.times[low] + places.times[high])
-            slot = max(low, high) + 1
-            if more == 0 or slot >= left.jumps.shape[0] or not places.times[low] < middle < places.times[high]:
-                continue
-            begins = left.stack[top, START] + left.stack[top, COUNT]
-            place(moving, middle, False, slot, places, room)
-            left.jumps[slot] = False
-            for index in range(begins, begins + more):
-                column = left.columns[index]
-                left.distances[slot, column] = least_distance(moving, left.pairs[column], slot, places)
-                left.exact[slot, column] = False
-            for level in range(2):
-                half = left.stack[top + level]
-                half[LOW], half[HIGH] = (slot, high) if level == 0 else (low, slot)
-                half[START], half[COUNT] = begins, more
-            top += 2
+            if more < 0:
+                stack[top - 1, COUNT], more = 0.0, past - first
+            top = _halve(left, top - 1, more)
+        for level in range(top):  # what is on the stack waits again
+            waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
+            count += 1
     return count

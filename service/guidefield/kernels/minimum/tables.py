@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.jit.fields import Blocks, Flags, IndexRows, Indices, Row, Rows, numba_type
+from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 
 
@@ -74,14 +74,12 @@ class BodyPairs(NamedTuple):
         first_by: The coordinates that move the first body of an own pair as it is seen from some body between both, in
             order from there to it, and -1 behind them, shape (own, n).
         second_by: The same of the second, shape (own, n).
-        reached: Whether it is asked how far a body is from the axis of a coordinate, shape (r, n).
     """
 
     first: Indices
     second: Indices
     first_by: IndexRows
     second_by: IndexRows
-    reached: Flags
 
 
 class BezierCurve(NamedTuple):
