@@ -93,8 +93,7 @@ class PartsTable:
 
     def add_surface(self, shape: Any, placement: Any) -> int:
         """Add a Coal mesh as its triangles, that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        vertices, faces = triangulation(shape)
-        return self._mesh(mesh_tree(vertices[faces]), placement)
+        return self._mesh(_known(shape, _surface_tree, "as its triangles"), placement)
 
     def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
         """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
@@ -250,23 +249,27 @@ of its links where they were in the frames of their joints."""
 _ALONE: dict[tuple[int, bytes], tuple[MeshTree, Parts]] = {}
 """By mesh, which is held as well so that no other gets its number, and placement."""
 
-_KNOWN: dict[tuple[bytes, int], MeshTree] = {}
+_KNOWN: dict[tuple[bytes, int, str], MeshTree] = {}
 _MOST_KNOWN = 128
 
 
 def _known_mesh(shape: Any) -> MeshTree:
     """The tree of a Coal mesh, made once for the same vertices."""
-    return _known(shape, pieces_tree)
+    return _known(shape, pieces_tree, "as it is")
+
+
+def _surface_tree(vertices: np.ndarray, faces: np.ndarray) -> MeshTree:
+    return mesh_tree(vertices[faces])
 
 
 def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
     """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
-    return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut))
+    return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut), "in convex parts")
 
 
-def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree]) -> MeshTree:
-    """The tree of a Coal mesh."""
-    key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris))
+def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:
+    """The tree of a Coal mesh, made in some way once."""
+    key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris), how)
     if key not in _KNOWN:
         while len(_KNOWN) >= _MOST_KNOWN:
             del _KNOWN[next(iter(_KNOWN))]

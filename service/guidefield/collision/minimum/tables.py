@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import coal
 import numpy as np
 import pinocchio as pin
@@ -89,7 +87,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         carriers=about.joints.astype(np.int64),
         centres=np.ascontiguousarray(about.centres, float).reshape(-1, 3),
         radii=np.array(about.radii, float),
-        moved_by=_listed([np.flatnonzero(row) for row in about.moved_by], about.moved_by.shape[1]),
+        moved_by=_chosen(about.moved_by, np.arange(group.model.nv), group.model.nv),
         roots=roots,
         parts=parts,
     )
@@ -126,24 +124,21 @@ def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, n
     data, nv = group.model.createData(), group.model.nv
     jacobian = pin.computeJointJacobians(group.model, data, pin.neutral(group.model)).reshape(6, -1)
     reach = bound.axis_distances(jacobian[None], about.centres_in_world(joint_placements(data))[None])[0]
-    ways = list[np.ndarray](), list[np.ndarray]()
-    for pair, (first, second) in enumerate(own.tolist()):
-        only = np.flatnonzero(bound.first_only[pair])[::-1], np.flatnonzero(bound.second_only[pair])
-        between = np.concatenate(only)  # from the first body to the second
-        costs = np.concatenate([[0.0], np.cumsum(reach[first, between] - reach[second, between])])
-        at = int(np.argmin(costs))
-        ways[0].append(between[:at][::-1])
-        ways[1].append(between[at:])
-    found = _listed(ways[0], nv), _listed(ways[1], nv)
+    # the coordinates between the first body and the second, in order from there to here
+    order = np.concatenate([np.arange(nv)[::-1], np.arange(nv)])
+    between = np.concatenate([bound.first_only[:, ::-1], bound.second_only], axis=1)
+    costs = np.cumsum(np.where(between, (reach[own[:, 0]] - reach[own[:, 1]])[:, order], 0.0), axis=1)
+    at = np.argmin(np.concatenate([np.zeros((len(own), 1)), costs], axis=1), axis=1)
+    before = np.arange(2 * nv) < at[:, None]
+    found = _chosen((between & before)[:, ::-1], order[::-1], nv), _chosen(between & ~before, order, nv)
     read_only(*found)
     return found
 
 
-def _listed(some: Sequence[np.ndarray], width: int) -> np.ndarray:
-    """Rows of indices, and -1 behind them, shape (n, width)."""
-    rows = np.full((len(some), width), -1, np.int64)
-    for row, one in zip(rows, some, strict=True):
-        row[: len(one)] = one
+def _chosen(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
+    """The columns (k,) that a mask (n, k) has in each row, in order, and -1 behind them, shape (n, width)."""
+    at = np.argsort(~mask, axis=1, kind="stable")[:, :width]
+    rows: np.ndarray = np.where(np.arange(width) < mask.sum(axis=1, keepdims=True), columns[at], -1)
     return rows
 
 

@@ -64,8 +64,9 @@ def select(
     return PlanningGroup(robot=robot, tip=tip, q_reference=q_reference, q_origin=q_origin, **reduced)
 
 
-MOST_KNOWN = 4
-"""Groups of a robot whose models are kept, those asked for last."""
+MOST_KNOWN = 16
+"""Groups of a robot whose models are kept, those asked for last: a sequence of ten steps goes back and forth between
+as many."""
 
 _KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[tuple[Any, ...], dict[str, Any]]] = weakref.WeakKeyDictionary()
 
