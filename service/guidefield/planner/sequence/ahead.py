@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import cast
 
@@ -181,7 +182,7 @@ def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Endi
     path, stuck = followed(problem, way)
     if stuck is not None:
         return stuck_ending(way, stuck)
-    touching = next((z for z in path if _touches(problem, z)), None)
+    touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
     if touching is None:
         return [cast(ChartPoint, path[-1])]
     pair = contacts_at(problem.world, problem.group.expand_from_chart(touching))[0].pair
@@ -197,7 +198,7 @@ def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
         starts=(problem.z_start,),
         count=AHEAD.branches,
         rng=np.random.default_rng([problem.seed, 1]),
-        accept=lambda zs: np.array([not _touches(problem, z) for z in zs], bool),
+        accept=lambda zs: ~_touch(problem, zs),
         stopped=lambda: problem.budget.spent() is not None,
     )
     if found.solutions:
@@ -211,7 +212,7 @@ def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
 def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:
     """Those of a goal's configurations that touch nothing, the nearest first."""
     zs = _nearest_first(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
-    free = [z for z in zs if not _touches(problem, z)]
+    free = [z for z, touches in zip(zs, _touch(problem, zs), strict=True) if not touches]
     if free:
         return free[: AHEAD.branches]
     pair = contacts_at(problem.world, problem.group.expand_from_chart(zs[0]))[0].pair
@@ -219,6 +220,6 @@ def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | En
     return Ending(Status.GOAL_IN_COLLISION, message, {"stage": "goal", "pair": list(pair)})
 
 
-def _touches(problem: Problem, z: ChartPoint) -> bool:
-    """Whether anything touches at a chart point (nv,)."""
-    return problem.world.in_collision(problem.group.expand_from_chart(z))
+def _touch(problem: Problem, zs: Iterable[ChartPoint]) -> np.ndarray:
+    """Whether anything touches at each of some chart points, each of shape (nv,)."""
+    return np.array(problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]), bool)

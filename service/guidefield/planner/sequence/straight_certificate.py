@@ -16,8 +16,8 @@ does, costs nothing. Where the sum can't exceed a tolerance the curve keeps it; 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
@@ -29,6 +29,9 @@ from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+
+AT_ONCE = 64
+"""So many pieces of a motion are judged together."""
 
 
 class Deviation(NamedTuple):
@@ -69,19 +72,21 @@ def certify_straight(
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
     while waiting:
-        index, start, end, control = waiting.popleft()
-        if evaluations % 64 == 0 and stopped():
+        batch = [waiting.popleft() for _ in range(min(AT_ONCE, len(waiting)))]
+        if stopped():
+            index, start, _, control = batch[0]
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
-        evaluations += 1
-        if frame.bound(control).within(way):
-            continue
-        narrow = np.ptp(control, axis=0).max() <= CERTIFICATE.constraint_floor
-        if narrow or not frame.off(control[0]).within(way):
-            return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
-        one, other = halved(control[None])
-        half = 0.5 * (start + end)
-        waiting.appendleft((index, half, end, other))
-        waiting.appendleft((index, start, half, one))
+        evaluations += len(batch)
+        halves = []
+        for (index, start, end, control), bound in zip(batch, frame.bounds([one[-1] for one in batch]), strict=True):
+            if bound.within(way):
+                continue
+            narrow = np.ptp(control, axis=0).max() <= CERTIFICATE.constraint_floor
+            if narrow or not frame.off(control[0]).within(way):
+                return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
+            (one, other), half = halved(control[None]), 0.5 * (start + end)
+            halves += [(index, start, half, one), (index, half, end, other)]
+        waiting.extendleft(reversed(halves))
     return Verdict(Reason.FREE, evaluations)
 
 
@@ -112,36 +117,37 @@ class _Frame:
         beyond = max(-share, share - 1.0, 0.0) * way.length
         return Deviation(float(np.linalg.norm(way.aside(placement))), beyond, way.turned(placement))
 
-    def bound(self, control: ChartPoints) -> Deviation:
-        """How far the frame can be off its way on a Bezier curve, control points (k, nv)."""
-        way = self._way
-        low, high = control.min(axis=0), control.max(axis=0)
-        middle, e = 0.5 * (low + high), self._widths @ (0.5 * (high - low))
-        placement, jacobian = self.placed(middle)
-        shifts, rotations = np.split((control - middle) @ (jacobian @ self._group.expand_velocity).T, 2, axis=1)
-        place_rest, turn_rest = self._rests(jacobian, e)
-        off = self._off(placement)
+    def bounds(self, controls: Sequence[ChartPoints]) -> list[Deviation]:
+        """How far the frame can be off its way on each of some Bezier curves, control points (k, nv)."""
+        way, curves = self._way, np.array(controls)
+        low, high = curves.min(axis=1), curves.max(axis=1)
+        middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
+        placements, each = zip(*(self.placed(cast(ChartPoint, z)) for z in middles), strict=True)
+        jacobians = np.array(each)
+        moves = (curves - middles[:, None]) @ (jacobians @ self._group.expand_velocity).swapaxes(1, 2)
+        shifts, rotations = np.split(moves, 2, axis=2)
+        place_rest, turn_rest = self._rests(jacobians, e)
+        off = np.array([self._off(placement) for placement in placements])
         along = shifts @ way.direction
-        aside = np.linalg.norm(shifts - along[:, None] * way.direction, axis=1).max()
-        share = 0.0 if way.is_point else way.share(placement)
-        ahead = share * way.length + along
-        beyond = max(-ahead.min(), ahead.max() - way.length, 0.0)
+        aside = np.linalg.norm(shifts - along[..., None] * way.direction, axis=2).max(axis=1)
+        share = np.array([0.0 if way.is_point else way.share(placement) for placement in placements])
+        ahead = share[:, None] * way.length + along
+        beyond = np.maximum(np.maximum(-ahead.min(axis=1), ahead.max(axis=1) - way.length), 0.0)
         if way.is_point:
             axis = way.turn / way.angle if way.angle > 0.0 else np.zeros(3)
-            even, even_rest = (rotations @ axis)[:, None] * axis, 0.0
+            even, even_rest = (rotations @ axis)[..., None] * axis, np.zeros(len(curves))
         else:
-            even, even_rest = along[:, None] / way.length * way.turn, place_rest * way.angle / way.length
-        uneven = np.linalg.norm(rotations - even, axis=1).max()
-        return Deviation(
-            off.aside + float(aside) + place_rest,
-            float(beyond) + (0.0 if way.is_point else place_rest),
-            off.turned + float(uneven) + turn_rest + even_rest,
-        )
+            even, even_rest = along[..., None] / way.length * way.turn, place_rest * way.angle / way.length
+            beyond += place_rest
+        uneven = np.linalg.norm(rotations - even, axis=2).max(axis=1)
+        found = np.column_stack([off[:, 0] + aside + place_rest, beyond, off[:, 2] + uneven + turn_rest + even_rest])
+        return [Deviation(*row) for row in found.tolist()]
 
-    def _rests(self, jacobian: np.ndarray, e: np.ndarray) -> tuple[float, float]:
-        """How far place [m] and orientation [rad] can be from their linear terms within half widths e (nv,)."""
-        from_axes = np.linalg.norm(jacobian[:3], axis=0)
+    def _rests(self, jacobians: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far places [m] and orientations [rad] can be from their linear terms within half widths e (n, nv)."""
+        from_axes = np.linalg.norm(jacobians[:, :3], axis=1)
         sweep = np.where(self._turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
-        distances = np.where(self._turns, from_axes + float(sweep @ from_axes), (from_axes > 0.0).astype(float))
-        turning = float(e[self._turns & (np.linalg.norm(jacobian[3:], axis=0) > 0.0)].sum())
-        return turning * float(distances @ e), 0.25 * turning**2
+        swept = (sweep * from_axes).sum(axis=1, keepdims=True)
+        distances = np.where(self._turns, from_axes + swept, from_axes > 0.0)
+        turning = (e * (self._turns & (np.linalg.norm(jacobians[:, 3:], axis=1) > 0.0))).sum(axis=1)
+        return turning * (distances * e).sum(axis=1), 0.25 * turning**2
