@@ -68,6 +68,15 @@ def test_the_time_that_a_request_waited_is_told(engine: Engine, asked: dict[str,
     assert 2.0 <= timing.queue <= timing.total
 
 
+def test_what_was_read_of_a_request_counts_as_loading_once_its_robot_is_known(engine: Engine) -> None:
+    request = {"robot": "panda", "scene": "table", "recording": "off", "guide_planes": []}
+    asked = {**request, "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
+    engine.answer(asked)
+    timing = engine.answer(asked, came=time.monotonic() - 2.0).timing
+    assert timing.queue == 0.0
+    assert 2.0 <= timing.load <= timing.total
+
+
 def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) -> None:
     # The integral of 1/d^3 over a sphere of radius a, seen from a distance R > a, is 4 pi a^2 / (R (R^2 - a^2)).
     reply = engine.answer(_potential(BALL, (0.0, 0.0, 1.0)))

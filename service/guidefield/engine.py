@@ -84,6 +84,8 @@ class _Asking:
     received: float
     watcher: Watcher | None
     later: Owe | None
+    began: float | None = None
+    """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
 
 
 class Loaded:
@@ -171,6 +173,7 @@ class Engine:
         received: float | None = None,
         watcher: Watcher | None = None,
         later: Owe | None = None,
+        came: float | None = None,
     ) -> Reply:
         """Answer one request of any kind.
 
@@ -182,27 +185,23 @@ class Engine:
             watcher: Hears how far a plan is, and may end it.
             later: Takes what can be done after the answer, the writing of a recording that is kept; None: it is written
                 before.
+            came: When whoever asks began to read it, on the same clock [s]; None: now. What was read since counts as
+                loading where `received` isn't given and nothing had to be made for the first time.
 
         Raises:
             GuidefieldError: whatever travels as ``reply_err``; DiskRefused where a disk does, and InternalFailure for a
                 bug, both logged with their trace.
         """
+        came = time.monotonic() if came is None else came
         try:
             decoded = codec.decode_request(request)
-            if received is None:
-                if isinstance(decoded, requests.MotionRequest | requests.KinematicsRequest) and not self._compiled:
-                    compile_kernels(_log.warning)
-                    self._compiled = True
-                if isinstance(decoded, requests.PlanRequest):
-                    from guidefield.handlers.plan import prepare_ahead
-
-                    prepare_ahead(decoded, self._robot)
-                elif isinstance(decoded, requests.CertifyRequest):
-                    from guidefield.handlers.certify import load_ahead
-
-                    load_ahead(decoded, self._robot)
-                received = time.monotonic()
-            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later))
+            if received is not None:
+                asking = _Asking(received, watcher, later)
+            elif self._was_ready(decoded):
+                asking = _Asking(came, watcher, later, came)
+            else:
+                asking = _Asking(time.monotonic(), watcher, later)
+            reply = self._dispatch(decoded, record_to, asking)
         except GuidefieldError:
             self._counters["refused"] += 1
             raise
@@ -212,6 +211,22 @@ class Engine:
             raise unforeseen(error) from error
         self._counters["answered"] += 1
         return reply
+
+    def _was_ready(self, request: requests.Request) -> bool:
+        """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
+        compiled = self._compiled
+        if isinstance(request, requests.MotionRequest | requests.KinematicsRequest) and not compiled:
+            compile_kernels(_log.warning)
+            self._compiled = True
+        if isinstance(request, requests.PlanRequest):
+            from guidefield.handlers.plan import prepare_ahead
+
+            return prepare_ahead(request, self._robot) and compiled
+        if isinstance(request, requests.CertifyRequest):
+            from guidefield.handlers.certify import load_ahead
+
+            load_ahead(request, self._robot)
+        return False
 
     def warm_up(self, robots: Sequence[str] = ()) -> None:
         """Load what the first plan would wait for: packages and kernels, and what some robots need for their first.
@@ -304,7 +319,7 @@ class Engine:
         run = Run(run_id, request, self._runs, record_to, key, progress, asking.later)
         try:
             try:
-                return run.end(answered(run, time.monotonic()))
+                return run.end(answered(run, time.monotonic() if asking.began is None else asking.began))
             except StoppedError as stopped:
                 from guidefield.handlers.unbegun import stopped_loading
 
@@ -523,7 +538,9 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
         Traceback (most recent call last):
         guidefield.errors.RobotInvalid: there is no robot 'ur55'; did you mean ur5? ...
     """
-    return _default().answer(codec.checked(request), record_to=None if record_to is None else Path(record_to))
+    came = time.monotonic()
+    place = None if record_to is None else Path(record_to)
+    return _default().answer(codec.checked(request), record_to=place, came=came)
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:

@@ -240,6 +240,15 @@ def test_the_figures_of_the_whole_are_those_of_its_steps(kitchen: PlanReply) -> 
     assert codec.encode(kitchen)
 
 
+def test_nearly_all_of_the_time_is_told_by_its_stages() -> None:
+    def share() -> float:
+        spent = msgspec.to_builtins(ask([joints(panda_joint1=0.5), joints(panda_joint1=0.0)]).timing)
+        return sum(spent.values()) / spent["total"] - 1.0
+
+    # another process may come between the stages of any
+    assert 0.9 < max(share() for _ in range(5)) <= 1.0
+
+
 def test_a_step_has_its_own_scaling() -> None:
     slow = ask([joints(panda_joint1=0.4) | {"max_velocity_scaling_factor": 0.1}, joints(panda_joint1=0.0)])
     first, second = slow.steps

@@ -86,12 +86,17 @@ def answer_plan(
     return reply
 
 
-def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> None:
-    """Prepare a request's robot before its time begins. What can't be used is refused later, where that is kept."""
+def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> bool:
+    """Prepare a request's robot before its time begins; whether it was prepared from before.
+
+    What can't be used is refused later, where that is kept.
+    """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
-        if is_prepared(robot) or not connects(request):
-            return
-        base = request.robot_placement
-        select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
-        prepare(robot)
+        if is_prepared(robot):
+            return True
+        if connects(request):
+            base = request.robot_placement
+            select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
+            prepare(robot)
+    return False

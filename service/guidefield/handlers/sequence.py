@@ -53,6 +53,7 @@ def answer_steps(
     ended.append(made)
     begin = time.monotonic()
     measured = [(stretch, clearance(stretch.motion, stretch)) for stretch in measurable(made)]
+    load_seconds += made.seconds.get("load", 0.0)
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
     if recording is not None:

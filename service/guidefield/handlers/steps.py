@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -221,12 +222,17 @@ class Steps:
         """Plans the step that a request asks for."""
 
         def planned(problem: Problem) -> Plan:
+            began = time.perf_counter()
             if (refusal := refused_ahead(asked, problem, self._preparing)) is not None:
                 return refusal
+            loaded = time.perf_counter() - began
             if way is not None:
-                return straight_plan(problem, way)
-            derived, derivation = with_derived_planes(problem, asked)
-            return derivation.told_in(plan(derived, Planner(asked.planner), ATTEMPTS[asked.minimizer](problem.group)))
+                made = straight_plan(problem, way)
+            else:
+                derived, derivation = with_derived_planes(problem, asked)
+                attempts = ATTEMPTS[asked.minimizer](problem.group)
+                made = derivation.told_in(plan(derived, Planner(asked.planner), attempts))
+            return dataclasses.replace(made, seconds={**made.seconds, "load": loaded})
 
         return planned
 

@@ -168,7 +168,9 @@ class _Planning(Generic[S]):
             why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
             ending = Ending(spent, f"{why} before it was planned", {"stage": "ends"})
             return self._refused(Refused(index, ending), index, at)
+        began = time.perf_counter()
         conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
+        self._spend("load", began)
         path, q = self._z[None], at.q
         if motion is not None:
             group = motion.problem.group
@@ -186,7 +188,9 @@ class _Planning(Generic[S]):
         way, problem = (None, None) if motion is None else (motion.way, motion.problem)
         now = self._composition.end
         self._legs.append(Leg(index, at, (now, now), conditions, path, way, (now, now), problem))
+        began = time.perf_counter()
         self._at = course.after(index, at, q)
+        self._spend("load", began)
         if course.passes(index) is None:
             self._composed(index)
         return None
@@ -236,18 +240,18 @@ class _Planning(Generic[S]):
         watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
         began = time.perf_counter()
         problem = with_future(self._course, index, self._at, motion)
-        self._seconds["ends"] = self._seconds.get("ends", 0.0) + time.perf_counter() - began
+        self._spend("ends", began)
         if isinstance(problem, Refused):
             return problem
         return motion.plan(dataclasses.replace(problem, observer=watched))
 
     def _certified(self) -> SequencePlan[S]:
         """The sequence with its trajectory judged stretch by stretch."""
-        trajectory, stretches, permissions = self._parts()
         verdicts: list[Verdict] = []
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
-        stages = Stages(stretches[0])
+        stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
+            trajectory, stretches, permissions = self._parts()
             for stretch in stretches:
                 until = time.monotonic() + LAST_JUDGEMENT
 
@@ -333,6 +337,10 @@ class _Planning(Generic[S]):
         for name, spent in seconds.items():
             self._seconds[name] = self._seconds.get(name, 0.0) + spent
         self._warnings += [f"{where}{warning}" for warning in warnings]
+
+    def _spend(self, stage: str, began: float) -> None:
+        """Count the time since some moment, by `time.perf_counter()` [s], under a stage's name."""
+        self._seconds[stage] = self._seconds.get(stage, 0.0) + time.perf_counter() - began
 
     def _told(self) -> dict[str, Any]:
         """What is told of every sequence."""
