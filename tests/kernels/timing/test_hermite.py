@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from guidefield.kernels.timing.hermite import piece_peaks
+from guidefield.kernels.timing.hermite import piece_peaks, states_at
 from tests.knots import random_knots
 
 
@@ -54,3 +54,23 @@ def test_from_rest_to_rest_in_one_piece_is_fastest_in_the_middle():
 def test_runs_undecorated():
     knots = random_knots(5)
     np.testing.assert_allclose(peaks(piece_peaks.py_func, *knots), peaks(piece_peaks, *knots), rtol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_states_are_those_of_the_curve_in_any_order_of_times(seed):
+    times, positions, velocities = random_knots(seed)
+    curve, rng = CubicHermiteSpline(times, positions, velocities), np.random.default_rng(seed)
+    starts, jerks = curve(times[:-1], 2), curve(0.5 * (times[:-1] + times[1:]), 3)
+    accelerations = np.concatenate([starts, np.full((1, 3), np.nan)])
+    asked = rng.permutation(np.concatenate([times[:-1], rng.uniform(times[0], times[-1], 50)]))
+    q, v, a = (np.full((len(asked), 3), np.nan) for _ in range(3))
+    states_at(times, positions, velocities, accelerations, jerks, asked, q, v, a)
+    for order, found in enumerate((q, v, a)):
+        size = np.abs(curve(asked, order)).max()
+        np.testing.assert_allclose(found, curve(asked, order), atol=1e-9 * max(size, 1.0))
+    outside = np.array([times[0] - 1.0, times[-1], times[-1] + 1.0])
+    q, v, a = (np.full((3, 3), np.nan) for _ in range(3))
+    states_at(times, positions, velocities, accelerations, jerks, outside, q, v, a)
+    np.testing.assert_array_equal(q, positions[[0, -1, -1]])
+    np.testing.assert_array_equal([v[0], v[2], a[0], a[2]], 0.0)

@@ -1,4 +1,4 @@
-"""Exact extrema of velocity and acceleration on the pieces of a cubic Hermite curve in time."""
+"""A cubic Hermite curve in time: where it is, and exact extrema of velocity and acceleration on its pieces."""
 
 from __future__ import annotations
 
@@ -36,3 +36,50 @@ def piece_peaks(
                 speed = max(speed, abs(v + a * a * duration / (2.0 * (a - b))))
             speeds_out[i, c] = speed
             accelerations_out[i, c] = max(abs(a), abs(b))
+
+
+@compiled(void(VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX_OUT, MATRIX_OUT, MATRIX_OUT))
+def states_at(
+    times: Floats,
+    positions: Floats,
+    velocities: Floats,
+    accelerations: Floats,
+    jerks: Floats,
+    asked: Floats,
+    positions_out: Floats,
+    velocities_out: Floats,
+    accelerations_out: Floats,
+) -> None:
+    """Position, velocity and acceleration at some times; before the first knot and after the last one it is at rest.
+
+    Args:
+        times: Of the knots, two at least, shape (n,), strictly increasing [s].
+        positions: At the knots, shape (n, c) [rad or m].
+        velocities: Shape (n, c) [rad/s or m/s].
+        accelerations: Where each piece begins, shape (n, c), the last row isn't read [rad/s^2 or m/s^2].
+        jerks: Of the pieces, shape (n - 1, c) [rad/s^3 or m/s^3].
+        asked: The times, shape (k,) [s]; quickest in order.
+        positions_out: Shape (k, c).
+        velocities_out: Shape (k, c).
+        accelerations_out: Shape (k, c).
+    """
+    last, piece = times.shape[0] - 1, 0
+    for row in range(asked.shape[0]):
+        time = asked[row]
+        inside = min(max(time, times[0]), times[last])
+        if not times[piece] <= inside < times[piece + 1]:
+            low, high = 0, last
+            while high - low > 1:
+                middle = (low + high) // 2
+                if times[middle] <= inside:
+                    low = middle
+                else:
+                    high = middle
+            piece = low
+        t, rests = inside - times[piece], time < times[0] or time > times[last]
+        for c in range(positions.shape[1]):
+            q, v, a, jerk = positions[piece, c], velocities[piece, c], accelerations[piece, c], jerks[piece, c]
+            at = q + t * (v + t * (a / 2.0 + t * jerk / 6.0))
+            positions_out[row, c] = positions[last, c] if inside == times[last] else at
+            velocities_out[row, c] = 0.0 if rests else v + t * (a + t * jerk / 2.0)
+            accelerations_out[row, c] = 0.0 if rests else a + t * jerk

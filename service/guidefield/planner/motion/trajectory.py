@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.kernels.timing.hermite import states_at
 from guidefield.planner.motion.within_limits import bezier
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
@@ -81,6 +82,14 @@ class Trajectory(ReadOnly):
         read_only(jerks)
         return jerks
 
+    @cached_property
+    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Knots and jerks as the kernel takes them."""
+        arrays = self.times, self.positions, self.velocities, self.accelerations, self._jerks
+        times, positions, velocities, accelerations, jerks = (np.ascontiguousarray(array, float) for array in arrays)
+        read_only(times, positions, velocities, accelerations, jerks)
+        return times, positions, velocities, accelerations, jerks
+
     def bezier(self) -> ChartCurves:
         """Control points of the pieces, shape (max(n - 1, 1), 4, nv): this very curve [rad or m].
 
@@ -104,21 +113,13 @@ class Trajectory(ReadOnly):
         Returns:
             Three arrays of shape (k, nv) [rad or m, and per s, and per s²].
         """
-        times = np.asarray(times, dtype=float)
-        inside = np.clip(times, self.times[0], self.times[-1])
-        piece = np.searchsorted(self.times[1:-1], inside, side="right")
+        times = np.ascontiguousarray(times, dtype=float)
         if len(self._jerks) == 0:
             still = cast(ChartRates, np.zeros((len(times), self.positions.shape[1])))
             return still + self.positions[0], still, still.copy()
-        v, a, jerk = self.velocities[piece], self.accelerations[piece], self._jerks[piece]
-        t = (inside - self.times[piece])[:, None]
-        q = self.positions[piece] + t * (v + t * (a / 2.0 + t * jerk / 6.0))
-        q[inside == self.times[-1]] = self.positions[-1]
-        outside = (times < self.times[0]) | (times > self.times[-1])
-        velocities, accelerations = v + t * (a + t * jerk / 2.0), a + t * jerk
-        velocities[outside] = 0.0
-        accelerations[outside] = 0.0
-        return q, velocities, accelerations
+        q, v, a = (np.empty((len(times), self.positions.shape[1])) for _ in range(3))
+        states_at(*self._tables, times, q, v, a)
+        return cast(ChartPoints, q), cast(ChartRates, v), cast(ChartRates, a)
 
     def resampled(self, rate: float) -> MotionSamples:
         """States at a uniform rate, and at the very end.
