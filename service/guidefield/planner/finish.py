@@ -36,6 +36,7 @@ from guidefield.planner.optimize.settings import (
     free,
     guided,
     guided_of_many,
+    in_few_pieces,
     of_many,
 )
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
@@ -217,7 +218,9 @@ def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettin
         return constrained(of_many(settings) if many else settings)
     if passes:
         return guided_of_many(settings) if many else guided(settings)
-    return of_many(settings) if many else free(settings)
+    if many:
+        return of_many(settings)
+    return free(settings) if problem.in_motion or problem.scene.moves else in_few_pieces(free(settings))
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,11 +135,16 @@ class BSpline(ReadOnly):
         finer[1::2] = 0.125 * (P[:-2] + 6.0 * P[1:-1] + P[2:])
         return BSpline.between(self.start, self.end, cast(ChartPoints, finer[ENDS:-ENDS]), 0.5 * self.step, self.begin)
 
-    def knots(self) -> tuple[np.ndarray, ChartPoints, ChartRates]:
-        """Times since it begins (m + 1,), positions, velocities (m + 1, nv) where pieces meet: Hermite's curve."""
+    def waypoints(self) -> ChartPoints:
+        """Where pieces meet, shape (m + 1, nv)."""
         P = self.points
         positions = (P[:-2] + 4.0 * P[1:-1] + P[2:]) / 6.0
-        velocities = cast(ChartRates, (P[2:] - P[:-2]) / (2.0 * self.step))
         positions[0], positions[-1] = self.start.position, self.end.position
+        return positions
+
+    def knots(self) -> tuple[np.ndarray, ChartPoints, ChartRates]:
+        """Times since it begins (m + 1,), positions, velocities (m + 1, nv) where pieces meet: Hermite's curve."""
+        P, positions = self.points, self.waypoints()
+        velocities = cast(ChartRates, (P[2:] - P[:-2]) / (2.0 * self.step))
         velocities[0], velocities[-1] = self.start.velocity, self.end.velocity
         return self.step * np.arange(self.pieces + 1), positions, velocities

@@ -219,21 +219,26 @@ class Descent(ReadOnly):
         )
         return BSpline(points, step, spline.start, spline.end, begin) if taken > 0 else None
 
-    def stepped(self, look: Look, limit_weight: float) -> Look | None:
-        """A look at a motion of a lower objective; None where none is found that is worth it.
+    def stepped(self, look: Look, before: float, limit_weight: float) -> tuple[Look, float] | None:
+        """A look at a motion of a lower objective, and that; None where none is found that is worth it.
 
         Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The
         next look's model is stiffer then, and softer where the first motion is better.
+
+        Args:
+            look: At a motion strictly within limits.
+            before: Its objective.
+            limit_weight: Of the limits' barrier.
         """
-        settings, before = self.question.settings, self.cost(look, limit_weight)
+        settings = self.question.settings
         spline = self.lowered(look, limit_weight, settings.newton_steps)
         stiffness = max(settings.least_stiffness, settings.softer * look.stiffness)
         for _ in range(settings.looks):
             if spline is None:
                 return None
             found = self.look(spline, look.passed, stiffness)
-            if self.cost(found, limit_weight) < before:
-                return found
+            if (cost := self.cost(found, limit_weight)) < before:
+                return found, cost
             stiffness = min(1.0, settings.stiffer * max(stiffness, look.stiffness))
             spline = self._closer(look.spline, spline)
         return None

@@ -178,7 +178,7 @@ class _Descending:
         self.outcome: Outcome | None = None
 
     def coarse(self, motion: Trajectory) -> _Coarse | None:
-        """A motion after all coarse weights of the limits' barrier; None where it can't be brought within limits."""
+        """A motion after all weights but the fine ones; None where it can't be brought within limits."""
         problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
         robot = sampled_robot(problem, tables, ends)
         kept = [kept_at(problem, robot, z, at) for z, at in zip(ends, motion.times[[0, -1]].tolist(), strict=True)]
@@ -208,19 +208,21 @@ class _Descending:
         if within is None:
             return None
         passed = first_places(self._passages, motion, within.pieces)
+        settings, begun = self._settings, (within, passed)
         coarse = question
         if self._passages:  # links of chains have many points, and through a gate all of them are near something
             coarse = dataclasses.replace(question, robot=few_points(robot))
-        look, cost = self._descended(coarse, within, passed, self._settings.coarse, self._settings.samples)
-        return _Coarse(coarse if self._settings.few else question, look, question.duration * cost)
+        if settings.rough:
+            begun = _finer(self._descended(coarse, *begun, settings.rough, settings.samples)[0])
+        look, cost = self._descended(coarse, *begun, settings.coarse, settings.samples)
+        return _Coarse(coarse if settings.few else question, look, question.duration * cost)
 
     def fine(self, found: _Coarse) -> Look:
         """The motion with its pieces subdivided, after all fine weights."""
         if self.outcome is not None:
             return found.look
-        settings, finer = self._settings, found.look.spline.subdivided()
-        passed = tuple(2.0 * place for place in found.look.passed)
-        return self._descended(found.question, finer, passed, settings.fine, settings.fine_samples)[0]
+        settings, begun = self._settings, _finer(found.look)
+        return self._descended(found.question, *begun, settings.fine, settings.fine_samples)[0]
 
     def _descended(
         self, question: Question, spline: BSpline, passed: tuple[float, ...], weights: Sequence[float], samples: int
@@ -234,12 +236,12 @@ class _Descending:
                 self.outcome = self._ended()
                 if self.outcome is not None:
                     return look, cost
-                stepped = descent.stepped(look, limit_weight)
+                stepped = descent.stepped(look, cost, limit_weight)
                 if stepped is None:
                     break
-                before, cost = cost, descent.cost(stepped, limit_weight)
-                look, self.steps = stepped, self.steps + 1
-                self._problem.tell(PathRelaxed(look.spline.knots()[1], cost))
+                before, (look, cost) = cost, stepped
+                self.steps += 1
+                self._problem.tell(PathRelaxed(look.spline.waypoints(), cost))
                 if before - cost < worth * abs(before):
                     break
         return look, cost
@@ -250,6 +252,11 @@ class _Descending:
             return _ENDINGS[spent]
         most = self._problem.optimization_iterations
         return Outcome.OUT_OF_ITERATIONS if most is not None and self.steps >= most else None
+
+
+def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
+    """A motion with its pieces subdivided, and where it comes nearest to each passage, in these."""
+    return look.spline.subdivided(), tuple(2.0 * place for place in look.passed)
 
 
 def _is_soon(problem: Problem, spline: BSpline, settings: OptimizationSettings) -> bool:
