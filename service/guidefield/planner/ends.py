@@ -57,7 +57,7 @@ def goal_points(problem: Problem) -> ChartPoints | None:
         target = problem.goal.target
         if problem.guide_planes:  # the way there begins where they lead
             return _kept_goals(problem, tip_points(problem, target))
-        return _kept_goals(problem, _soonest(problem, tip_points(problem, target, _about(problem), GOALS.candidates)))
+        return _kept_goals(problem, tip_points(problem, target, _about(problem), GOALS.candidates, _soonest))
     return None
 
 
@@ -92,8 +92,17 @@ def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
     return bool((np.abs(ways - way).max(axis=1) < GOALS.apart).any())
 
 
+def _all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
+    """Every goal (m, nv)."""
+    return zs
+
+
 def tip_points(
-    problem: Problem, target: PoseTarget, starts: Sequence[ChartPoint] | ChartPoints = (), count: int = GOALS.solutions
+    problem: Problem,
+    target: PoseTarget,
+    starts: Sequence[ChartPoint] | ChartPoints = (),
+    count: int = GOALS.solutions,
+    chosen: Callable[[Problem, ChartPoints], ChartPoints] = _all,
 ) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
@@ -102,6 +111,8 @@ def tip_points(
         target: The pose.
         starts: Chart points (nv,) that are looked from before the problem's start and random ones.
         count: How many to look for.
+        chosen: Those of some chart points (n, nv), one at least, that are wanted. Leaving out others than these changes
+            nothing about the choice.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
@@ -110,13 +121,13 @@ def tip_points(
     result = _solved(problem, target, starts, count, _keep_some_distance)
     if not result.solutions and result.rejected and not _hopeless(problem, result):
         result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
-    zs = [z for z, one in zip(result.solutions, _are_in_the_open(problem, result.solutions), strict=True) if one]
-    if result.solutions and not zs:  # all that were chosen are inside of something: choose among the others
+    if len(open_ones := _chosen_in_the_open(problem, result.solutions, chosen)):
+        return open_ones
+    if result.solutions:  # all that were found are inside of something: look for others
         result = _solved(problem, target, starts, count, _are_outside)
-        zs = list(result.solutions)
-    zs = zs or _those_that_keep_off(problem, result.rejected)  # lanes refuse what all but touches
+    zs = result.solutions or _those_that_keep_off(problem, result.rejected)  # lanes refuse what all but touches
     if zs:
-        return np.array(zs)
+        return chosen(problem, np.array(zs))
     if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
     met = blocking_pairs(
@@ -130,6 +141,19 @@ def tip_points(
         **result.details,
         **met.details(),
     )
+
+
+def _chosen_in_the_open(
+    problem: Problem, zs: Sequence[ChartPoint], chosen: Callable[[Problem, ChartPoints], ChartPoints]
+) -> Sequence[ChartPoint] | ChartPoints:
+    """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `tip_points`.
+
+    What isn't wanted is hardly ever asked about: that takes longer than the choice.
+    """
+    if not zs or all(_are_in_the_open(problem, first := chosen(problem, np.array(zs)))):
+        return first if zs else ()
+    rest = [z for z, one in zip(zs, _are_in_the_open(problem, zs), strict=True) if one]
+    return chosen(problem, np.array(rest)) if rest else ()
 
 
 def _hopeless(problem: Problem, result: IkResult) -> bool:

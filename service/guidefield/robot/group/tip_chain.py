@@ -14,6 +14,7 @@ from guidefield.kernels.kinematics.forward_kinematics import FLOATING, PLANAR, P
 from guidefield.kernels.kinematics.solution_choice import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.read_only import read_only
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import ROTATION
@@ -52,7 +53,17 @@ class ChainToTip:
 
 @kept_with
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
-    """The chain to a group's tip."""
+    """The chain to a group's tip; of groups that are alike it is the same, but for where balls' charts start."""
+    turns_freely = any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints)
+    return _found(group) if turns_freely else _found_once(group)
+
+
+@kept_with_alike
+def _found_once(group: PlanningGroup) -> ChainToTip:
+    return _found(group)
+
+
+def _found(group: PlanningGroup) -> ChainToTip:
     table = chain_to(group, group.tip_id)
     moved_by = np.count_nonzero(group.expand_velocity, axis=0)
     periods = np.zeros(group.nv)
