@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.distance_bodies import primitive
+from guidefield.geometry.distance_bodies import flat_frame, primitive
 from guidefield.kernels.distance.distance import HALF_SPACE
 from guidefield.messages import scene as messages
-from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.distance_tables import bodies_of, distance_tables
 from guidefield.scene.scene import build
 
 KINDS = ("box", "sphere", "cylinder", "capsule", "half_space", "mesh")
@@ -65,3 +65,25 @@ def test_rows_are_those_of_coals_shapes(chosen: tuple[str, ...], count: int) -> 
 def test_a_scene_without_obstacles_has_no_rows() -> None:
     tables = distance_tables(build(messages.Scene("empty")))
     assert len(tables.kinds) == len(tables.nodes) == len(tables.boxes) == 0
+
+
+def test_boxes_about_slanted_polygons_are_as_thin_as_these() -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        flat = np.column_stack([[-0.3, 0.3, 0.2, -0.1], [0.0, 0.0, 0.5, 0.5], np.zeros(4)])
+        corners = flat @ turn.T + [1.0, 2.0, 0.5]
+        vertices = [(float(x), float(y), float(z)) for x, y, z in corners]
+        polygon = messages.Polygon(name="p", vertices=vertices)
+        (body,) = bodies_of(build(messages.Scene("s", obstacles=[polygon])).obstacles[0])
+        extents = np.sort(body.bounds[3:] - body.bounds[:3])
+        np.testing.assert_allclose(extents, [0.0, 0.5, 0.6], atol=1e-12)
+        placed = body.surface[0] @ body.placement[:, :3].T + body.placement[:, 3]
+        np.testing.assert_allclose(placed, corners, atol=1e-12)
+
+
+def test_a_bent_surface_keeps_its_axes() -> None:
+    corners = [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.4, 0.3, 0.1), (0.0, 0.3, 0.0)]
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    np.testing.assert_array_equal(flat_frame(np.array(corners), triangles), np.eye(3))
+    np.testing.assert_array_equal(flat_frame(np.array(corners), np.repeat(triangles[:1], 40, axis=0)), np.eye(3))

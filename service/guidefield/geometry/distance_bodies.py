@@ -28,6 +28,12 @@ NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
 _THIN = 1e-12
 """A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
 
+_FEW = 32
+"""A surface of more triangles than this has its own axes."""
+
+_FLAT = 1e-9
+"""Share of its size within which a surface is flat."""
+
 _ROUNDING = 1e-9
 """By how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]."""
 
@@ -89,6 +95,35 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
     corners = vertices[marked]
     bounds = np.r_[corners.min(axis=0), corners.max(axis=0)]
     return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used))
+
+
+def flat_frame(vertices: Floats, triangles: Integers) -> Floats:
+    """Axes in which the box about a surface is as thin as the surface, if that is flat and small; else its own.
+
+    The box about a slanted polygon along other axes is mostly empty: it would have to be looked at from far away.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+
+    Returns:
+        The axes as columns, the last one across a flat surface; shape (3, 3).
+    """
+    if len(triangles) > _FEW:
+        return np.eye(3)
+    a, b, c = (vertices[column] for column in triangles.T)
+    area = np.cross(b - a, c - a).sum(axis=0)
+    size = np.linalg.norm(area)
+    corners, sides = vertices[np.unique(triangles)], np.concatenate([b - a, c - b, a - c])
+    if size == 0.0 or np.ptp(corners @ (area / size)) > _FLAT * np.ptp(corners, axis=0).max():
+        return np.eye(3)
+    normal, lengths = area / size, np.linalg.norm(sides, axis=1)
+    along = sides[lengths > _FLAT * lengths.max()]
+    along -= np.outer(along @ normal, normal)
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    beside = np.cross(normal, along)
+    smallest = int(np.argmin(np.ptp(corners @ along.T, axis=0) * np.ptp(corners @ beside.T, axis=0)))
+    return np.column_stack([along[smallest], beside[smallest], normal])
 
 
 def balls_about(points: Floats, radius: float, cloud: int) -> Body:

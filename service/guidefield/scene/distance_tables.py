@@ -14,6 +14,7 @@ from guidefield.geometry.distance_bodies import (
     body_rows,
     body_tables,
     boxes_in_world,
+    flat_frame,
     joined_rows,
     primitive,
     triangulated,
@@ -96,7 +97,8 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, cloud_tables(obstacle).address)]
     vertices = (obstacle.vertices - translation) @ rotation
     if not obstacle.solid:
-        return [triangulated(vertices, obstacle.triangles, SHEET).placed(rotation, translation)]
+        axes = flat_frame(vertices, obstacle.triangles)
+        return [triangulated(vertices @ axes, obstacle.triangles, SHEET).placed(rotation @ axes, translation)]
     solids = _solids(vertices, obstacle.triangles)
     return [triangulated(vertices, solid, SOLID).placed(rotation, translation) for solid in solids]
 
