@@ -24,6 +24,7 @@ from guidefield.collision.pairs import Pairs
 from guidefield.errors import SceneInvalid, UnknownObject
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 
@@ -155,7 +156,7 @@ class World:
     @cached_property
     def data(self) -> Any:
         """Scratch of `model`."""
-        return self.group.model.createData()
+        return lent_data(self.group, self)
 
     @cached_property
     def joint_placements(self) -> np.ndarray:

@@ -13,6 +13,7 @@ from guidefield.kernels.kinematics.frame_positions import frame_positions, frame
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 
@@ -24,7 +25,7 @@ class Kinematics:
 
     def __init__(self, group: PlanningGroup) -> None:
         self.group = group
-        self._data = group.model.createData()
+        self._data = lent_data(group, self)
 
     def frame_placement(self, q: ModelConfiguration, frame_id: int) -> Any:
         """Where a frame is.

@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartPoint
 
@@ -222,7 +223,7 @@ class ConstrainedFrames:
         self.constraints = constraints
         self.limits = np.array([constraint.limit for constraint in constraints])
         self.indices = [_frame_id(group.model, constraint.frame) for constraint in constraints]
-        self._data = group.model.createData()
+        self._data = lent_data(group, self)
 
     def values(self, z: ChartPoint) -> np.ndarray:
         """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
