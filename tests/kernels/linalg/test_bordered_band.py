@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.kernels.linalg.bordered_band import (
-    AT_ONCE,
     COUPLED,
     BorderedFactor,
     factorize_bordered,
+    room_for_factor,
     solve_factorized,
 )
 
@@ -36,9 +36,9 @@ def system(blocks: int, size: int, more: int, seed: int) -> tuple[np.ndarray, np
 
 def factorized(of_blocks: np.ndarray, matrix: np.ndarray, damping: float) -> BorderedFactor | None:
     """The factors, with the border of the whole matrix; None where the system isn't positive definite."""
-    n, size, width = of_blocks.shape
+    n, size, _ = of_blocks.shape
     rows, more = n * size, len(matrix) - n * size
-    factor = BorderedFactor(np.empty((rows, width + AT_ONCE - 1)), *np.empty((2, more, rows)), np.empty(3))
+    factor = room_for_factor(n, size, more)
     border, corner = (np.ascontiguousarray(part) for part in (matrix[rows:, :rows], matrix[rows:, rows:]))
     return factor if factorize_bordered(of_blocks, border, corner, damping, factor) else None
 

@@ -3,6 +3,9 @@
 The band consists of blocks: block row f has blocks f - 3 to f. With A = U^T U the border (B, C) adds the Schur
 complement C - B^T A^{-1} B. The work is linear in the number of blocks (Golub and Van Loan, Matrix Computations, 2013,
 section 4.3).
+
+Blocks are made a multiple of `TILE` large, by rows of the identity. Block row f of U, its blocks f to f + 3 side by
+side, is stored by strips of `TILE` columns, each row by row: a row of a tile is one vector, and nothing is left over.
 """
 
 from __future__ import annotations
@@ -13,172 +16,195 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
+from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, compiled
-from guidefield.kernels.simd.vector import LANES_64, load, store
+from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
 
 COUPLED = 3
 """A block is coupled with as many before it."""
 
-AT_ONCE = 4
-"""Pivots whose rows are taken from the rest together: each number of it is then loaded and stored once for all."""
+TILE = LANES_64
+"""Rows and columns of a tile."""
 
-PANEL = 8 * AT_ONCE
-"""Pivots that are taken from the rest while a few rows of it are in the fastest memory; a band is larger than that."""
+FIRST, PAST = 0, 1
+"""Columns of a strip's rows that aren't zero."""
 
 
 @uncounted
-def _upper(blocks: Floats, damping: float, band_out: Floats) -> None:
-    """Rows of the upper triangle, each from its diagonal on, which is multiplied by 1 + damping; zeros behind them."""
-    n, size, width = blocks.shape
-    band_out[:, :] = 0.0
+def _fill(blocks: Floats, damping: float, strips_out: Floats) -> None:
+    """The upper triangle of a matrix, with whole blocks on its diagonal, which is multiplied by 1 + damping."""
+    n, size, _ = blocks.shape
+    per_block = strips_out.shape[1] // (COUPLED + 1)
     for f in range(n):
-        for q in range(size):
-            for c in range(max(COUPLED - f, 0), COUPLED):
-                back = (COUPLED - c) * size
-                for p in range(size):
-                    band_out[f * size - back + p, back + q - p] = blocks[f, q, c * size + p]
-            row, diagonal = band_out[f * size + q], blocks[f, q, width - size + q :]
-            for k in range(size - q):
-                row[k] = diagonal[k]
-            row[0] *= 1.0 + damping
+        for j in range(COUPLED + 1):
+            for t in range(per_block):
+                strip, columns = strips_out[f, j * per_block + t], max(min(TILE, size - TILE * t), 0)
+                strip[:] = 0.0
+                if f + j < n:
+                    source = blocks[f + j, TILE * t : TILE * t + columns, (COUPLED - j) * size :]
+                    for p in range(size):
+                        for c in range(columns):
+                            strip[p * TILE + c] = source[c, p]
+        for p in range(per_block * TILE):
+            diagonal = strips_out[f, p // TILE][p * TILE + p % TILE :]
+            diagonal[0] = diagonal[0] * (1.0 + damping) if p < size else 1.0
 
 
 @uncounted
-def _eliminated(row: Floats) -> bool:
-    """Divide a row by the root of its pivot, with which it begins; whether that is positive."""
-    if not row[0] > 0.0:
-        return False
-    scale = 1.0 / math.sqrt(row[0])
-    for k in range(row.shape[0]):
-        row[k] *= scale
+def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
+    """Subtract a^T b from a tile c, of two strips of so many rows."""
+    c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
+    c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
+    for k in range(rows):
+        at = k * TILE
+        row = load(b, at)
+        c0 -= a[at] * row
+        c1 -= a[at + 1] * row
+        c2 -= a[at + 2] * row
+        c3 -= a[at + 3] * row
+        c4 -= a[at + 4] * row
+        c5 -= a[at + 5] * row
+        c6 -= a[at + 6] * row
+        c7 -= a[at + 7] * row
+    store(c, 0, c0)
+    store(c, TILE, c1)
+    store(c, 2 * TILE, c2)
+    store(c, 3 * TILE, c3)
+    store(c, 4 * TILE, c4)
+    store(c, 5 * TILE, c5)
+    store(c, 6 * TILE, c6)
+    store(c, 7 * TILE, c7)
+
+
+@uncounted
+def _take_strips(a: Floats, of_a: Floats, b: Floats, of_b: Floats, most: int, c: Floats) -> None:
+    """The same of the rows before `most` in which neither strip is zero; where they aren't is given for both."""
+    first, past = max(of_a[FIRST], of_b[FIRST]), min(of_a[PAST], of_b[PAST], most)
+    if first < past:
+        _take_product(a[first * TILE :], b[first * TILE :], past - first, c)
+
+
+@uncounted
+def _factorize_tile(tile: Floats) -> bool:
+    """Replace a tile on the diagonal by its factor, zeros below; whether it is positive definite."""
+    for i in range(TILE):
+        row = tile[i * TILE : (i + 1) * TILE]
+        for k in range(i):
+            share = tile[k * TILE + i]
+            for c in range(TILE):
+                row[c] -= share * tile[k * TILE + c]
+        if not row[i] > 0.0:
+            return False
+        scale = 1.0 / math.sqrt(row[i])
+        for c in range(TILE):
+            row[c] = scale * row[c] if c >= i else 0.0
     return True
 
 
 @uncounted
-def _factorize(band: Floats) -> bool:
+def _solve_tile(tile: Floats, c: Floats) -> bool:
+    """Replace a tile c by U^-T c, U a factor on the diagonal; whether anything in it isn't zero."""
+    amount = 0.0 * load(c, 0)
+    for i in range(TILE):
+        row = load(c, i * TILE)
+        for k in range(i):
+            row -= tile[k * TILE + i] * load(c, k * TILE)
+        row = row / tile[i * TILE + i]
+        amount += magnitude(row)
+        store(c, i * TILE, row)
+    return total(amount) != 0.0
+
+
+@uncounted
+def _factorize(size: int, strips: Floats, spans: Floats) -> bool:
     """Replace a matrix A by its factor U, A = U^T U.
 
     Args:
-        band: Row i holds the columns from i on; behind them are `AT_ONCE` - 1 zeros; shape (rows, w + `AT_ONCE` - 1).
+        size: Rows of its blocks, without those of the identity.
+        strips: As `_fill` leaves them, shape (n, strips, rows `TILE`).
+        spans: Gets where each strip isn't zero, shape (n, strips, 2).
 
     Returns:
-        Whether the matrix is positive definite; if not, `band` means nothing.
+        Whether the matrix is positive definite; if not, the strips mean nothing.
     """
-    rows, width = band.shape
-    for first in range(0, rows, PANEL):
-        last = min(first + PANEL, rows)
-        for i in range(first, last, AT_ONCE):
-            for t in range(min(AT_ONCE, rows - i)):
-                for b in range(t):
-                    _take(band[i + t][: width - t + b], band[i + b][t - b], band[i + b][t - b :])
-                if not _eliminated(band[i + t]):
-                    return False
-            for k in range(i + AT_ONCE, min(last, i + width)):
-                _take_pivots(band, i, k)
-        for k in range(last, min(rows, last + width), AT_ONCE):
-            for i in range(first, last, AT_ONCE):
-                if k + AT_ONCE <= min(rows, i + width):
-                    _take_pivots_of_some(band, i, k)
-                else:
-                    for row in range(k, min(rows, i + width)):
-                        _take_pivots(band, i, row)
+    n, count, _ = strips.shape
+    per_block = count // (COUPLED + 1)
+    for f in range(n):
+        for s in range(count):  # what blocks before take away: the strip stays in the fastest memory meanwhile
+            for g in range(max(f - COUPLED, 0), f):
+                column = (f - g) * per_block + s
+                if column >= count:
+                    continue
+                of_column, column_spans = strips[g, column], spans[g, column]
+                for t in range(min(s + 1, per_block)):
+                    row = (f - g) * per_block + t
+                    tile = strips[f, s][t * TILE * TILE :]
+                    _take_strips(strips[g, row], spans[g, row], of_column, column_spans, size, tile)
+        spans[f, :, FIRST], spans[f, :, PAST] = size, 0
+        for t in range(per_block):
+            diagonal = strips[f, t][t * TILE * TILE :]
+            _take_strips(strips[f, t], spans[f, t], strips[f, t], spans[f, t], t * TILE, diagonal)
+            if not _factorize_tile(diagonal):
+                return False
+            for s in range(t + 1, count):
+                tile = strips[f, s][t * TILE * TILE :]
+                _take_strips(strips[f, t], spans[f, t], strips[f, s], spans[f, s], t * TILE, tile)
+                if _solve_tile(diagonal, tile):
+                    spans[f, s, FIRST] = min(spans[f, s, FIRST], t * TILE)
+                    spans[f, s, PAST] = min((t + 1) * TILE, size)
     return True
 
 
 @uncounted
-def _take_pivots(band: Floats, i: int, k: int) -> None:
-    """Take the rows of the `AT_ONCE` pivots from i on from row k, if they are coupled: a vector loop."""
-    row = band[k][: band.shape[1] - (k - i)]
-    a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
-    if _uncoupled(a, b, c, d, 1):
-        return
-    a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
-    for m in range(row.shape[0]):
-        row[m] -= a0 * a[m] + b0 * b[m] + c0 * c[m] + d0 * d[m]
-
-
-@uncounted
-def _uncoupled(a: Floats, b: Floats, c: Floats, d: Floats, rows: int) -> bool:
-    """Whether the first numbers of four pivots, for so many rows, are all zero."""
-    zero = True
-    for m in range(rows):
-        zero &= a[m] == 0.0 and b[m] == 0.0 and c[m] == 0.0 and d[m] == 0.0
-    return zero
-
-
-@uncounted
-def _take_pivots_of_some(band: Floats, i: int, k: int) -> None:
-    """The same from the `AT_ONCE` rows from k on: what is loaded of pivots serves all of these.
-
-    Far from obstacles nothing couples a motion's coordinates: most rows are left alone then.
-    """
-    count = band.shape[1] - (k + 3 - i)
-    a, b, c, d = band[i][k - i :], band[i + 1][k - i - 1 :], band[i + 2][k - i - 2 :], band[i + 3][k - i - 3 :]
-    if _uncoupled(a, b, c, d, AT_ONCE):
-        return
-    a0, b0, c0, d0 = a[0], b[0], c[0], d[0]
-    a1, b1, c1, d1 = a[1], b[1], c[1], d[1]
-    a2, b2, c2, d2 = a[2], b[2], c[2], d[2]
-    a3, b3, c3, d3 = a[3], b[3], c[3], d[3]
-    p, q, r, s = band[k], band[k + 1], band[k + 2], band[k + 3]
-    p[0] -= a0 * a0 + b0 * b0 + c0 * c0 + d0 * d0
-    p[1] -= a0 * a1 + b0 * b1 + c0 * c1 + d0 * d1
-    p[2] -= a0 * a2 + b0 * b2 + c0 * c2 + d0 * d2
-    q[0] -= a1 * a1 + b1 * b1 + c1 * c1 + d1 * d1
-    q[1] -= a1 * a2 + b1 * b2 + c1 * c2 + d1 * d2
-    r[0] -= a2 * a2 + b2 * b2 + c2 * c2 + d2 * d2
-    whole = count - count % LANES_64
-    for m in range(0, whole, LANES_64):
-        x, y, z, w = load(a, m + 3), load(b, m + 3), load(c, m + 3), load(d, m + 3)
-        store(p, m + 3, load(p, m + 3) - (a0 * x + b0 * y + c0 * z + d0 * w))
-        store(q, m + 2, load(q, m + 2) - (a1 * x + b1 * y + c1 * z + d1 * w))
-        store(r, m + 1, load(r, m + 1) - (a2 * x + b2 * y + c2 * z + d2 * w))
-        store(s, m, load(s, m) - (a3 * x + b3 * y + c3 * z + d3 * w))
-    for m in range(whole, count):
-        xs, ys, zs, ws = a[m + 3], b[m + 3], c[m + 3], d[m + 3]
-        p[m + 3] -= a0 * xs + b0 * ys + c0 * zs + d0 * ws
-        q[m + 2] -= a1 * xs + b1 * ys + c1 * zs + d1 * ws
-        r[m + 1] -= a2 * xs + b2 * ys + c2 * zs + d2 * ws
-        s[m] -= a3 * xs + b3 * ys + c3 * zs + d3 * ws
-
-
-@uncounted
-def _take(row: Floats, share: float, other: Floats) -> None:
-    """Subtract a multiple of another row: a vector loop."""
-    for k in range(row.shape[0]):
-        row[k] -= share * other[k]
-
-
-@uncounted
-def _substitute(band: Floats, right_out: Floats) -> None:
-    """Replace b (rows,) by (U^T U)^{-1} b."""
-    rows, width = band.shape
-    for i in range(rows):
-        right_out[i] /= band[i, 0]
-        behind = right_out[i + 1 : i + width]
-        _take(behind, right_out[i], band[i, 1:])
-    for i in range(rows - 1, -1, -1):
-        row, behind = band[i, 1:], right_out[i + 1 : i + width]
-        value = right_out[i]
-        for k in range(behind.shape[0]):
-            value -= row[k] * behind[k]
-        right_out[i] = value / band[i, 0]
+def _substitute(strips: Floats, right: Floats) -> None:
+    """Replace b by (U^T U)^{-1} b; b has the rows of the identity, and those of three more blocks, which are zero."""
+    n, count, _ = strips.shape
+    per_block = count // (COUPLED + 1)
+    for f in range(n):
+        for t in range(per_block):
+            x = right[(f * per_block + t) * TILE :]
+            diagonal = strips[f, t][t * TILE * TILE :]
+            for i in range(TILE):
+                for k in range(i):
+                    x[i] -= diagonal[k * TILE + i] * x[k]
+                x[i] /= diagonal[i * TILE + i]
+            for s in range(t + 1, count):
+                tile, at = strips[f, s][t * TILE * TILE :], (s - t) * TILE
+                row = load(x, at)
+                for k in range(TILE):
+                    row -= x[k] * load(tile, k * TILE)
+                store(x, at, row)
+    for f in range(n - 1, -1, -1):
+        for t in range(per_block - 1, -1, -1):
+            x = right[(f * per_block + t) * TILE :]
+            diagonal = strips[f, t][t * TILE * TILE :]
+            for i in range(TILE - 1, -1, -1):
+                amount = 0.0 * load(x, 0)
+                for s in range(t + 1, count):
+                    amount += load(strips[f, s], (t * TILE + i) * TILE) * load(x, (s - t) * TILE)
+                value = x[i] - total(amount)
+                for k in range(i + 1, TILE):
+                    value -= diagonal[i * TILE + k] * x[k]
+                x[i] = value / diagonal[i * TILE + i]
 
 
 class BorderedFactor(NamedTuple):
     """A system [[A, B], [B^T, C]] in factors, with k = 1 or 2 columns in B; of memory until it is made.
 
     Attributes:
-        band: U of A = U^T U, as `_factorize` leaves it, shape (n m, 4 m + AT_ONCE - 1).
+        strips: U of A = U^T U, as `_factorize` leaves it.
+        spans: Where its strips aren't zero.
+        padded: Memory for a right side with the rows of the identity, and three more blocks.
         border: B by its columns, shape (k, n m).
         across: A^-1 B by its columns, shape (k, n m).
         pivots: Of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the
             first row that is in the second; shape (3,).
     """
 
-    band: RowsOut
+    strips: BlocksOut
+    spans: IndexBlocksOut
+    padded: RowOut
     border: RowsOut
     across: RowsOut
     pivots: RowOut
@@ -189,9 +215,31 @@ FACTOR = numba_type(BorderedFactor)
 
 def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
     """Memory for n blocks of a size, and one or two more rows."""
-    rows = n * size
-    band = np.empty((rows, (COUPLED + 1) * size + AT_ONCE - 1))
-    return BorderedFactor(band, np.empty((more, rows)), np.empty((more, rows)), np.zeros(3))
+    per_block = -(-size // TILE)
+    count, padded = (COUPLED + 1) * per_block, per_block * TILE
+    return BorderedFactor(
+        np.empty((n, count, padded * TILE)),
+        np.empty((n, count, 2), np.int64),
+        np.zeros((n + COUPLED) * padded),
+        np.empty((more, n * size)),
+        np.empty((more, n * size)),
+        np.zeros(3),
+    )
+
+
+@uncounted
+def _solve_band(factor: BorderedFactor, size: int, right_out: Floats) -> None:
+    """Replace b, shape (n m,), by A^{-1} b."""
+    n, padded = factor.strips.shape[0], factor.strips.shape[1] // (COUPLED + 1) * TILE
+    x = factor.padded
+    x[:] = 0.0
+    for f in range(n):
+        for p in range(size):
+            x[f * padded + p] = right_out[f * size + p]
+    _substitute(factor.strips, x)
+    for f in range(n):
+        for p in range(size):
+            right_out[f * size + p] = x[f * padded + p]
 
 
 @compiled(types.boolean(BLOCKS, MATRIX, MATRIX, SCALAR, FACTOR))
@@ -211,14 +259,15 @@ def factorize_bordered(
     Returns:
         Whether the system is positive definite; if not, the factors mean nothing.
     """
-    _upper(blocks, damping, factor_out.band)
-    if not _factorize(factor_out.band):
+    size = blocks.shape[1]
+    _fill(blocks, damping, factor_out.strips)
+    if not _factorize(size, factor_out.strips, factor_out.spans):
         return False
     more = border.shape[0]
     for e in range(more):
         factor_out.border[e] = border[e]
         factor_out.across[e] = border[e]
-        _substitute(factor_out.band, factor_out.across[e])
+        _solve_band(factor_out, size, factor_out.across[e])
     pivots = factor_out.pivots
     first: float = corner[0, 0] * (1.0 + damping) - _product(border[0], factor_out.across[0])
     pivots[0] = first
@@ -245,7 +294,7 @@ def solve_factorized(factor: BorderedFactor, right: Floats, solution_out: Floats
     more, rows = factor.border.shape
     x = solution_out[:rows]
     x[:] = right[:rows]
-    _substitute(factor.band, x)
+    _solve_band(factor, rows // factor.strips.shape[0], x)
     first = right[rows] - _product(factor.border[0], x)
     if more > 1:
         second = right[rows + 1] - _product(factor.border[1], x) - factor.pivots[2] * first

@@ -247,6 +247,46 @@ def _add_sample_by_times(
 
 
 @uncounted
+def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: float) -> float:
+    """A model elsewhere: its value alone, see `expanded`."""
+    n, nv = points.shape
+    total = model.value
+    longer, later = math.log(step / model.step), begin - model.begin
+    for i in range(n):
+        before = max(3 - i, 0)
+        for p in range(nv):
+            move = points[i, p] - model.points[i, p]
+            if move == 0.0:
+                continue
+            of_point, others = 0.0, 0.0
+            for q in range(nv):
+                of_point += model.blocks[i, p, 3 * nv + q] * (points[i, q] - model.points[i, q])
+            for c in range(before, 3):
+                row, here, there = model.blocks[i, p, c * nv :], points[i - 3 + c], model.points[i - 3 + c]
+                for q in range(nv):
+                    others += row[q] * (here[q] - there[q])
+            by_times = longer * model.border[0, i, p] + later * model.border[1, i, p]
+            total += move * (model.gradient[i, p] + 0.5 * of_point + others + by_times)
+    for e in range(2):
+        of_e = longer if e == 0 else later
+        total += of_e * (model.by_times[e] + 0.5 * (longer * model.corner[e, 0] + later * model.corner[e, 1]))
+    return total
+
+
+@uncounted
+def _is_there(model: ClearanceModel, points: Floats, step: float, begin: float, gradient_out: Floats) -> bool:
+    """Whether a motion is the one that was looked at; then its gradient is the model's."""
+    same = step == model.step and begin == model.begin
+    for i in range(points.shape[0]):
+        for p in range(points.shape[1]):
+            same &= points[i, p] == model.points[i, p]
+            gradient_out[i, p] = model.gradient[i, p] if same else 0.0
+    if not same:
+        gradient_out[:, :] = 0.0
+    return same
+
+
+@uncounted
 def expanded(
     model: ClearanceModel, points: Floats, step: float, begin: float, gradient_out: Floats
 ) -> tuple[float, float, float]:
@@ -260,7 +300,8 @@ def expanded(
         gradient_out: Its gradient by the control points, shape (n, nv).
     """
     n, nv = points.shape
-    gradient_out[:, :] = 0.0
+    if _is_there(model, points, step, begin, gradient_out):
+        return model.value, model.by_times[0], model.by_times[1]
     for i in range(n):
         for p in range(nv):
             move = points[i, p] - model.points[i, p]

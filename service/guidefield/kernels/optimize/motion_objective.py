@@ -17,7 +17,7 @@ import numpy as np
 from guidefield.kernels.jit.fields import Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded
+from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded, expanded_value
 from guidefield.kernels.optimize.constraint_penalty import (
     KEPT_SAMPLES,
     KeptSamples,
@@ -111,15 +111,14 @@ def objective_value(
     begin: float,
     first_step: float,
     limit_weight: float,
-    scratch: Floats,
 ) -> float:
-    """The objective alone; infinite where a limit is reached. See `motion_objective`; the scratch has shape (n, nv)."""
+    """The objective alone; infinite where a limit is reached. See `motion_objective`."""
     pieces = points.shape[0] - 3
     of_limits = limit_barrier(points, step, limits) + time_barrier(times, begin, pieces * step)
     if of_limits == math.inf:
         return of_limits
     of_constraints = constraint_penalty(kept, points)
-    of_clearance = expanded(model, points, step, begin, scratch)[0]
+    of_clearance = expanded_value(model, points, step, begin)
     arrival: float = step / first_step + begin / (pieces * first_step)
     return arrival + limit_weight * of_limits + of_constraints + of_clearance
 
