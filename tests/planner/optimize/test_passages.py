@@ -30,6 +30,7 @@ class Waypoint:
 
     point: np.ndarray
     radius: float
+    tip_plane: None = None
 
     def missed(self, zs: np.ndarray) -> np.ndarray:
         return np.maximum(np.linalg.norm(zs - self.point, axis=1) - self.radius, 0.0)[:, None]

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 
 from guidefield.messages import scene as messages
+from guidefield.planner.motion.bspline import BSpline, End
+from guidefield.planner.optimize.passages import add_passage, nearest
 from guidefield.planner.optimize.plane_place import PlanePlace
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
@@ -66,3 +70,38 @@ def test_the_inset_is_what_the_crossing_had_where_that_is_less() -> None:
     assert near_edge.inset == pytest.approx(0.02 * 0.1, rel=1e-6)
     assert PlanePlace.through(made_for, plane_through(tip), z).inset > 0.004
     assert PlanePlace.through(made_for, plane_through(tip, shift=-1.1), z).inset == 0.0
+
+
+@dataclass(frozen=True)
+class Plainly:
+    """A place as `passages` looks at any that kernels know nothing of."""
+
+    place: PlanePlace
+    tip_plane: None = None
+
+    def missed(self, zs: np.ndarray) -> np.ndarray:
+        return self.place.missed(zs)
+
+    def rows(self, z: np.ndarray) -> np.ndarray:
+        return self.place.rows(z)
+
+
+@pytest.mark.parametrize("name", GROUPS)
+@pytest.mark.parametrize("shift", [0.0, -0.98, -1.3], ids=["inside", "near an edge", "beyond it"])
+@pytest.mark.parametrize("away", [0.0, 0.05], ids=["crossing", "reaching"])
+def test_kernels_find_what_is_found_of_any_place(name: str, shift: float, away: float) -> None:
+    made_for, z, tip = made(name)
+    rng, pieces = np.random.default_rng(5), 12
+    points = z + 0.02 * rng.normal(size=(pieces + 3, len(z))) + np.linspace(-0.2, 0.2, pieces + 3)[:, None]
+    spline = BSpline.between(End.at_rest(points[1]), End.at_rest(points[-2]), points[3:-3], 0.1)
+    place = PlanePlace(made_for, plane_through(tip + away, shift=shift), 0.03)
+    for about in (0.0, 3.3, 6.1, 12.0):
+        at = nearest(place, spline, about)
+        assert at == pytest.approx(nearest(Plainly(place), spline, about), abs=1e-6)
+        found = []
+        for one in (place, Plainly(place)):
+            gradient, blocks = np.zeros(points.shape), np.zeros((*points.shape, 4 * len(z)))
+            value = add_passage(one, spline, at, 7.0, 1e-3, gradient, blocks)
+            found.append((value, gradient, blocks))
+        for mine, plain in zip(*found, strict=True):
+            np.testing.assert_allclose(mine, plain, rtol=1e-9, atol=1e-12)

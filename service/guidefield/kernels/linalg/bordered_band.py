@@ -18,7 +18,7 @@ from numba import types
 
 from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, compiled
+from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, Integers, compiled
 from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
 
 COUPLED = 3
@@ -78,7 +78,7 @@ def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
 
 
 @uncounted
-def _take_strips(a: Floats, of_a: Floats, b: Floats, of_b: Floats, most: int, c: Floats) -> None:
+def _take_strips(a: Floats, of_a: Integers, b: Floats, of_b: Integers, most: int, c: Floats) -> None:
     """The same of the rows before `most` in which neither strip is zero; where they aren't is given for both."""
     first, past = max(of_a[FIRST], of_b[FIRST]), min(of_a[PAST], of_b[PAST], most)
     if first < past:
@@ -113,11 +113,11 @@ def _solve_tile(tile: Floats, c: Floats) -> bool:
         row = row / tile[i * TILE + i]
         amount += magnitude(row)
         store(c, i * TILE, row)
-    return total(amount) != 0.0
+    return bool(total(amount) != 0.0)
 
 
 @uncounted
-def _factorize(size: int, strips: Floats, spans: Floats) -> bool:
+def _factorize(size: int, strips: Floats, spans: Integers) -> bool:
     """Replace a matrix A by its factor U, A = U^T U.
 
     Args:

@@ -23,6 +23,7 @@ from typing import Protocol
 import numpy as np
 
 from guidefield.kernels.optimize.clearance_model import add_place
+from guidefield.kernels.optimize.tip_plane import TipPlane, add_crossing, nearest_crossing
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.settings import PASSAGE
@@ -35,6 +36,10 @@ _AROUND = np.arange(-2.0, 3.0)
 
 class Place(Protocol):
     """Where a motion has to be at some time."""
+
+    @property
+    def tip_plane(self) -> TipPlane | None:
+        """The same as kernels read it, if it is a plane that the tip crosses."""
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """What chart points (n, nv) miss the place by, shape (n, k): zero where they are there [m or rad]."""
@@ -79,7 +84,10 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
         spline: The motion.
         about: Where it was, in pieces from the start.
     """
-    spacing = PASSAGE.spacing
+    spacing, plane = PASSAGE.spacing, place.tip_plane
+    if plane is not None:
+        found: float = nearest_crossing(plane, spline.points, about, spacing, PASSAGE.closer, PASSAGE.shifts)
+        return found
     for _ in range(PASSAGE.shifts):
         at = np.minimum(np.maximum(about + spacing * _AROUND, 0.0), float(spline.pieces))
         missed = place.missed(spline.at(at))
@@ -122,7 +130,10 @@ def add_passage(
     Returns:
         Its value.
     """
-    where = np.array([at])
+    plane, where = place.tip_plane, np.array([at])
+    if plane is not None:
+        value: float = add_crossing(plane, spline.points, at, weight, crossing, gradient_out, blocks_out)
+        return value
     z, slope = spline.at(where)[0], spline.slopes(where)[0]
     missed, rows = place.missed(z[None])[0], place.rows(z)
     a = rows @ slope

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.kernels.optimize.tip_plane import TipPlane
 from guidefield.planner.guide.tip_reach import inset_at
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only
@@ -40,6 +41,15 @@ class PlanePlace:
             z: Chart point with the tip on it, shape (nv,).
         """
         return cls(problem, plane, inset_at(problem, plane, problem.kinematics.tip_positions(z[None])[0]))
+
+    @cached_property
+    def tip_plane(self) -> TipPlane:
+        """As in `Place`."""
+        directions, offsets = self._heights
+        joints, expand, offset, origin, carrier, point = self.problem.kinematics.tip
+        rows = np.ascontiguousarray(directions.T), offsets + self.plane.flat.origin @ directions
+        read_only(*rows)
+        return TipPlane(joints, expand, offset, origin, carrier, point, *rows)
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""

@@ -30,6 +30,11 @@ class PassedGoal(ReadOnly):
     radius: float
 
     @property
+    def tip_plane(self) -> None:
+        """It is no plane that the tip crosses, see `Place`."""
+        return None
+
+    @property
     def is_of_tip(self) -> bool:
         """Whether it is about the tip."""
         return isinstance(self.problem.goal, TipGoal)

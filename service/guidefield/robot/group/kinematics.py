@@ -49,19 +49,19 @@ class Kinematics:
     def tip_positions(self, zs: ChartPoints) -> np.ndarray:
         """Positions of the tip in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
         positions = np.empty((len(zs), 3))
-        joints, expand, offset, origin, carrier, point = self._tip
+        joints, expand, offset, origin, carrier, point = self.tip
         frame_positions(joints, expand, offset, origin, np.ascontiguousarray(zs, float), carrier, point, positions)
         return positions
 
     def tip_slopes(self, z: ChartPoint) -> np.ndarray:
         """Derivative of the tip's position by the chart at a point of the group's, shape (nv,): shape (3, nv) [m]."""
         slopes = np.empty((3, len(z)))
-        joints, expand, offset, origin, carrier, point = self._tip
+        joints, expand, offset, origin, carrier, point = self.tip
         frame_slopes(joints, expand, offset, origin, np.ascontiguousarray(z, float), carrier, point, slopes)
         return slopes
 
     @cached_property
-    def _tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
+    def tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
         """What the kernels want of the group and its tip, see `frame_positions`."""
         group = self.group
         frame = group.model.frames[group.tip_id]

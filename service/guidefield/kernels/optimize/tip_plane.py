@@ -1,0 +1,159 @@
+"""A guide plane that a motion's tip crosses: where it comes nearest, and what missing it costs, in one call each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.fields import Row, Rows, numba_type
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
+from guidefield.kernels.kinematics.forward_kinematics import JointTable
+from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
+from guidefield.kernels.optimize.clearance_model import add_place
+from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
+
+SAMPLES = 5
+"""About a place, the third of them there."""
+
+
+class TipPlane(NamedTuple):
+    """A robot's tip, and a guide plane's heights: over the plane, and over its inset edges, where it is one side of it.
+
+    Attributes:
+        joints: Joints of the model, followers included.
+        expand, offset: Coordinates of the model's chart by those of the group, shapes (n, nv) and (n,).
+        origin: Configuration of the model from which rotation vectors start, shape (nq,).
+        carrier: The joint that carries the tip.
+        point: The tip in its frame, shape (3,) [m].
+        directions: Along which heights are taken, the plane's first, shape (k, 3).
+        heights: Of the plane and its inset edges along them, shape (k,) [m].
+    """
+
+    joints: JointTable
+    expand: Rows
+    offset: Row
+    origin: Row
+    carrier: int
+    point: Row
+    directions: Rows
+    heights: Row
+
+
+TIP_PLANE = numba_type(TipPlane)
+
+
+@inlined
+def _missed(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
+    """What a tip misses the plane and its edges by, shape (k,); the sum of the squares."""
+    square = 0.0
+    for r in range(place.heights.shape[0]):
+        height = -place.heights[r]
+        for c in range(3):
+            height += place.directions[r, c] * tip[c]
+        missed_out[r] = height if r == 0 else min(height, 0.0)
+        square += missed_out[r] * missed_out[r]
+    return square
+
+
+@compiled(SCALAR(TIP_PLANE, MATRIX, SCALAR, SCALAR, SCALAR, types.int64))
+def nearest_crossing(
+    place: TipPlane, points: Floats, about: float, spacing: float, closer: float, shifts: int
+) -> float:
+    """Where a spline comes nearest to a plane, in pieces from the start: as `nearest` of passages has it.
+
+    Args:
+        place: The plane.
+        points: Control points, shape (m + 3, nv) [rad or m].
+        about: Where it was, in pieces from the start.
+        spacing: Of samples at first, in pieces.
+        closer: Share of it with which they are taken again.
+        shifts: How often samples are taken at most.
+    """
+    last, first = float(points.shape[0] - 3), spacing
+    at, zs, tips = np.empty(SAMPLES), np.empty((SAMPLES, points.shape[1])), np.empty((SAMPLES, 3))
+    squares, missed = np.empty(SAMPLES), np.empty(place.heights.shape[0])
+    for _ in range(shifts):
+        for k in range(SAMPLES):
+            at[k] = min(max(about + spacing * (k - SAMPLES // 2), 0.0), last)
+        spline_points(points, at, zs)
+        frame_positions(place.joints, place.expand, place.offset, place.origin, zs, place.carrier, place.point, tips)
+        least = 0
+        for k in range(SAMPLES):
+            squares[k] = _missed(place, tips[k], missed)
+            least = k if squares[k] < squares[least] else least
+        if squares[SAMPLES // 2] == 0.0:
+            return float(at[SAMPLES // 2])
+        about = at[least]
+        if least in (0, SAMPLES - 1):
+            continue
+        if spacing < first:
+            before, after = squares[least - 1], squares[least + 1]
+            bend = before - 2.0 * squares[least] + after
+            about += 0.5 * spacing * (before - after) / bend if bend > 0.0 else 0.0
+            return min(max(about, 0.0), last)
+        spacing *= closer
+    return about
+
+
+@compiled(SCALAR(TIP_PLANE, MATRIX, SCALAR, SCALAR, SCALAR, MATRIX_OUT, BLOCKS_OUT))
+def add_crossing(
+    place: TipPlane,
+    points: Floats,
+    at: float,
+    weight: float,
+    crossing: float,
+    gradient_out: Floats,
+    blocks_out: Floats,
+) -> float:
+    """Add what missing a plane adds to the objective of a motion, as `add_passage` has it.
+
+    Args:
+        place: The plane.
+        points: Control points, shape (m + 3, nv) [rad or m].
+        at: Where the motion comes nearest, in pieces from the start.
+        weight: w [1/m²].
+        crossing: κ [m].
+        gradient_out: By the control points, shape (m + 3, nv).
+        blocks_out: Hessian, see `ClearanceModel`, shape (m + 3, nv, 4 nv).
+
+    Returns:
+        Its value.
+    """
+    nv, k = points.shape[1], place.heights.shape[0]
+    where, z, slope, tip = np.array([at]), np.empty((1, nv)), np.empty((1, nv)), np.empty((1, 3))
+    of_tip, missed, rows = np.empty((3, nv)), np.empty(k), np.zeros((k, nv))
+    spline_points(points, where, z)
+    spline_slopes(points, where, slope)
+    frame_positions(place.joints, place.expand, place.offset, place.origin, z, place.carrier, place.point, tip)
+    frame_slopes(place.joints, place.expand, place.offset, place.origin, z[0], place.carrier, place.point, of_tip)
+    square = _missed(place, tip[0], missed)
+    gradient, passed, along = np.zeros(nv), np.zeros(nv), crossing * crossing
+    for r in range(k):
+        if r > 0 and missed[r] == 0.0:
+            continue
+        speed = 0.0
+        for p in range(nv):
+            for c in range(3):
+                rows[r, p] += place.directions[r, c] * of_tip[c, p]
+            speed += rows[r, p] * slope[0, p]
+        along += speed * speed
+        for p in range(nv):
+            gradient[p] += missed[r] * rows[r, p]
+            passed[p] += speed * rows[r, p]
+    hessian = np.empty((nv, nv))
+    for p in range(nv):
+        for q in range(nv):
+            hessian[p, q] = -passed[p] * passed[q] / along
+        for r in range(k):
+            for q in range(nv):
+                hessian[p, q] += rows[r, p] * rows[r, q]
+    piece = min(max(int(at), 0), points.shape[0] - 4)
+    t = at - piece
+    s = 1.0 - t
+    basis = np.array(
+        [s * s * s, 4.0 + t * t * (3.0 * t - 6.0), 4.0 + s * s * (3.0 * s - 6.0), t * t * t]
+    ) / 6.0  # fmt: skip
+    add_place(piece, basis, weight, gradient, hessian, gradient_out, blocks_out)
+    return 0.5 * weight * square
