@@ -156,9 +156,9 @@ class Descent(ReadOnly):
         border *= stiffness
         corner *= stiffness
         here = []
+        crossing = question.settings.crossing * self.count / question.settings.samples  # of pieces that are shorter
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
-            crossing = question.settings.crossing
             value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, crossing, gradient, blocks)
         model = ClearanceModel(
             value, spline.points, spline.step, spline.begin, gradient, blocks, border, by_times, corner

@@ -90,8 +90,8 @@ class OptimizationSettings:
             some are refused at first.
         constraint_samples: On a piece, for each at which the clearance is looked at. Unrecorded.
         compared: At so many samples two motions among obstacles that move are compared. A choice.
-        crossing: Change of what a passage is missed by in a piece, below which a change of time makes up for little
-            [m or rad]; see `guided`.
+        crossing: Change of what a passage is missed by in a piece before the last subdivision, below which a change of
+            time makes up for little; half as much after it [m or rad]; see `guided`.
         tight: Limits of path constraints up to this count in Newton's steps all through [rad or m]. Constrained: with
             0 one in six motions hardly gets shorter, with 0.02 and 0.05 they are the same.
     """
@@ -280,7 +280,7 @@ def guided(settings: OptimizationSettings) -> OptimizationSettings:
     with 5e-4 some keep a tenth less. With a floor of 45 mm these motions keep up to 31 % less, with 70 mm one takes
     12 % longer. With 64 pieces they keep 2 % more, take 0.7 % longer, and each look and step takes twice the time.
     """
-    return dataclasses.replace(_kept_from(settings, 0.065), few=True, worth=0.1, most_pieces=32, crossing=1e-3)
+    return dataclasses.replace(_kept_from(settings, 0.065), few=True, worth=0.2, most_pieces=32, crossing=1e-3)
 
 
 def guided_of_many(settings: OptimizationSettings) -> OptimizationSettings:
