@@ -17,6 +17,7 @@ from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SweptRobot
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
@@ -98,17 +99,30 @@ def swept_world(world: World) -> SweptWorld:
         ends = [shape.placement.act(end) for end in (charged.capsule.p0, charged.capsule.p1)]
         capsules.append(np.r_[ends[0], ends[1], charged.capsule.radius])
         carriers.append(shape.parentJoint)
-    moved = np.zeros((len(shapes), group.model.njoints), np.int64)
-    for row, carrier in enumerate(carriers):
-        moved[row, [joint for joint in group.model.supports[carrier] if joint]] = 1
     robot = SweptRobot(
         joints=joints_of(group),
         origin=group.expand(group.q_origin),
         capsules=np.array(capsules, float).reshape(-1, 7),
         carriers=np.array(carriers, np.int64),
-        moved=moved,
         own=world.pairs.own,
+        apart=_apart(group, world.pairs.own.tobytes()),
     )
-    read_only(robot.capsules, robot.carriers, robot.moved, robot.own, robot.origin)
+    read_only(robot.capsules, robot.carriers, robot.own, robot.apart, robot.origin)
     exact = not len(world.pairs.left_out) and all(isinstance(shape.geometry, coal.Capsule) for shape in shapes)
     return SweptWorld(group, robot, distance_tables(world.scene), exact)
+
+
+@kept_with_alike
+def _apart(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
+    """`SweptRobot.apart` of own pairs, an array (own, 2) of int64."""
+    supports = [list(group.model.supports[shape.parentJoint]) for shape in group.geometry.geometryObjects]
+    apart = [
+        [_first_apart(supports[one], supports[other]) for one, other in ((a, b), (b, a))]
+        for a, b in np.frombuffer(own_pairs, np.int64).reshape(-1, 2).tolist()
+    ]
+    return np.array(apart, np.int64).reshape(-1, 2)
+
+
+def _first_apart(one: list[int], other: list[int]) -> int:
+    """The first of some joints from the root on that is none of others; 0 where there is none."""
+    return next((joint for joint, beside in zip(one, [*other, *one], strict=False) if joint != beside), 0)

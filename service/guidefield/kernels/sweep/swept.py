@@ -13,7 +13,8 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
-from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled, inlined
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled
 from guidefield.kernels.kinematics.chart import configuration
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.kernels.sweep.swept_bounds import (
@@ -35,7 +36,7 @@ _DEEPEST = 14
 _STACK = 64
 
 
-@inlined
+@uncounted
 def _segment_distance(ends: Floats, a: int, b: int) -> float:
     """Distance of the axes of two capsules (C. Ericson, Real-Time Collision Detection, 2005, section 5.1.9)."""
     d1x, d1y, d1z = ends[a, 3] - ends[a, 0], ends[a, 4] - ends[a, 1], ends[a, 5] - ends[a, 2]
@@ -57,7 +58,7 @@ def _segment_distance(ends: Floats, a: int, b: int) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@inlined
+@uncounted
 def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates: Integers, stack: Floats) -> bool:
     """Whether the axis of capsule c is farther than `keep` from all obstacles: halved until every part tells."""
     dx, dy, dz = ends[c, 3] - ends[c, 0], ends[c, 4] - ends[c, 1], ends[c, 5] - ends[c, 2]
@@ -84,23 +85,18 @@ def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates
     return True
 
 
-@inlined
-def _far(robot: SweptRobot, item: int, ends: Floats, shares: Floats, self_margin: float) -> bool:
-    """Whether the capsules of a pair are apart whatever moves them, as their middles and lengths tell."""
+@uncounted
+def _far(robot: SweptRobot, item: int, balls: Floats, bound: float, self_margin: float) -> bool:
+    """Whether a pair of capsules keeps more than its margin and a bound, as the balls about them tell."""
     count = robot.capsules.shape[0]
     if item < count:
         return False
     a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-    between, first, second = 0.0, 0.0, 0.0
-    for c in range(3):
-        between += (0.5 * (ends[a, c] + ends[a, 3 + c] - ends[b, c] - ends[b, 3 + c])) ** 2
-        first += (ends[a, 3 + c] - ends[a, c]) ** 2
-        second += (ends[b, 3 + c] - ends[b, c]) ** 2
-    gap = math.sqrt(between) - 0.5 * (math.sqrt(first) + math.sqrt(second))
-    return bool(gap > robot.capsules[a, RADIUS] + robot.capsules[b, RADIUS] + self_margin + shares[a, 0] + shares[b, 0])
+    x, y, z = balls[a, 0] - balls[b, 0], balls[a, 1] - balls[b, 1], balls[a, 2] - balls[b, 2]
+    return bool(x * x + y * y + z * z > (balls[a, 3] + balls[b, 3] + self_margin + bound) ** 2)
 
 
-@inlined
+@uncounted
 def _item_apart(
     robot: SweptRobot, tables: DistanceTables, item: int, ends: Floats, bound: float, margin: float,
     self_margin: float, candidates: Integers, parts: Floats,
@@ -116,13 +112,19 @@ def _item_apart(
     )
 
 
-@inlined
-def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats) -> None:
-    """Place the capsules at chart coordinates."""
+@uncounted
+def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats, balls: Floats) -> None:
+    """Place the capsules at chart coordinates, and the balls about them: their middles, and their radii."""
     joints = robot.joints
     configuration(joints, z, robot.origin, q)
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
     capsule_ends(robot, world, ends)
+    for c in range(robot.capsules.shape[0]):
+        square = 0.0
+        for k in range(3):
+            balls[c, k] = 0.5 * (ends[c, k] + ends[c, 3 + k])
+            square += (ends[c, 3 + k] - ends[c, k]) ** 2
+        balls[c, 3] = 0.5 * math.sqrt(square) + robot.capsules[c, RADIUS]
 
 
 @compiled(types.boolean(SWEPT, TABLES, VECTOR, VECTOR, SCALAR, SCALAR, SCALAR))
@@ -142,7 +144,8 @@ def motion_apart(
     """
     n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
     items = count + robot.own.shape[0]
-    world, ends, shares = np.empty((n, 3, 4)), np.empty((count, 6)), np.zeros((count, n))
+    world, ends, balls = np.empty((n, 3, 4)), np.empty((count, 6)), np.empty((count, 4))
+    shares, chords, moving = np.empty((count, n)), np.empty(n), np.empty(n, np.int64)
     subspaces, twists = np.empty((z0.shape[0], 6)), np.empty((n, 6))
     turns, slides, z, dz = np.zeros(n), np.zeros((n, 2)), z1.copy(), z1 - z0
     accelerations, speeds = np.empty(count), np.empty(count)
@@ -152,14 +155,14 @@ def motion_apart(
     depths, counts = np.zeros(_STACK, np.int64), np.zeros(_DEEPEST + 2, np.int64)
     pending = np.empty((_DEEPEST + 2, items), np.int64)
     # the end first: most motions that are refused end in contact
-    _at(robot, z, q, world, ends)
+    _at(robot, z, q, world, ends, balls)
     for item in range(items):
-        judged = robot.carriers[item] > 0 if item < count else not _far(robot, item, ends, shares, self_margin)
+        judged = robot.carriers[item] > 0 if item < count else not _far(robot, item, balls, 0.0, self_margin)
         if judged and not _item_apart(robot, tables, item, ends, 0.0, margin, self_margin, candidates, parts):
             return False
     spreads(robot, z0, z1, turns, slides)
     capsule_accelerations(robot, turns, slides, accelerations)
-    counts[0] = changing(robot, turns, slides, pending[0])
+    counts[0] = changing(robot, turns, slides, moving, pending[0])
     waiting[0, 0], waiting[0, 1] = 0.0, 1.0
     top = 1 if counts[0] > 0 else 0
     while top > 0:
@@ -168,15 +171,15 @@ def motion_apart(
         t, half = 0.5 * (t0 + t1), 0.5 * (t1 - t0)
         for k in range(z0.shape[0]):
             z[k] = z0[k] + t * dz[k]
-        _at(robot, z, q, world, ends)
-        joint_shares(robot, world, ends, turns, slides, half, shares)
+        _at(robot, z, q, world, ends, balls)
+        joint_shares(robot, world, ends, turns, slides, half, chords, shares)
         capsule_speeds(robot, world, z, q, dz, ends, subspaces, twists, speeds)
         left = 0
         for k in range(counts[depth]):
             item = pending[depth, k]
-            if _far(robot, item, ends, shares, self_margin):
-                continue
             bound = largest_move(robot, item, shares, speeds, accelerations, half)
+            if _far(robot, item, balls, bound, self_margin):
+                continue
             if not _item_apart(robot, tables, item, ends, bound, margin, self_margin, candidates, parts):
                 if bound <= floor or depth == _DEEPEST:
                     return False

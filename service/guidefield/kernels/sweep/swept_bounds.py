@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 from guidefield.kernels.jit.fields import IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import Floats, Integers, inlined
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.kinematics.chart import subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
@@ -35,22 +36,23 @@ class SweptRobot(NamedTuple):
         origin: (nq,) configuration from which the chart's rotation vectors start.
         capsules: (c, CAPSULE) ends and radius in the frame of their joint [m].
         carriers: (c,) the joint of each; 0 stands still.
-        moved: (c, n) 1 where a joint moves a capsule.
         own: (k, 2) capsules that must not touch each other.
+        apart: (k, 2) of the joints that move one of these and not the other the one nearest to the root, for both; 0
+            where there is none.
     """
 
     joints: JointTable
     origin: Row
     capsules: Rows
     carriers: Indices
-    moved: IndexRows
     own: IndexRows
+    apart: IndexRows
 
 
 SWEPT = numba_type(SweptRobot)
 
 
-@inlined
+@uncounted
 def spreads(robot: SweptRobot, z0: Floats, z1: Floats, turns_out: Floats, slides_out: Floats) -> None:
     """How far each joint turns and slides along the whole motion.
 
@@ -75,7 +77,7 @@ def spreads(robot: SweptRobot, z0: Floats, z1: Floats, turns_out: Floats, slides
         slides_out[i, 0], slides_out[i, 1] = math.sqrt(change), math.sqrt(max(first, last))
 
 
-@inlined
+@uncounted
 def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
     """Distance of a world point (3,) from a joint's axis, or from its centre where it has no one axis."""
     T = world[joint]
@@ -94,7 +96,7 @@ def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
     return math.sqrt(square)
 
 
-@inlined
+@uncounted
 def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
     """Ends of the capsules' axes in the world.
 
@@ -110,11 +112,18 @@ def capsule_ends(robot: SweptRobot, world: Floats, ends_out: Floats) -> None:
             ends_out[c, e], ends_out[c, e + 1], ends_out[c, e + 2] = moved_by(T, x, y, z)
 
 
-@inlined
+@uncounted
 def joint_shares(
-    robot: SweptRobot, world: Floats, ends: Floats, turns: Floats, slides: Floats, half: float, shares_out: Floats
+    robot: SweptRobot,
+    world: Floats,
+    ends: Floats,
+    turns: Floats,
+    slides: Floats,
+    half: float,
+    chords: Floats,
+    shares_out: Floats,
 ) -> None:
-    """How far each joint moves each capsule at most within a part of the motion.
+    """How far the joints between each capsule and the root move it at most within a part of the motion.
 
     Args:
         robot: The capsules.
@@ -123,21 +132,25 @@ def joint_shares(
         turns: As `spreads` has them, shape (n,) [rad].
         slides: As `spreads` has them, shape (n, 2) [m].
         half: Half of the part, as a share of the whole motion.
-        shares_out: Shape (c, n) [m]; in the first column, which is the world's, stands what they do together.
+        chords: Scratch, shape (n,).
+        shares_out: What all from the capsule's on up to and with each of them do together, shape (c, n) [m]; in the
+            first column, which is the world's, that of all. Nothing is written for joints that don't move it.
     """
+    parents = robot.joints.parents
+    for j in range(1, parents.shape[0]):
+        chords[j] = 2.0 * math.sin(0.5 * min(half * turns[j], math.pi))
     for c in range(robot.capsules.shape[0]):
-        radius = robot.capsules[c, RADIUS]
-        shares_out[c, 0] = 0.0
-        for j in range(1, robot.joints.parents.shape[0]):
-            share = 0.0
-            if robot.moved[c, j] == 1 and (turns[j] > 0.0 or slides[j, 0] > 0.0):
-                lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6])) + radius
-                share = half * slides[j, 0] + 2.0 * math.sin(0.5 * min(half * turns[j], math.pi)) * lever
-            shares_out[c, j] = share
-            shares_out[c, 0] += share
+        together, j = 0.0, robot.carriers[c]
+        while j > 0:
+            if turns[j] > 0.0 or slides[j, 0] > 0.0:
+                lever = max(_lever(robot, j, world, ends[c, :3]), _lever(robot, j, world, ends[c, 3:6]))
+                together += half * slides[j, 0] + chords[j] * (lever + robot.capsules[c, RADIUS])
+            shares_out[c, j] = together
+            j = parents[j]
+        shares_out[c, 0] = together
 
 
-@inlined
+@uncounted
 def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out: Floats) -> None:
     """Bound on the acceleration of each capsule's points along the motion, time running from 0 to 1.
 
@@ -170,7 +183,7 @@ def capsule_accelerations(robot: SweptRobot, turns: Floats, slides: Floats, out:
         out[c] = a
 
 
-@inlined
+@uncounted
 def capsule_speeds(
     robot: SweptRobot, world: Floats, z: Floats, q: Floats, dz: Floats, ends: Floats, subspaces: Floats, twists: Floats,
     speeds_out: Floats,
@@ -209,7 +222,7 @@ def capsule_speeds(
         speeds_out[c] = math.sqrt(fastest) + robot.capsules[c, RADIUS] * spin
 
 
-@inlined
+@uncounted
 def largest_move(
     robot: SweptRobot, item: int, shares: Floats, speeds: Floats, accelerations: Floats, half: float
 ) -> float:
@@ -223,41 +236,38 @@ def largest_move(
         accelerations: As `capsule_accelerations` has them, shape (c,) [m].
         half: As in `joint_shares`.
     """
-    n, count = robot.joints.parents.shape[0], robot.capsules.shape[0]
-    bound: float = 0.0
+    count = robot.capsules.shape[0]
     if item < count:
-        bound = shares[item, 0]
         by_speed: float = half * (speeds[item] + 0.5 * half * accelerations[item])
-        return min(bound, by_speed)
-    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-    for j in range(1, n):
-        if robot.moved[a, j] != robot.moved[b, j]:
-            bound += shares[a, j] + shares[b, j]
+        return min(float(shares[item, 0]), by_speed)
+    bound: float = 0.0
+    for e in range(2):
+        if robot.apart[item - count, e] > 0:
+            bound += shares[robot.own[item - count, e], robot.apart[item - count, e]]
     return bound
 
 
-@inlined
-def changing(robot: SweptRobot, turns: Floats, slides: Floats, items_out: Integers) -> int:
+@uncounted
+def changing(robot: SweptRobot, turns: Floats, slides: Floats, moving: Integers, items_out: Integers) -> int:
     """Capsules that move, and pairs that move against each other; how many.
 
     Args:
         robot: The capsules.
         turns: As `spreads` has them, shape (n,) [rad].
         slides: As `spreads` has them, shape (n, 2) [m].
+        moving: Scratch, shape (n,).
         items_out: Capsules, then capsules + pairs, shape (c + k,).
     """
-    found, count = 0, robot.capsules.shape[0]
+    found, count, parents = 0, robot.capsules.shape[0], robot.joints.parents
+    moving[0] = 0  # joints that move, from the root up to each
+    for j in range(1, parents.shape[0]):
+        moving[j] = moving[parents[j]] + (1 if turns[j] > 0.0 or slides[j, 0] > 0.0 else 0)
     for item in range(count + robot.own.shape[0]):
-        changes = False
-        for j in range(1, robot.joints.parents.shape[0]):
-            if turns[j] > 0.0 or slides[j, 0] > 0.0:
-                if item < count:
-                    changes = robot.moved[item, j] == 1
-                else:
-                    a, b = robot.own[item - count, 0], robot.own[item - count, 1]
-                    changes = robot.moved[a, j] != robot.moved[b, j]
-            if changes:
-                break
+        changes = item < count and moving[robot.carriers[item]] > 0
+        if item >= count:
+            for e in range(2):
+                top = robot.apart[item - count, e]
+                changes |= top > 0 and moving[robot.carriers[robot.own[item - count, e]]] > moving[parents[top]]
         if changes:
             items_out[found] = item
             found += 1
