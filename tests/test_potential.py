@@ -119,6 +119,18 @@ def _self_repulsion_by_points(field: RobotField, q: np.ndarray) -> tuple[float, 
     return total, force
 
 
+@pytest.mark.parametrize("name", [*ARMS, "chain_fixed_6x300_r25"])
+def test_runs_are_all_pairs_of_points_and_capsules_once(name: str) -> None:
+    charged = RobotField(group(name), far_scene()).charged
+
+    def met(rows: np.ndarray) -> list[tuple[int, int]]:
+        return [(point, capsule) for first, past, capsule in rows.tolist() for point in range(first, past)]
+
+    assert sorted(met(charged.runs)) == sorted(met(charged.pairs))
+    assert len(set(met(charged.runs))) == len(met(charged.runs))
+    assert len(charged.runs) <= len(charged.pairs)
+
+
 @pytest.mark.parametrize("name", ARMS)
 def test_the_metric_is_symmetric_and_positive_semidefinite(name: str) -> None:
     planned = group(name)
@@ -132,7 +144,7 @@ def test_the_metric_is_the_curvature_of_nearby_faces_seen_by_the_joints() -> Non
     field = RobotField(planned, far_scene())
     none = np.empty((0, 3), np.int64)
     none.setflags(write=False)
-    field.charged = field.charged._replace(pairs=none)
+    field.charged = field.charged._replace(pairs=none, runs=none)
     q = random_configuration(planned, 1)
     positions, data = world_points(field, q)
     pin.computeJointJacobians(planned.model, data, q)
@@ -181,7 +193,7 @@ def test_link_wrenches_are_forces_and_torques_about_the_joints() -> None:
     field = RobotField(planned, far_scene())
     none = np.empty((0, 3), np.int64)
     none.setflags(write=False)
-    field.charged = field.charged._replace(pairs=none)
+    field.charged = field.charged._replace(pairs=none, runs=none)
     q = random_configuration(planned, 5)
     positions, data = world_points(field, q)
     gradient = field_at_points(field.tables, positions).gradient

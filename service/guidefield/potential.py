@@ -14,6 +14,7 @@ from guidefield.kernels.field.energy import ChargedRobot, energy, potentials
 from guidefield.kernels.field.field_tables import FieldTables, single_precision
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.robot.bodies.charges import robot_charges
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
@@ -156,6 +157,7 @@ _TABLES: dict[Precision, Callable[[PlanningGroup, Scene], FieldTables]] = {
 }
 
 
+@kept_with_alike
 def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     """The robot's charges, carried to the frames of the group's joints."""
     charges = robot_charges(group.robot)
@@ -186,10 +188,25 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
         np.array(capsules),
         np.array(capsule_joints, np.int64),
         np.array(pairs, np.int64).reshape(-1, 3),
+        np.array(_runs(pairs, int((np.concatenate(joints) == 0).sum())), np.int64).reshape(-1, 3),
     )
     for array in arrays:
         array.setflags(write=False)
     return arrays
+
+
+def _runs(pairs: list[tuple[int, int, int]], fixed: int) -> list[tuple[int, int, int]]:
+    """Pairs of points, from one on and up to another one, with a capsule: those that go on where others end as one.
+
+    The first points don't move, `fixed` of them: they are never one with others.
+    """
+    runs: list[tuple[int, int, int]] = []
+    for first, past, capsule in sorted(pairs, key=lambda pair: (pair[2], pair[0])):
+        if runs and runs[-1][1:] == (first, capsule) and first != fixed:
+            runs[-1] = (runs[-1][0], past, capsule)
+        else:
+            runs.append((first, past, capsule))
+    return runs
 
 
 def _moved_link(model: Any, joint: int) -> str:

@@ -33,7 +33,7 @@ from guidefield.kernels.jit.signatures import (
 )
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS, joint_placements
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.simd.vector import lanes_of, load, select, total
+from guidefield.kernels.simd.vector import lanes_of, load, select, store, total
 
 
 class ChargedRobot(NamedTuple):
@@ -46,6 +46,7 @@ class ChargedRobot(NamedTuple):
         capsules: In the frame of their joint: both ends (2 x 3), and the radius at `CAPSULE_RADIUS`; shape (c, 7) [m].
         capsule_joints: Index of the joint that moves each, shape (c,).
         pairs: First point, one past the last point (all of one joint), capsule: who repels whom; shape (k, 3).
+        runs: The same with points of several joints that stand together as one, if they move; shape (r, 3).
     """
 
     points: Rows
@@ -54,6 +55,7 @@ class ChargedRobot(NamedTuple):
     capsules: Rows
     capsule_joints: Indices
     pairs: IndexRows
+    runs: IndexRows
 
 
 ROBOT = numba_type(ChargedRobot)
@@ -147,27 +149,40 @@ def _field_forces(
 
 @optimized
 def _repulsion(
-    robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, wrenches: Any, inertias: Any
+    robot: Any, k: int, world: Any, points: Any, weights: Any, counting: Any, field: Any, wrenches: Any, inertias: Any
 ) -> Any:
-    """Repulsion of points by a capsule of another link; the capsule's link gets the opposite force."""
-    first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+    """Repulsion of a run of points by a capsule of another link, added to their field; its link gets opposite forces.
+
+    Points that don't move have no field: their forces are given at once.
+
+    Returns:
+        What it adds to the potential.
+    """
+    first, past, capsule = robot.runs[k, 0], robot.runs[k, 1], robot.runs[k, 2]
     other = robot.capsule_joints[capsule]
     a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[other])
     radius = robot.capsules[capsule, CAPSULE_RADIUS]
     x, y, z = points[0], points[1], points[2]
+    of_x, of_y, of_z, curvatures = field[1], field[2], field[3], field[4]
     lane = load(counting, 0)
     zero = 0.0 * lane
     sums = nothing(zero)
     U = zero
     for i in range(first, past, lanes_of(weights)):
-        X, Y, Z = load(x, i), load(y, i), load(z, i)
-        w = select(lane < past - i, load(weights, i), 0.0)
+        X, Y, Z, within = load(x, i), load(y, i), load(z, i), lane < past - i
+        w = select(within, load(weights, i), 0.0)
         phi, gx, gy, gz = capsule_at(X, Y, Z, a0, a1, a2, b0, b1, b2, radius)
         U += w * phi
-        curvature = 2.0 * w * (gx * gx + gy * gy + gz * gz) / phi
-        sums = gathered(sums, X, Y, Z, w * gx, w * gy, w * gz, curvature)
-    give(sums, robot.point_joints[first], 1.0, wrenches, inertias)
+        gx, gy, gz = select(within, gx, 0.0), select(within, gy, 0.0), select(within, gz, 0.0)
+        curvature = 2.0 * (gx * gx + gy * gy + gz * gz) / phi
+        store(of_x, i, load(of_x, i) + gx)
+        store(of_y, i, load(of_y, i) + gy)
+        store(of_z, i, load(of_z, i) + gz)
+        store(curvatures, i, load(curvatures, i) + curvature)
+        sums = gathered(sums, X, Y, Z, w * gx, w * gy, w * gz, w * curvature)
     give(sums, other, -1.0, wrenches, inertias)
+    if robot.point_joints[first] == 0:
+        give(sums, 0, 1.0, wrenches, inertias)
     return total(U)
 
 
@@ -198,10 +213,10 @@ def forces(
     add_field(tables, points, _first_moving(robot), field)
     inertias_out[:, :] = 0.0
     wrenches_out[:, :] = 0.0
-    potential = float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias_out))
-    for k in range(robot.pairs.shape[0]):
-        potential += _repulsion(robot, k, world_out, points, weights, counting, wrenches_out, inertias_out)
-    return potential
+    between = 0.0
+    for k in range(robot.runs.shape[0]):
+        between += _repulsion(robot, k, world_out, points, weights, counting, field, wrenches_out, inertias_out)
+    return between + float(_field_forces(robot, points, weights, field, counting, wrenches_out, inertias_out))
 
 
 @compiled([SCALAR(JOINTS, ROBOT, t, VECTOR, VECTOR_OUT, MATRIX_OUT, MATRIX_OUT) for t in (TABLES, TABLES_32)])
@@ -262,8 +277,8 @@ def potential(joints: Any, robot: Any, tables: Any, q: Floats) -> float:
     for i in range(first_moving, count, step):
         U += load(weights, i) * load(phi, i)
     x, y, z = points[0], points[1], points[2]
-    for k in range(robot.pairs.shape[0]):
-        first, past, capsule = robot.pairs[k, 0], robot.pairs[k, 1], robot.pairs[k, 2]
+    for k in range(robot.runs.shape[0]):
+        first, past, capsule = robot.runs[k, 0], robot.runs[k, 1], robot.runs[k, 2]
         a0, a1, a2, b0, b1, b2 = ends_at(robot.capsules[capsule], world[robot.capsule_joints[capsule]])
         radius = robot.capsules[capsule, CAPSULE_RADIUS]
         for i in range(first, past, step):
