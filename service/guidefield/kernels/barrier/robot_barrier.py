@@ -67,6 +67,27 @@ def robot_barrier(
         total += self_barrier(robot, share, work)
     if total == 0.0:
         return total
+    _reduce(robot, work, gradient_out, hessian_out)
+    across_out[:] = 0.0
+    if moving.motions.shape[0] > 0:
+        _carry_by_time(robot.joints, work, moved)
+        for i in range(robot.drivers.shape[0]):
+            across_out[robot.drivers[i]] += robot.multipliers[i] * moved.row[i]
+    return total
+
+
+@uncounted
+def _reduce(robot: SampledRobot, work: Workspace, gradient_out: Floats, hessian_out: Floats) -> None:
+    """Gradient and Hessian by the group's chart coordinates, of those by the model's; mostly these are the same."""
+    same = robot.drivers.shape[0] == gradient_out.shape[0]
+    for i in range(robot.drivers.shape[0]):
+        same &= robot.drivers[i] == i and robot.multipliers[i] == 1.0
+    if same:
+        for i in range(gradient_out.shape[0]):
+            gradient_out[i] = work.gradient[i]
+            for j in range(gradient_out.shape[0]):
+                hessian_out[i, j] = work.hessian[i, j]
+        return
     gradient_out[:] = 0.0
     hessian_out[:, :] = 0.0
     for i in range(robot.drivers.shape[0]):
@@ -74,12 +95,6 @@ def robot_barrier(
         gradient_out[row] += m * work.gradient[i]
         for j in range(robot.drivers.shape[0]):
             hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
-    across_out[:] = 0.0
-    if moving.motions.shape[0] > 0:
-        _carry_by_time(robot.joints, work, moved)
-        for i in range(robot.drivers.shape[0]):
-            across_out[robot.drivers[i]] += robot.multipliers[i] * moved.row[i]
-    return total
 
 
 @uncounted

@@ -98,11 +98,18 @@ def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, wo
 
 @uncounted
 def _add(slope: float, curvature: float, work: Workspace) -> None:
-    """Add a distance's share to gradient and Hessian."""
-    for r in range(work.row.shape[0]):
-        work.gradient[r] += slope * work.row[r]
-        for c in range(work.row.shape[0]):
-            work.hessian[r, c] += curvature * work.row[r] * work.row[c]
+    """Add a distance's share to gradient and Hessian; of a long chain only few joints are between two links."""
+    first, past = 0, work.row.shape[0]
+    while first < past and work.row[first] == 0.0:
+        first += 1
+    while past > first and work.row[past - 1] == 0.0:
+        past -= 1
+    row, gradient = work.row[first:past], work.gradient[first:past]
+    for r in range(row.shape[0]):
+        gradient[r] += slope * row[r]
+        share, of_row = curvature * row[r], work.hessian[first + r, first:past]
+        for c in range(row.shape[0]):
+            of_row[c] += share * row[c]
 
 
 @uncounted

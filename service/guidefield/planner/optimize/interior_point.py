@@ -152,9 +152,10 @@ class Descent(ReadOnly):
             by_times,
             corner,
         )
-        blocks *= stiffness
-        border *= stiffness
-        corner *= stiffness
+        if stiffness != 1.0:
+            blocks *= stiffness
+            border *= stiffness
+            corner *= stiffness
         here = []
         crossing = question.settings.crossing * self.count / question.settings.samples  # of pieces that are shorter
         for passage, about in zip(question.passages, passed, strict=True):
