@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
+from guidefield.kernels.cover.connected import lowest_connected
 
 
 def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, Integers]:
@@ -74,15 +75,9 @@ def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float
 
 def connected_pieces(count: int, simplices: Integers) -> Integers:
     """For each of `count` vertices the lowest one that edges or triangles (n, k) connect it to, shape (count,)."""
-    labels = np.arange(count)
-    while True:
-        lower = labels.copy()
-        np.minimum.at(lower, simplices.ravel(), np.repeat(labels[simplices].min(axis=1), simplices.shape[1]))
-        np.minimum.at(lower, labels, lower.copy())
-        lower = lower[lower]
-        if np.array_equal(lower, labels):
-            return labels
-        labels = lower
+    labels = np.empty(count, np.int64)
+    lowest_connected(np.ascontiguousarray(simplices, np.int64), labels)
+    return labels
 
 
 def volume(vertices: Floats, triangles: Integers) -> float:

@@ -21,6 +21,9 @@ EXAMINED = 1_000_000
 
 _CHUNK = 200_000
 
+_SAMPLE = 20_000
+"""So many boxes tell along which axis the fewest overlap."""
+
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
@@ -64,12 +67,12 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
 
 def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
     """Pairs (n, 2) whose boxes overlap, some at a time, along the best axis; None where too many."""
-    orders = [np.argsort(low[:, axis], kind="stable") for axis in range(3)]
-    ends = [np.searchsorted(low[o, axis], high[o, axis], side="right") for axis, o in enumerate(orders)]
-    axis = int(np.argmin([end.sum() for end in ends]))
-    order, across = orders[axis], [other for other in range(3) if other != axis]
+    few = slice(None, None, max(1, len(low) // _SAMPLE))
+    axis = int(np.argmin([_swept(low[few, axis], high[few, axis])[1].sum() for axis in range(3)]))
+    order, ends = _swept(low[:, axis], high[:, axis])
+    across = [other for other in range(3) if other != axis]
     low, high = (np.ascontiguousarray(corner[order][:, across].T) for corner in (low, high))
-    counts = np.maximum(ends[axis] - np.arange(len(order)) - 1, 0)
+    counts = np.maximum(ends - np.arange(len(order)) - 1, 0)
     before = np.concatenate([[0], np.cumsum(counts)])
     start = 0
     while start < len(order):
@@ -78,8 +81,14 @@ def _overlapping(low: Floats, high: Floats) -> Iterator[Integers | None]:
             yield None
             return
         pairs = np.empty((int(before[stop] - before[start]), 2), np.int64)
-        yield order[pairs[: swept_pairs(low, high, ends[axis], start, stop, pairs)]]
+        yield order[pairs[: swept_pairs(low, high, ends, start, stop, pairs)]]
         start = stop
+
+
+def _swept(low: Floats, high: Floats) -> tuple[Integers, Integers]:
+    """The order of intervals (n,) by their lower ends, and in it where those that begin within each end."""
+    order = np.argsort(low, kind="stable")
+    return order, np.searchsorted(low[order], high[order], side="right")
 
 
 def _cross(corners: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:

@@ -281,9 +281,8 @@ def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     forward, backward = _edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
-    if (
-        len(np.unique(connected_pieces(len(vertices), triangles)[triangles])) > 1
-        or _deepest_dent(vertices, triangles) > _CONVEX * size
+    if len(np.unique(connected_pieces(len(vertices), triangles)[triangles])) > 1 or _is_dented(
+        vertices, triangles, _CONVEX * size
     ):
         return None
     try:
@@ -303,14 +302,26 @@ def _as_shape(around: Surface) -> Any:
     return hull
 
 
+def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
+    """Whether an edge is dented by more than is let [m]; most surfaces with many triangles are at one of the first."""
+    few = triangles[:_SOME]
+    return _deepest_dent(vertices, few) > deepest or _deepest_dent(vertices, triangles) > deepest
+
+
 def _deepest_dent(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    """Largest height of a triangle's far vertex over its neighbour's plane [m]: positive at a dented edge."""
+    """Largest height of a triangle's far vertex over its neighbour's plane [m]: positive at a dented edge.
+
+    Edges of one triangle only don't count; none may be one of more than two.
+    """
     edges, count = _edges(triangles), len(triangles)
     opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
-    pairs = np.lexsort(np.sort(edges, axis=1).T).reshape(-1, 2)
+    keys = edges.min(axis=1) * len(vertices) + edges.max(axis=1)
+    order = np.argsort(keys, kind="stable")
+    at = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    pairs = np.column_stack([order[at], order[at + 1]])
     a, b, c = (vertices[column] for column in triangles.T)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     first, second = pairs.T
     heights = np.einsum("ij,ij->i", normals[first % count], vertices[opposite[second]] - vertices[edges[first, 0]])
-    return float(heights.max())
+    return float(heights.max(initial=-np.inf))
