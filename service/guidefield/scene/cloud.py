@@ -37,7 +37,7 @@ class Cloud:
     """Balls of one radius.
 
     Attributes:
-        points: Their centres, shape (n, 3) [m, world], in the order of `sort_for_tree`; some may be the same.
+        points: Their centres, shape (n, 3) [m, world]; some may be the same.
         radius: [m].
     """
 

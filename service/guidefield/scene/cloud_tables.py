@@ -9,7 +9,7 @@ import numpy as np
 
 from guidefield.kept import kept_with
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
-from guidefield.kernels.distance.point_tree_build import fill_tree
+from guidefield.kernels.distance.point_tree_build import fill_tree, sort_for_tree
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
@@ -47,7 +47,8 @@ class CloudTables:
 def cloud_tables(obstacle: Obstacle) -> CloudTables:
     """The tables of an obstacle that is a cloud, made once; what kernels find of its grid stays in them."""
     assert obstacle.cloud is not None, "only clouds are asked for"
-    points = obstacle.cloud.points
+    points = obstacle.cloud.points.copy()
+    sort_for_tree(points)
     sizes = [-(-len(points) // LANES)]
     while len(sizes) == 1 or sizes[-1] > 1:
         sizes.append(-(-sizes[-1] // LANES))

@@ -109,6 +109,19 @@ def test_obstacles_of_every_kind_that_rests_are_measured() -> None:
     agree(place, trajectory, by_kernels(place, trajectory), by_coal)
 
 
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("count", [1, 3, 40, 3000])
+@pytest.mark.usefixtures("without_coal")
+def test_clouds_are_measured_as_balls_about_their_points(name: str, count: int) -> None:
+    rng = np.random.default_rng(count)
+    points = rng.uniform(-1.0, 1.0, (count, 3)) * [1.0, 1.0, 0.05] + [0.0, 0.0, 1.5]
+    points[: count // 2, 2] -= 2.0
+    cloud = messages.PointCloud(name="cloud", points=[*map(tuple, points.tolist())], radius=0.013)
+    place = World.build(group(name), scene_of(cloud, *scattered(rng, 1)))
+    trajectory, by_coal = clear_motion(place, 0.15)
+    agree(place, trajectory, by_kernels(place, trajectory), by_coal)
+
+
 def test_a_hull_that_is_kilometres_away_is_measured_to_the_same_accuracy() -> None:
     """The kernels know its corners in float32, a tenth of a millimetre apart there; found by tools/doubt."""
     panda, stand = robot("panda"), np.array([-6282.3057, 4235.955, -11033.1812])

@@ -87,6 +87,7 @@ def plain_distance(place: World, trajectory: Trajectory, answer: Smallest) -> fl
             sides.append([(shape, transform(frame * within)) for shape, within in bare_shapes(message)])
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     distance = min(coal.distance(*one, *other, request, result) for one in sides[0] for other in sides[1])
+    distance -= sum(map(place.rounding, place.pairs.of(answer.pair)))
     return max(distance, 0.0) if not are_signed(place)[answer.pair] else distance
 
 

@@ -19,7 +19,7 @@ from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.memory import scene_memory
 from guidefield.collision.preparation import Told
 from guidefield.geometry.mesh_pieces import remembered_triangle_tree
-from guidefield.geometry.mesh_tree import mesh_tree
+from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
@@ -219,8 +219,19 @@ def _tables_of(obstacle: Obstacle, step: Callable[[], None]) -> _Tables:
 
 def surface_parts(obstacle: Obstacle) -> Parts:
     """The parts of an obstacle that isn't convex, in the world: the first node is about all of it."""
+    if obstacle.cloud is not None:
+        return _cloud_parts(obstacle)
     made = _tables(obstacle)
     return Parts(made.balls, made.links.ravel(), made.shapes.ravel(), made.numbers, made.vertices)
+
+
+@kept_with
+def _cloud_parts(obstacle: Obstacle) -> Parts:
+    """The balls of a cloud: triangles whose corners are one, rounded by their radius."""
+    assert obstacle.cloud is not None, "only clouds are asked for"
+    table = PartsTable()
+    table.add_tree(triangle_tree(np.repeat(obstacle.cloud.points[:, None], 3, axis=1)), obstacle.cloud.radius)
+    return table.tables()
 
 
 def _stand_ins(obstacle: Obstacle, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """The smallest distances along a motion and at some of its times: by kernels, or by Coal where those can't tell.
 
-Kernels know obstacles that rest and are no clouds of points, within some hundred metres of the origin, and don't know
-how deep bodies are in each other. Coal answers all else, and takes longer.
+Kernels know obstacles that rest, within some hundred metres of the origin, and don't know how deep bodies are in each
+other. Coal answers all else, and takes longer.
 """
 
 from __future__ import annotations

@@ -26,16 +26,11 @@ ROUNDED = 1e-5
 
 
 def is_served(world: World) -> bool:
-    """Whether the kernels know all bodies of a world: no obstacle moves or is a cloud, and no hull is too far off."""
+    """Whether the kernels know all bodies of a world: no obstacle moves, and no hull is too far off."""
     scene = world.scene
-    if not _is_known(scene):
+    if scene.moves:
         return False
     return max(_robot_rounding(world.group), _obstacle_rounding(scene)) <= ROUNDED
-
-
-def _is_known(scene: Scene) -> bool:
-    """Whether all obstacles of a scene are of a kind that the kernels know."""
-    return not scene.moves and all(obstacle.cloud is None for obstacle in scene.obstacles)
 
 
 @kept_with_alike
@@ -55,8 +50,8 @@ def _rounding(parts: Parts) -> float:
 
 
 def prepare_obstacles(scene: Scene) -> None:
-    """Make what the kernels need of a scene's obstacles, if they know their kinds."""
-    if _is_known(scene):
+    """Make what the kernels need of a scene's obstacles, if they rest."""
+    if not scene.moves:
         _obstacle_parts(scene)
 
 
