@@ -34,9 +34,12 @@ def kept_with(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concate
 
 
 def kept_by(
-    owner: Callable[[Key], object], find: Callable[Concatenate[Key, Rest], Found]
+    owner: Callable[[Key], object], find: Callable[Concatenate[Key, Rest], Found], most: int = MOST
 ) -> Callable[Concatenate[Key, Rest], Found]:
-    """The same with something that the first argument has: found once for all that have it, as long as it lives."""
+    """The same with something that the first argument has: found once for all that have it, as long as it lives.
+
+    `most` answers about one object are kept.
+    """
     known: weakref.WeakKeyDictionary[Any, dict[Any, Found]] = weakref.WeakKeyDictionary()
     changing = threading.RLock()  # what is forgotten may ask for something as it goes
 
@@ -52,7 +55,7 @@ def kept_by(
         answer = find(key, *rest, **options)
         with changing:
             answer = answers.setdefault(asked, answer)
-            while len(answers) > MOST:
+            while len(answers) > most:
                 del answers[next(iter(answers))]
         return answer
 

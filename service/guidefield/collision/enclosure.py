@@ -130,7 +130,7 @@ def _of_obstacle(obstacle: Obstacle) -> _Solid:
         return _NOTHING
     if obstacle.facets is None:
         return _solid(obstacle.shape)
-    return _of_surface(*obstacle.recipe.surface(obstacle.message), solid=obstacle.solid)
+    return _of_surface(*obstacle.whole_surface, solid=obstacle.solid)
 
 
 _NOTHING = _Solid(None, _NOWHERE, np.empty((0, 3)))

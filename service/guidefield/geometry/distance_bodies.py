@@ -23,7 +23,12 @@ Integers = NDArray[np.int64]
 _IDENTITY = np.eye(3, 4)
 _IDENTITY.setflags(write=False)
 
-NO_SURFACE = (np.empty((0, 3)), np.empty((0, 3), np.int64))
+Triangulated = tuple[Floats, Integers, Integers]
+"""Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3), of which these are the neighbours."""
+
+NO_TRIANGLES = np.empty((0, 3), np.int64)
+
+NO_SURFACE: Triangulated = (np.empty((0, 3)), NO_TRIANGLES, NO_TRIANGLES)
 
 _THIN = 1e-12
 """A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
@@ -47,7 +52,7 @@ class Body:
         size: Three numbers by kind [m].
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].
-        surface: Vertices (v, 3) and triangles (t, 3) of a solid or sheet, in its own frame.
+        surface: Of a solid or sheet, in its own frame.
         cloud: Where the words of its `LaneCloud` are, if it is a cloud.
     """
 
@@ -55,7 +60,7 @@ class Body:
     size: tuple[float, float, float]
     bounds: Floats
     placement: Floats
-    surface: tuple[Floats, Integers] = NO_SURFACE
+    surface: Triangulated = NO_SURFACE
     cloud: int = 0
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
@@ -76,25 +81,34 @@ def primitive(shape: Any) -> Body | None:
     return None if build is None else build(shape)
 
 
-def triangulated(vertices: Floats, triangles: Integers, kind: int) -> Body:
+def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
     """The body of a surface.
 
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
         kind: SOLID or SHEET.
+        neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
+            which side is which at its edges and corners, and nothing else.
     """
-    a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
-    sides = b - a, c - b, a - c
-    area = np.linalg.norm(np.cross(sides[0], -sides[2]), axis=1)
-    longest = np.maximum.reduce([np.einsum("ti,ti->t", side, side) for side in sides])
-    wide = area > _THIN * longest
+    wide = _are_wide(vertices, triangles)
     used = triangles if wide.all() else triangles[wide]
+    others = neighbours[_are_wide(vertices, neighbours)] if len(neighbours) else neighbours
     marked = np.zeros(len(vertices), bool)
     marked[used] = True
     corners = vertices[marked]
     bounds = np.r_[corners.min(axis=0), corners.max(axis=0)]
-    return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used))
+    return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used, others))
+
+
+def _are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
+    """Which triangles have an area, shape (t,)."""
+    a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
+    sides = b - a, c - b, a - c
+    area = np.linalg.norm(np.cross(sides[0], -sides[2]), axis=1)
+    longest = np.maximum.reduce([np.einsum("ti,ti->t", side, side) for side in sides])
+    wide: np.ndarray = area > _THIN * longest
+    return wide
 
 
 def flat_frame(vertices: Floats, triangles: Integers) -> Floats:
@@ -154,7 +168,7 @@ class BodyRows(NamedTuple):
     sizes: Floats
     bounds: Floats
     placements: Floats
-    surfaces: dict[int, tuple[Floats, Integers]]
+    surfaces: dict[int, Triangulated]
     clouds: Integers
 
     def ordered(self, order: Integers) -> BodyRows:
@@ -276,18 +290,19 @@ def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float
     return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _IDENTITY)
 
 
-def _surface_tables(surfaces: dict[int, tuple[Floats, Integers]], count: int) -> tuple[SurfaceTables, Integers]:
-    """Tables of surfaces (vertices, triangles) of some of n bodies, and where the tree of each stands, shape (n, 4)."""
+def _surface_tables(surfaces: dict[int, Triangulated], count: int) -> tuple[SurfaceTables, Integers]:
+    """Tables of the surfaces of some of n bodies, and where the tree of each stands, shape (n, 4)."""
     nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
     spans = np.zeros((count, 4), np.int64)
     node = triangle = 0
-    for index, (vertices, triangles) in sorted(surfaces.items()):
+    for index, (vertices, triangles, neighbours) in sorted(surfaces.items()):
         tree = _tree(vertices, triangles)
         a, b, c = (np.take(vertices, column, axis=0) for column in np.take(triangles, tree.order, axis=0).T)
         spans[index] = node, tree.leaves, triangle, len(triangles)
         nodes.append(tree.nodes)
         corners.append(np.hstack([a, b - a, c - a]))
-        normals.append(np.take(pseudonormals(vertices, triangles), tree.order, axis=0))
+        all_of_it = np.concatenate([triangles, neighbours]) if len(neighbours) else triangles
+        normals.append(np.take(pseudonormals(vertices, all_of_it), tree.order, axis=0))
         node, triangle = node + len(tree.nodes), triangle + len(triangles)
     return SurfaceTables(
         *(rows[1] if len(rows) == 2 else np.concatenate(rows) for rows in (nodes, corners, normals))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
+from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
 from guidefield.messages.replies import CertifyReply
@@ -59,7 +60,8 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_time, cancelled)
     problem, warnings = certify_problem(request, robot, scene, budget)
-    prepare_in_time(None, scene, budget.spent)
+    problem = in_reach(problem, budget.spent, limited=False)
+    prepare_in_time(None, problem.scene, budget.spent)
     recording = record(problem.group, scene, problem.motion)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began

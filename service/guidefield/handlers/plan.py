@@ -10,6 +10,7 @@ from collections.abc import Callable
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
+from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
@@ -64,6 +65,8 @@ def answer_plan(
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_planning_time, cancelled)
     problem, warnings = problem_of(request, robot, scene, budget)
+    if not (problem.guide_planes or request.guide_planes == "auto"):
+        problem = in_reach(problem, budget.spent)
     attempts = ATTEMPTS[request.minimizer](problem.group)
     refusal = refused_ahead(request, problem, preparing)
     load_seconds = time.monotonic() - began - (sum(refusal.seconds.values()) if refusal else 0.0)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
-from guidefield.geometry.charged import field_tables
-from guidefield.geometry.closed import connected_pieces, volume
 from guidefield.geometry.distance_bodies import (
     Body,
     BodyRows,
@@ -27,7 +25,6 @@ from guidefield.kernels.collide.primitive import (
 )
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, SHEET, SOLID, DistanceTables
-from guidefield.kernels.field.field import field_at_points
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -95,28 +92,13 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [body.placed(rotation, translation)]
     if obstacle.cloud is not None:
         return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, cloud_tables(obstacle).address)]
-    vertices = (obstacle.vertices - translation) @ rotation
-    if not obstacle.solid:
-        axes = flat_frame(vertices, obstacle.triangles)
-        return [triangulated(vertices @ axes, obstacle.triangles, SHEET).placed(rotation @ axes, translation)]
-    solids = _solids(vertices, obstacle.triangles)
-    return [triangulated(vertices, solid, SOLID).placed(rotation, translation) for solid in solids]
-
-
-def _solids(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
-    """Triangles of each solid: a connected piece that encloses a volume, with the hollows that lie within it."""
-    labels = connected_pieces(len(vertices), triangles)[triangles[:, 0]]
-    parts = [triangles[labels == label] for label in np.unique(labels)]
-    solids = sorted((part for part in parts if volume(vertices, part) > 0.0), key=lambda part: volume(vertices, part))
-    hollows = [part for part in parts if volume(vertices, part) <= 0.0]
-    within: list[list[np.ndarray]] = [[solid] for solid in solids]
-    for hollow in hollows:
-        inside = vertices[hollow[0]].mean(axis=0)[None]
-        around = (k for k, solid in enumerate(solids) if _winding(vertices[solid], inside) > 0.5)
-        # a hollow in nothing is the surface of everything else: it belongs to the largest
-        within[next(around, len(solids) - 1)].append(hollow)
-    return [np.concatenate(group) for group in within]
-
-
-def _winding(corners: np.ndarray, point: np.ndarray) -> float:
-    return float(field_at_points(field_tables(triangles=corners), point).winding[0])
+    if obstacle.solid:
+        return [
+            triangulated(vertices, triangles, SOLID, neighbours).placed(rotation, translation)
+            for vertices, triangles, neighbours in obstacle.surfaces
+        ]
+    sheets = []
+    for vertices, triangles, neighbours in obstacle.surfaces:
+        axes = flat_frame(vertices, triangles)
+        sheets.append(triangulated(vertices @ axes, triangles, SHEET, neighbours).placed(rotation @ axes, translation))
+    return sheets

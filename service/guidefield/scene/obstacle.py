@@ -16,8 +16,8 @@ import pinocchio as pin
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
+from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated
 from guidefield.geometry.placements import moved, se3
-from guidefield.kernels.distance.point_tree_build import sort_for_tree
 from guidefield.messages import scene as messages
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
@@ -28,7 +28,9 @@ from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import corners_in, points_in
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
+from guidefield.scene.seen_surface import SeenSurface
 from guidefield.scene.size import size_warnings
+from guidefield.scene.solids import solids_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,7 @@ class Obstacle:
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
         cloud: Its points and their radius, if it is a cloud.
+        seen: What is seen of its surface from some ball, if it is that part of another obstacle; see `within_ball`.
     """
 
     message: messages.Obstacle
@@ -50,6 +53,7 @@ class Obstacle:
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
     cloud: Cloud | None = None
+    seen: SeenSurface | None = None
 
     @property
     def name(self) -> str:
@@ -139,6 +143,20 @@ class Obstacle:
     def triangles(self) -> np.ndarray:
         """Its triangles, shape (t, 3), counter-clockwise from outside."""
         return self._triangulation[1]
+
+    @cached_property
+    def surfaces(self) -> tuple[Triangulated, ...]:
+        """The triangles of what isn't convex in its own frame: those of each solid, or of the thin surface."""
+        if self.seen is not None:
+            return self.seen.parts
+        vertices, triangles = self.recipe.surface(self.message)
+        parts = solids_of(vertices, triangles) if self.solid else [triangles]
+        return tuple((vertices, part, NO_TRIANGLES) for part in parts)
+
+    @property
+    def whole_surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, whatever is seen of it."""
+        return self.recipe.surface(self.message) if self.seen is None else self.seen.whole
 
     @cached_property
     def charges(self) -> Charges:
@@ -242,7 +260,6 @@ def _polygon(message: messages.Polygon) -> Obstacle:
 
 def _point_cloud(message: messages.PointCloud) -> Obstacle:
     points = points_in(message.points)
-    sort_for_tree(points)
     points.setflags(write=False)
     cloud, facets, placement = (
         Cloud(points, message.radius),

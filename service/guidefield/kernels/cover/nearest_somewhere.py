@@ -1,0 +1,211 @@
+"""Which triangles or points can be the nearest to some place in a ball: all others are nearest to none of its places.
+
+Neighbours go together, in voxels. The ball is cut into cells. A place in a cell is no farther from what is nearest to
+it than from some corner in a voxel, and so no voxel that is farther from the cell than that holds it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types, void
+
+from guidefield.kernels.jit.signatures import (
+    INDEX_MATRIX,
+    INDICES_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
+
+VOXELS = 64
+"""Voxels along the longest side of what is within reach of the ball."""
+
+COARSE, FINE = 8, 4
+"""Cells along each axis of the box about the ball, and smaller ones along each axis of one of those."""
+
+ROUNDING = 1e-9
+"""What distances are taken larger by, as a share of the largest length in the question."""
+
+_CHOSEN = types.Array(types.boolean, 1, "C")
+
+
+@inlined
+def _box_of(vertices: Floats, corners: Integers, i: int, box_out: Floats) -> None:
+    """Write the box about one of the parts: lower, then upper corner."""
+    for k in range(3):
+        box_out[k], box_out[3 + k] = math.inf, -math.inf
+        for c in range(corners.shape[1]):
+            x = vertices[corners[i, c], k]
+            box_out[k] = min(box_out[k], x)
+            box_out[3 + k] = max(box_out[3 + k], x)
+
+
+@inlined
+def _gap_squared(low: Floats, high: Floats, box: Floats) -> float:
+    """Square of the distance of a box given by its corners from another one [m^2]."""
+    square = 0.0
+    for k in range(3):
+        gap = max(box[k] - high[k], low[k] - box[3 + k], 0.0)
+        square += gap * gap
+    return square
+
+
+@inlined
+def _is_outside(low: Floats, high: Floats, centre: Floats, radius: float) -> bool:
+    """Whether a box doesn't reach into a ball."""
+    square = 0.0
+    for k in range(3):
+        gap = max(low[k] - centre[k], centre[k] - high[k], 0.0)
+        square += gap * gap
+    return square > radius * radius
+
+
+@inlined
+def _farthest_nearest(low: Floats, high: Floats, corners: Floats, some: Integers, count: int, slack: float) -> float:
+    """How far a place in a cell may be from the nearest of some corners (m, 3), at most [m]."""
+    best = math.inf
+    for at in range(count):
+        square = 0.0
+        for k in range(3):
+            gap = 0.5 * (low[k] + high[k]) - corners[some[at], k]
+            square += gap * gap
+        best = min(best, square)
+    half = 0.0
+    for k in range(3):
+        half += 0.25 * (high[k] - low[k]) ** 2
+    return math.sqrt(best) + math.sqrt(half) + slack
+
+
+@compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
+def nearest_somewhere(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
+    """Choose those parts of a surface or cloud that may be the nearest of all to a place in a ball.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        corners: Vertices of each part, shape (n, k): of triangles three, of points one; at least one part.
+        centre: Of the ball, shape (3,) [m].
+        radius: Of the ball [m].
+        chosen_out: Gets whether each may be, shape (n,).
+    """
+    n, box, low, high = corners.shape[0], np.empty(6), np.full(3, math.inf), np.full(3, -math.inf)
+    least = _from_corners(vertices, corners, centre)
+    slack = ROUNDING * (1.0 + least + radius + abs(centre[0]) + abs(centre[1]) + abs(centre[2]))
+    # what is nearest to a place in the ball is no farther from the centre than some corner and twice the radius
+    within = least + 2.0 * radius + slack
+    for i in range(n):
+        _box_of(vertices, corners, i, box)
+        chosen_out[i] = not _is_outside(box[:3], box[3:], centre, within)
+        if chosen_out[i]:
+            for k in range(3):
+                low[k] = min(low[k], 0.5 * (box[k] + box[3 + k]))
+                high[k] = max(high[k], 0.5 * (box[k] + box[3 + k]))
+    voxel_of = np.empty(n, np.int64)
+    boxes, ends = _voxels(vertices, corners, low, high, chosen_out, voxel_of)
+    needed = _needed(boxes, ends, centre, radius, slack)
+    for i in range(n):
+        chosen_out[i] = chosen_out[i] and needed[voxel_of[i]]
+
+
+@compiled(SCALAR(MATRIX, INDEX_MATRIX, VECTOR))
+def _from_corners(vertices: Floats, corners: Integers, centre: Floats) -> float:
+    """Distance of a place from the nearest of some corners [m]."""
+    least = math.inf
+    for i in range(corners.shape[0]):
+        square = 0.0
+        for k in range(3):
+            gap = vertices[corners[i, 0], k] - centre[k]
+            square += gap * gap
+        least = min(least, square)
+    return math.sqrt(least)
+
+
+@compiled(types.UniTuple(MATRIX_OUT, 2)(MATRIX, INDEX_MATRIX, VECTOR, VECTOR, _CHOSEN, INDICES_OUT))
+def _voxels(
+    vertices: Floats, corners: Integers, low: Floats, high: Floats, chosen: np.ndarray, voxel_out: Integers
+) -> tuple[Floats, Floats]:
+    """Put parts together by their boxes' middles, all between two corners (3,) [m].
+
+    Args:
+        vertices: As in `nearest_somewhere`.
+        corners: As there.
+        low: Least middle, shape (3,) [m].
+        high: Largest middle, shape (3,) [m].
+        chosen: Which parts count, shape (n,).
+        voxel_out: Gets in which voxel each of them is, shape (n,).
+
+    Returns:
+        Of each voxel that holds any a box about all, lower, then upper corner, (m, 6), and a corner in it, (m, 3) [m].
+    """
+    n, box, sizes, count = corners.shape[0], np.empty(6), np.empty(3, np.int64), 0
+    side = max(high[0] - low[0], high[1] - low[1], high[2] - low[2], 1e-9) / VOXELS
+    for k in range(3):
+        sizes[k] = int((high[k] - low[k]) / side) + 1
+    places = np.full(sizes[0] * sizes[1] * sizes[2], -1, np.int64)
+    for i in range(n):
+        if not chosen[i]:
+            continue
+        _box_of(vertices, corners, i, box)
+        at = 0
+        for k in range(3):
+            cell = int((0.5 * (box[k] + box[3 + k]) - low[k]) / side)
+            at = at * sizes[k] + min(max(cell, 0), sizes[k] - 1)
+        if places[at] < 0:
+            places[at] = count
+            count += 1
+        voxel_out[i] = places[at]
+    boxes, ends = np.empty((count, 6)), np.empty((count, 3))
+    boxes[:, :3], boxes[:, 3:] = math.inf, -math.inf
+    for i in range(n):
+        if chosen[i]:
+            _box_of(vertices, corners, i, box)
+            m = voxel_out[i]
+            for k in range(3):
+                boxes[m, k], boxes[m, 3 + k] = min(boxes[m, k], box[k]), max(boxes[m, 3 + k], box[3 + k])
+                ends[m, k] = vertices[corners[i, 0], k]
+    return boxes, ends
+
+
+@compiled(_CHOSEN(MATRIX, MATRIX, VECTOR, SCALAR, SCALAR))
+def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: float) -> np.ndarray:
+    """Which voxels may hold what is nearest to a place in a ball, shape (m,).
+
+    Args:
+        boxes: About what is in each, lower, then upper corner, shape (m, 6) [m].
+        ends: A corner of something in each, shape (m, 3) [m].
+        centre: Of the ball, shape (3,) [m].
+        radius: Of the ball [m].
+        slack: For rounding [m].
+    """
+    count = boxes.shape[0]
+    needed, every, some = np.zeros(count, np.bool_), np.arange(count), np.empty(count, np.int64)
+    coarse, fine = 2.0 * radius / COARSE, 2.0 * radius / (COARSE * FINE)
+    low, high, a, b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for cell in range(COARSE**3):
+        for k in range(3):
+            low[k] = centre[k] - radius + coarse * (cell // COARSE**k % COARSE) - slack
+            high[k] = low[k] + coarse + 2.0 * slack
+        if _is_outside(low, high, centre, radius):
+            continue
+        reach, found = _farthest_nearest(low, high, ends, every, count, slack), 0
+        for m in range(count):
+            if _gap_squared(low, high, boxes[m]) <= reach * reach:
+                some[found] = m
+                found += 1
+        for part in range(FINE**3):
+            for k in range(3):
+                a[k] = low[k] + fine * (part // FINE**k % FINE)
+                b[k] = a[k] + fine + 2.0 * slack
+            if _is_outside(a, b, centre, radius):
+                continue
+            reach = _farthest_nearest(a, b, ends, some, found, slack)
+            for at in range(found):
+                if not needed[some[at]] and _gap_squared(a, b, boxes[some[at]]) <= reach * reach:
+                    needed[some[at]] = True
+    return needed

@@ -1,0 +1,98 @@
+"""A scene as it is met by what stays in a ball: of large surfaces and clouds what may be nearest to some place in it.
+
+All distances from places in the ball are those of the whole scene, and so is the field. Of a scanned hall a robot meets
+a corner: tables of all that is elsewhere are never made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from guidefield.geometry.cache import is_large
+from guidefield.kept import kept_by
+from guidefield.scene.cloud import Cloud, cloud_specks
+from guidefield.scene.facets import Facets
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
+from guidefield.scene.seen_surface import seen_of, seen_surface
+
+FEW = 2
+"""Balls for which what is met of a scene is kept: tables of what is met of large meshes are large."""
+
+WORTH = 0.7
+"""Where more of an obstacle is met, all of it is as soon prepared."""
+
+
+class Ball(NamedTuple):
+    """A ball in the world: centre and radius [m]."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+
+
+def is_large_scene(scene: Scene) -> bool:
+    """Whether anything in a scene is large enough that a part of it is sooner prepared; what moves isn't looked at."""
+    return any(map(_is_large, scene.obstacles)) and not scene.moves
+
+
+def within_ball(scene: Scene, ball: Ball) -> Scene:
+    """The scene as it is met in a ball; the same object for the same ball, and the scene itself where all is met."""
+    return _met(scene, ball) or scene
+
+
+def _is_large(obstacle: Obstacle) -> bool:
+    return is_large(obstacle.faces)
+
+
+def _scene_met(scene: Scene, ball: Ball) -> Scene | None:
+    """The scene as it is met; None where all of it is."""
+    parts = [_part(one, ball) if _is_large(one) else None for one in scene.obstacles]
+    if not any(parts):
+        return None
+    met = tuple(part or one for part, one in zip(parts, scene.obstacles, strict=True))
+    return dataclasses.replace(scene, obstacles=met)
+
+
+def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
+    """What is met of an obstacle that rests; None where most of it is."""
+    centre = obstacle.placement.actInv(np.array(ball[:3]))
+    if obstacle.cloud is not None:
+        return _cloud_met(obstacle, obstacle.cloud, centre, ball.radius)
+    vertices, triangles = obstacle.recipe.surface(obstacle.message)
+    seen = seen_surface(vertices, triangles, [part[1] for part in obstacle.surfaces], centre, ball.radius)
+    if len(seen.triangles) > WORTH * len(triangles):
+        return None
+    used = np.zeros(len(vertices), bool)
+    used[seen.triangles] = True
+    surface = vertices[used], np.take(np.cumsum(used) - 1, seen.triangles)
+    for array in surface:
+        array.setflags(write=False)
+    facets = Facets(len(seen.triangles), lambda: surface)
+    recipe = obstacle.recipe._replace(surface=lambda _: surface, facets=facets, body=_body_of(facets, obstacle))
+    return dataclasses.replace(obstacle, recipe=recipe, seen=seen)
+
+
+def _cloud_met(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
+    """What is met of a cloud."""
+    chosen = seen_of(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
+    if chosen.mean() > WORTH:
+        return None
+    points = cloud.points[chosen]
+    points.setflags(write=False)
+    facets = Facets(len(points), lambda: cloud_specks(points))
+    recipe = obstacle.recipe._replace(facets=facets, body=_body_of(facets, obstacle))
+    return dataclasses.replace(obstacle, recipe=recipe, cloud=Cloud(points, cloud.radius))
+
+
+def _body_of(facets: Facets, obstacle: Obstacle) -> Any:
+    placement = obstacle.placement
+    return lambda _: (facets.whole, placement)
+
+
+_met = kept_by(lambda scene: scene, _scene_met, FEW)
+_part = kept_by(lambda obstacle: obstacle, _obstacle_met, FEW)

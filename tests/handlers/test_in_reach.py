@@ -1,0 +1,107 @@
+"""Answers in large scenes are among what the robot can meet, and the same as among all of it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from guidefield.aside import StoppedError
+from guidefield.handlers import in_reach as room
+from guidefield.handlers.certify import answer_certify
+from guidefield.handlers.certify_problem import certify_problem
+from guidefield.handlers.plan import answer_plan
+from guidefield.messages import codec
+from guidefield.messages.replies import PlanReply
+from guidefield.planner.task.conditions import Budget
+from guidefield.scene.scene import Scene, build
+from guidefield.scene.within_ball import Ball, within_ball
+from tests.handlers.test_plan import PATIENT, READY
+from tests.robots import group, random_configuration, robot
+from tests.scene.test_within_ball import grid, mesh
+
+COUNT = 90
+"""Squares a side: more than ten thousand triangles."""
+
+
+def ground() -> Scene:
+    vertices, triangles = grid((-6.0, -6.0, -0.15), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), COUNT)
+    rng = np.random.default_rng(2)
+    vertices[:, 2] += 0.05 * rng.uniform(size=len(vertices))
+    points = rng.uniform(-6.0, 6.0, (12_000, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 1.0]
+    scene = {"name": "yard", "obstacles": [{"type": "point_cloud", "name": "roof", "points": points, "radius": 0.02}]}
+    decoded = codec.decode_request({"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}})
+    return build(
+        type(decoded.scene)(name="yard", obstacles=[mesh("ground", vertices, triangles), *decoded.scene.obstacles])
+    )
+
+
+def ask(scene: Scene, **request: Any) -> PlanReply:
+    asked = {"robot": "panda", "scene": "yard", "start": READY, "guide_planes": [], **PATIENT, **request}
+    asked.setdefault("goal", {"type": "joints", "positions": {**READY, "panda_joint1": 1.2, "panda_joint2": 0.3}})
+    message = codec.decode_request(asked)
+    return answer_plan(message, robot("panda"), scene, run_id="run", received=time.monotonic())
+
+
+@pytest.fixture(scope="module")
+def yard() -> Scene:
+    return ground()
+
+
+def test_answers_are_those_among_all_of_it(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    met = ask(yard)
+    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    whole = ask(yard)
+    assert met.status.name == whole.status.name == "SUCCESS"
+    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-3)
+    assert met.certificate.collision_free
+    assert met.clearance.pair == whole.clearance.pair
+    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-4)
+
+
+def test_what_is_touched_is_named_as_among_all_of_it(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    goals = [random_configuration(group("panda"), seed).tolist() for seed in range(40)]
+    asked = [{"type": "joints", "positions": dict(zip(READY, goal, strict=True))} for goal in goals]
+    impatient = {"allowed_planning_time": 30.0, "optimization_iterations": 0}
+    some = [goal for goal in asked if ask(yard, goal=goal, **impatient).status.name == "GOAL_IN_COLLISION"]
+    met = [ask(yard, goal=goal).status for goal in some]
+    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    assert [ask(yard, goal=goal).status.message for goal in some] == [status.message for status in met]
+    named = " ".join(status.message for status in met)
+    assert "and ground" in named
+    assert "and roof" in named
+
+
+def test_a_judgement_is_among_what_is_met(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    positions = [[*READY.values()], [*{**READY, "panda_joint1": 1.0}.values()]]
+    request = codec.decode_request(
+        {"type": "certify", "robot": "panda", "scene": "yard", "path": positions, "recording": "off"}
+    )
+    found = [answer_certify(request, robot("panda"), yard, run_id="run", received=time.monotonic())]
+    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    found.append(answer_certify(request, robot("panda"), yard, run_id="run", received=time.monotonic()))
+    assert found[0].status == found[1].status
+    assert found[0].clearance.minimum == pytest.approx(found[1].clearance.minimum, abs=2e-4)
+
+
+def test_time_that_is_up_before_is_told() -> None:
+    yard = ground()
+    request = codec.decode_request(
+        {"type": "certify", "robot": "panda", "scene": "yard", "path": [[*READY.values()]] * 2}
+    )
+    problem, _ = certify_problem(request, robot("panda"), yard, Budget())
+    slow = threading.Event()
+
+    def waits(scene: Scene, ball: Ball) -> Scene:
+        slow.wait(10.0)
+        return within_ball(scene, ball)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(room, "within_ball", waits)
+        with pytest.raises(StoppedError, match="in reach of scene yard"):
+            room.in_reach(problem, lambda: True)
+        slow.set()
+    assert room.in_reach(problem, lambda: False).scene.obstacles[0].faces < yard.obstacles[0].faces

@@ -1,0 +1,163 @@
+"""From a ball a large scene is as far as what is met of it: signed, of solids, hollows, sheets and clouds."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.geometry import cache
+from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.field.field import field_at_points
+from guidefield.messages import scene as messages
+from guidefield.scene import seen_surface, within_ball as room
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.scene import Scene, build
+from guidefield.scene.within_ball import Ball, is_large_scene, within_ball
+
+BALL = Ball(0.1, -0.2, 0.5, 0.7)
+
+
+def grid(corner: tuple[float, float, float], u: Any, v: Any, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a parallelogram."""
+    s, t = np.meshgrid(np.linspace(0.0, 1.0, count + 1), np.linspace(0.0, 1.0, count + 1), indexing="ij")
+    vertices = np.array(corner) + s.ravel()[:, None] * np.array(u) + t.ravel()[:, None] * np.array(v)
+    at = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    halves = [[at, at + count + 1, at + 1], [at + 1, at + count + 1, at + count + 2]]
+    return vertices, np.concatenate([np.column_stack(half) for half in halves])
+
+
+def cube(half: float, count: int, *, inwards: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """A closed cube about the origin, each side of 2 count^2 triangles."""
+    vertices, triangles = [], []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            corner, u, v = np.full(3, -half), np.zeros(3), np.zeros(3)
+            corner[axis] = side * half
+            u[(axis + 1) % 3] = v[(axis + 2) % 3] = 2.0 * half
+            points, faces = grid(tuple(corner.tolist()), u, v, count)
+            outwards = (side > 0.0) != inwards
+            triangles.append(len(vertices) * (count + 1) ** 2 + (faces if outwards else faces[:, ::-1]))
+            vertices.append(points)
+    return np.concatenate(vertices), np.concatenate(triangles)
+
+
+def mesh(name: str, vertices: np.ndarray, triangles: np.ndarray, **placed: Any) -> messages.Mesh:
+    return messages.Mesh(
+        name=name, vertices=[*map(tuple, vertices.tolist())], triangles=[*map(tuple, triangles.tolist())], **placed
+    )
+
+
+def everything() -> messages.Scene:
+    """A hall with a room in its wall, a sheet, a cloud, and a box."""
+    ground = grid((-5.0, -5.0, -0.4), (10.0, 0.0, 0.3), (0.0, 10.0, 0.0), 40)
+    hall, hollow = cube(4.0, 24), cube(3.6, 24, inwards=True)
+    walls = np.concatenate([hall[0], hollow[0]]), np.concatenate([hall[1], len(hall[0]) + hollow[1]])
+    turned = {"position": (0.3, 0.2, 1.0), "quaternion_xyzw": (0.6, 0.0, 0.0, 0.8)}
+    points = np.random.default_rng(5).uniform(-5.0, 5.0, (4000, 3)) * [1.0, 1.0, 0.02] - [0.0, 0.0, 0.4]
+    return messages.Scene(
+        name="hall",
+        obstacles=[
+            mesh("ground", *ground),
+            mesh("walls", *walls, **turned),
+            messages.PointCloud(name="cloud", points=[*map(tuple, points.tolist())], radius=0.02),
+            messages.Box(name="box", size=(0.1, 0.2, 0.3), position=(0.5, 0.5, 0.5)),
+        ],
+    )
+
+
+@pytest.fixture(autouse=True)
+def _small_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (room, seen_surface):
+        monkeypatch.setattr(module, "is_large", lambda count: count >= 500)
+
+
+def places(ball: Ball, count: int) -> np.ndarray:
+    rng = np.random.default_rng(count)
+    away = rng.normal(size=(count, 3))
+    away *= (ball.radius * rng.uniform(0.0, 1.3, count).clip(max=1.0) / np.linalg.norm(away, axis=1))[:, None]
+    return np.array(ball[:3]) + away
+
+
+def one_alone(scene: messages.Scene, index: int) -> Scene:
+    return build(msgspec.structs.replace(scene, obstacles=[scene.obstacles[index]]))
+
+
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("ball", [BALL, Ball(4.2, 0.0, 1.0, 0.9), Ball(7.0, 1.0, 0.0, 0.5)])
+def test_every_place_in_the_ball_is_as_far_from_it(index: int, ball: Ball) -> None:
+    whole = one_alone(everything(), index)
+    met = within_ball(whole, ball)
+    assert met.obstacles[0].faces < 0.7 * whole.obstacles[0].faces
+    points = places(ball, 400)
+    tables = distance_tables(whole), distance_tables(met)
+    (far, normals, _), (near, same, _) = (distance_at_points(each, points) for each in tables)
+    np.testing.assert_allclose(near, far, atol=1e-12)
+    assert (np.abs(same - normals).max(axis=1) < 1e-6).mean() > 0.99  # ties have several
+
+
+def test_what_is_inside_a_wall_is_told_as_before() -> None:
+    whole = one_alone(everything(), 1)
+    points = places(ball := Ball(4.1, 0.2, 1.0, 0.6), 400)
+    far = distance_at_points(distance_tables(whole), points)[0]
+    assert (far < -0.05).any()
+    assert (far > 0.05).any()
+    near = distance_at_points(distance_tables(within_ball(whole, ball)), points)[0]
+    np.testing.assert_allclose(near, far, atol=1e-12)
+
+
+def test_field_names_and_what_is_small_stay() -> None:
+    whole = build(everything())
+    met = within_ball(whole, BALL)
+    points = places(BALL, 20)
+    np.testing.assert_array_equal(
+        field_at_points(met.tables, points).potential, field_at_points(whole.tables, points).potential
+    )
+    assert [one.name for one in met.obstacles] == [one.name for one in whole.obstacles]
+    assert met.obstacles[3] is whole.obstacles[3]
+    assert met.message is whole.message
+    surface = met.obstacles[1].whole_surface
+    np.testing.assert_array_equal(surface[1], whole.obstacles[1].recipe.surface(whole.obstacles[1].message)[1])
+
+
+def test_coal_sees_what_is_met() -> None:
+    whole = build(everything())
+    met = within_ball(whole, BALL)
+    for index in range(3):
+        part, one = met.obstacles[index], whole.obstacles[index]
+        assert part.facets is not None
+        assert part.shape.num_tris == part.faces == part.facets.count < one.faces
+        assert (part.box[0] >= one.box[0]).all()
+        assert (part.box[1] <= one.box[1]).all()
+
+
+def test_the_same_is_met_once_and_forgotten_with_the_scene() -> None:
+    whole = build(everything())
+    met = within_ball(whole, BALL)
+    assert within_ball(whole, BALL) is met
+    again = build(msgspec.structs.replace(everything(), name="other"))
+    assert within_ball(again, BALL).obstacles[0] is met.obstacles[0]
+    gone = weakref.ref(whole)
+    del whole, again
+    gc.collect()
+    assert gone() is None
+
+
+def test_where_most_is_met_it_is_the_scene_itself() -> None:
+    whole = build(everything())
+    assert within_ball(whole, Ball(0.0, 0.0, 0.0, 20.0)) is whole
+
+
+def test_only_large_scenes_at_rest_are_asked() -> None:
+    scene = build(everything())
+    assert is_large_scene(scene)
+    assert not is_large_scene(build(messages.Scene(name="small", obstacles=[everything().obstacles[3]])))
+    moving = messages.ObstacleTrajectory([0.0, 1.0], [messages.Placement(), messages.Placement((0.0, 0.1, 0.0))])
+    ball = messages.Sphere(name="ball", radius=0.1, trajectory=moving)
+    moves = msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball])
+    assert not is_large_scene(build(moves))
+    assert cache.LARGE == 10_000
