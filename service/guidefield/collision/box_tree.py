@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from guidefield.kernels.cover.overlapping_boxes import overlaps_in_tree
+
 CHILDREN = 16
 """Boxes behind one box of the next level."""
+
+FEW = 16
+"""For so many overlaps of each box there is room before it is known how many there are."""
 
 _BITS = 16
 """Bits of one coordinate of a place on the curve along which boxes are sorted."""
@@ -55,21 +61,23 @@ class BoxTree:
         Returns:
             Index of one of the others and index of a box as it was given, both of shape (k,), in this order.
         """
-        low, high = np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)
-        top = self.levels[-1].shape[1]
-        asked, node = np.repeat(np.arange(low.shape[1]), top), np.tile(np.arange(top), low.shape[1])
-        for level, below in zip(self.levels[::-1], (*self.levels[-2::-1], None), strict=True):
-            for axis in range(3):  # one after the other: few are left after the first
-                near = (level[axis][node] <= high[axis][asked]) & (level[3 + axis][node] >= low[axis][asked])
-                asked, node = asked[near], node[near]
-            if below is not None:
-                node = (CHILDREN * node[:, None] + np.arange(CHILDREN)).ravel()
-                asked = np.repeat(asked, CHILDREN)
-                there = node < below.shape[1]
-                asked, node = asked[there], node[there]
-        found = self.order[node]
+        boxes, firsts = self._rows
+        low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
+        pairs = np.empty((FEW * len(low), 2), np.int64)
+        count = overlaps_in_tree(boxes, firsts, CHILDREN, low, high, pairs)
+        if count > len(pairs):
+            pairs = np.empty((count, 2), np.int64)
+            overlaps_in_tree(boxes, firsts, CHILDREN, low, high, pairs)
+        asked, found = pairs[:count, 0], self.order[pairs[:count, 1]]
         sorted_ = np.lexsort((found, asked))
         return asked[sorted_], found[sorted_]
+
+    @cached_property
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """The boxes of all levels as rows, shape (m, 6) [m], and where each level begins and the last one ends."""
+        sizes = [level.shape[1] for level in self.levels]
+        rows = np.ascontiguousarray(np.concatenate(self.levels, axis=1).T)
+        return rows, np.cumsum([0, *sizes])
 
 
 def _places_on_curve(points: np.ndarray) -> np.ndarray:
