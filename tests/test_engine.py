@@ -16,9 +16,9 @@ import pytest
 
 import guidefield
 from guidefield.aside import wait_for_others
-from guidefield.engine import Engine, LocalFiles
+from guidefield.engine import Engine, LocalFiles, answer
 from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
-from guidefield.messages import requests
+from guidefield.messages import codec, requests
 from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.stores.runs import RunStore
@@ -75,6 +75,23 @@ def test_what_was_read_of_a_request_counts_as_loading_once_its_robot_is_known(en
     timing = engine.answer(asked, came=time.monotonic() - 2.0).timing
     assert timing.queue == 0.0
     assert 2.0 <= timing.load <= timing.total
+
+
+def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Large requests take long to check; else their answers would come so much later than was allowed."""
+    checked = codec.checked
+
+    def slowly(request: Any) -> Any:
+        time.sleep(0.3)
+        return checked(request)
+
+    monkeypatch.setattr(codec, "checked", slowly)
+    request = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
+    reply = answer({**request, "guide_planes": [], "recording": "off"})
+    assert 0.3 <= reply.timing.load <= reply.timing.total
+    late = answer({**request, "guide_planes": [], "recording": "off", "allowed_planning_time": 0.2})
+    assert late.status.name == "TIMED_OUT"
+    assert late.trajectory is None
 
 
 def test_the_field_of_a_ball_is_the_integral_over_its_surface(engine: Engine) -> None:

@@ -185,8 +185,8 @@ class Engine:
             watcher: Hears how far a plan is, and may end it.
             later: Takes what can be done after the answer, the writing of a recording that is kept; None: it is written
                 before.
-            came: When whoever asks began to read it, on the same clock [s]; None: now. What was read since counts as
-                loading where `received` isn't given and nothing had to be made for the first time.
+            came: When whoever asks began to read it, on the same clock [s]; None: now. Where `received` isn't given,
+                reading counts for the deadline, and as loading.
 
         Raises:
             GuidefieldError: whatever travels as ``reply_err``; DiskRefused where a disk does, and InternalFailure for a
@@ -195,13 +195,12 @@ class Engine:
         came = time.monotonic() if came is None else came
         try:
             decoded = codec.decode_request(request)
-            if received is not None:
-                asking = _Asking(received, watcher, later)
-            elif self._was_ready(decoded):
-                asking = _Asking(came, watcher, later, came)
-            else:
-                asking = _Asking(time.monotonic(), watcher, later)
-            reply = self._dispatch(decoded, record_to, asking)
+            began = None
+            if received is None:
+                read = time.monotonic() - came
+                ready = self._was_ready(decoded)
+                received = began = came if ready else time.monotonic() - read
+            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, began))
         except GuidefieldError:
             self._counters["refused"] += 1
             raise

@@ -12,7 +12,7 @@ from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.requests import Clearance, JointsGoal, PlanRequest, PoseGoal, Potential
-from guidefield.messages.scene import PointCloud, Scene
+from guidefield.messages.scene import Mesh, PointCloud, Scene
 from guidefield.messages.values import Float32Array
 
 TURN = (0.0, 0.0, 0.0, 1.0)
@@ -56,3 +56,54 @@ def test_a_checked_struct_is_what_it_was() -> None:
         PlanRequest("panda", Scene("mine", obstacles=[cloud]), JointsGoal({"a": [0.0, 1.0]})),
     ):
         assert codec.checked(request) == request
+
+
+def terrain(count: int = 2000) -> Mesh:
+    """A mesh of so many triangles, more than are copied before they are checked."""
+    vertices = [(float(i), float(i % 7), 0.5) for i in range(count + 2)]
+    return Mesh(name="terrain", vertices=vertices, triangles=[(i, i + 1, i + 2) for i in range(count)])
+
+
+def asked(mesh: Mesh) -> PlanRequest:
+    return PlanRequest("panda", Scene("wide", obstacles=[mesh]), JointsGoal({}))
+
+
+def test_long_lists_are_checked_and_are_the_requests_own() -> None:
+    mesh = terrain()
+    made = codec.checked(asked(mesh))
+    assert made == asked(mesh)
+    assert codec.decode_request(codec.encode(asked(mesh))) == made
+    mesh.vertices[0] = (9.0, 9.0, 9.0)
+    mesh.triangles[0] = (0, 2, 1)
+    assert made == asked(terrain())
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64])
+def test_numpys_numbers_may_stand_in_long_lists(kind: Any) -> None:
+    mesh = terrain()
+    mesh.vertices[1500] = tuple(kind(k) for k in (1, 2, 3))
+    mesh.triangles[1500] = tuple(np.array([3, 2, 1]))
+    made = codec.checked(asked(mesh))
+    mesh.vertices[1500], mesh.triangles[1500] = (1.0, 2.0, 3.0), (3, 2, 1)
+    assert made == asked(mesh)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "says"),
+    [
+        ("triangles", (0, 1), "(at $.scene.obstacles[0].triangles[1500])"),
+        ("triangles", (0, 1, 2.5), "(at $.scene.obstacles[0].triangles[1500][2])"),
+        ("triangles", (0, 1, 2002), "`triangles[1500]` names vertex 2002, but there are 2002 vertices"),
+        ("triangles", (0, 1, -1), "`triangles[1500]` names vertex -1"),
+        ("triangles", (0, 1, 2**40), "`triangles[1500]` names vertex 1099511627776"),
+        ("triangles", (0, 1, True), "(at $.scene.obstacles[0].triangles[1500][2])"),
+        ("vertices", (0.0, 0.0, "1"), "(at $.scene.obstacles[0].vertices[1500][2])"),
+        ("vertices", (0.0, 0.0, float("nan")), "`vertices[1500][2]` must be a finite number"),
+    ],
+)
+def test_what_is_wrong_in_long_lists_is_told(field: str, value: Any, says: str) -> None:
+    mesh = terrain()
+    getattr(mesh, field)[1500] = value
+    with pytest.raises(MalformedRequest) as malformed:
+        codec.checked(asked(mesh))
+    assert says in malformed.value.message

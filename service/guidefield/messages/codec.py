@@ -169,7 +169,7 @@ def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Requ
     given = getattr(request, "scene", None)
     scene = _CHECKED.of(given)
     if scene is None:
-        made = decode_request(_without_arrays(request))
+        made = decode_request(_without_arrays(request) if type(given) is not Scene else _with_lists(request, given))
         _CHECKED.keep(given, getattr(made, "scene", None))
         return made
     bare = copy.copy(request)
@@ -177,6 +177,31 @@ def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Requ
     made = decode_request(_without_arrays(bare))
     msgspec.structs.force_setattr(made, "scene", scene)
     return made
+
+
+LONG = 1000
+"""A list of so many points or triangles isn't made anew before it is checked: checking makes another one."""
+
+
+def _with_lists(request: requests.Request, scene: Scene) -> Any:
+    """A request as plain data, its scene's long lists as they are; NumPy's numbers may be left in these."""
+    lists = [
+        (index, field, getattr(one, field))
+        for index, one in enumerate(scene.obstacles)
+        for field in ("vertices", "triangles", "points")
+        if type(getattr(one, field, None)) is list and len(getattr(one, field)) >= LONG
+    ]
+    short, bare = copy.copy(scene), copy.copy(request)
+    obstacles = [*scene.obstacles]
+    for index, field, _ in lists:
+        obstacles[index] = copy.copy(obstacles[index])
+        msgspec.structs.force_setattr(obstacles[index], field, [])
+    msgspec.structs.force_setattr(short, "obstacles", obstacles)
+    msgspec.structs.force_setattr(bare, "scene", short)
+    plain = _without_arrays(bare)
+    for index, field, listed in lists:
+        plain["scene"]["obstacles"][index][field] = listed
+    return plain
 
 
 def is_kept(scene: Scene) -> bool:

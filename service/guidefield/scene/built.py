@@ -8,7 +8,7 @@ from collections import OrderedDict
 import msgspec
 import numpy as np
 
-from guidefield.aside import Spent, done_aside, wait_for_others
+from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import codec, scene as messages
 from guidefield.scene import scene as scenes
 from guidefield.scene.mesh import MOST_FACES
@@ -42,6 +42,8 @@ class BuiltScenes:
         """
         content = self._known(message)
         if content is None:
+            if spent is not None and spent():
+                raise StoppedError(f"scene {message.name} was looked at")
             content = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
         built = self._scenes.pop(content, None)
         if built is None:

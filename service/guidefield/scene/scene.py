@@ -52,6 +52,11 @@ class Scene:
         return any(one.motion is not None for one in self.obstacles)
 
     @cached_property
+    def most_faces(self) -> int:
+        """Of how many triangles or points its largest obstacle is; 0 if all are convex."""
+        return max((one.faces for one in self.obstacles), default=0)
+
+    @cached_property
     def names(self) -> frozenset[str]:
         """Of its obstacles."""
         return frozenset(one.name for one in self.obstacles)

@@ -37,7 +37,7 @@ class Ball(NamedTuple):
 
 def is_large_scene(scene: Scene) -> bool:
     """Whether anything in a scene is large enough that a part of it is sooner prepared; what moves isn't looked at."""
-    return any(map(_is_large, scene.obstacles)) and not scene.moves
+    return is_large(scene.most_faces) and not scene.moves
 
 
 def within_ball(scene: Scene, ball: Ball) -> Scene:
