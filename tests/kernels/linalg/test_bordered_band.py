@@ -54,6 +54,16 @@ def test_agrees_with_a_dense_solution(blocks: int, size: int, more: int, seed: i
         np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("size", [7, 8, 9, 16, 21])
+def test_blocks_of_about_whole_tiles_agree_with_a_dense_solution(size: int) -> None:
+    of_blocks, right, matrix = system(6, size, 2, size)
+    factor, solution = factorized(of_blocks, matrix, 0.1), np.empty(len(right))
+    assert factor is not None
+    solve_factorized(factor, right, solution)
+    expected = np.linalg.solve(matrix + 0.1 * np.diag(np.diag(matrix)), right)
+    np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("more", [1, 2])
 @pytest.mark.parametrize("place", [(2, 1), None])
 def test_what_is_not_positive_definite_is_refused(place: tuple[int, int] | None, more: int) -> None:

@@ -104,3 +104,17 @@ def test_ends_of_a_planar_joint_and_of_followers() -> None:
         q0, q1 = rest(planned), planned.random(np.random.default_rng(5))
         z0 = planned.chart(q0)
         np.testing.assert_allclose(swept.ends(q0, q1)[1], planned.unwrapped(planned.chart(q1), z0), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["chain_fixed_6x300_r25", "panda", "baxter"])
+def test_the_joints_between_a_pair_are_those_that_move_one_of_both(name: str) -> None:
+    planned = group(name)
+    robot = swept_world(World.build(planned, scene_of())).robot
+    for pair, apart in zip(robot.own.tolist(), robot.apart.tolist(), strict=True):
+        moving = [set(planned.model.supports[int(robot.carriers[one])]) - {0} for one in pair]
+        for mine, others, top in ((*moving, apart[0]), (*moving[::-1], apart[1])):
+            between, joint = set(), max(mine, default=0) if top else 0
+            while joint:
+                between.add(joint)
+                joint = int(robot.joints.parents[joint]) if joint != top else 0
+            assert between == mine - others
