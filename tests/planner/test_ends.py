@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +12,8 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.ends import check_start, goal_points
+from guidefield.planner import ends
+from guidefield.planner.ends import _about, _soonest, check_start, goal_points, tip_points
 from guidefield.planner.settings import GOALS
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.ending import Ending
@@ -99,6 +101,34 @@ def test_a_pose_inside_a_hollow_mesh_is_in_collision() -> None:
     assert failure.details["pair"][1] == "shell"
     with pytest.raises(StageFailed, match="inside"):
         check_start(made)
+
+
+@pytest.mark.parametrize("half", [0.4, 0.6, 0.8])
+def test_those_that_are_chosen_are_the_same_if_all_were_looked_at(half: float) -> None:
+    """Elbows may be inside of a shell, wholly or not, while the hand is outside: it stands beside the arm."""
+    shell = msgspec.structs.replace(closed_shell(half), position=(-0.3 - half, 0.0, 0.6))
+    made = problem("panda", scene_of(shell), pose(), planes=())
+    goals = goal_points(made)
+    each = tip_points(made, made.goal.target, _about(made), GOALS.candidates)
+    assert len(each) > len(goals)
+    assert np.array_equal(goals, _soonest(made, each))
+
+
+def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = problem("panda", "table", pose(), planes=())
+    first, *_ = goal_points(made)
+    closed = made.group.expand_from_chart(first)
+    seen = ends.enclosed_each
+
+    def but_the_first(world, qs):
+        around = seen(world, qs)
+        return [("shell", "hand") if np.array_equal(q, closed) else one for q, one in zip(qs, around, strict=True)]
+
+    monkeypatch.setattr(ends, "enclosed_each", but_the_first)
+    goals = goal_points(made)
+    assert first.tolist() not in goals.tolist()
+    each = tip_points(made, made.goal.target, _about(made), GOALS.candidates)
+    assert np.array_equal(goals, _soonest(made, each))
 
 
 def test_of_a_set_those_that_are_free_are_left() -> None:

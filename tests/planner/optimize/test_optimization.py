@@ -29,6 +29,7 @@ from guidefield.planner.optimize.settings import (
     closer,
     constrained,
     free,
+    in_few_pieces,
     of_many,
 )
 from guidefield.planner.path_motion import soonest_along
@@ -415,6 +416,32 @@ def test_the_observer_hears_of_each_step() -> None:
     assert len(notes) == 1
     assert f"{after.trajectory.duration:.3f} s" in notes[0]
     assert all((event.path[[0, -1]] == path[[0, -1]]).all() for event in steps)
+
+
+def test_a_free_motion_begins_with_few_pieces_and_is_as_good() -> None:
+    made, path = over_the_wall()
+    motion, settings = soonest_along(made, path), free(BALANCED)
+    of_all = optimize(made, motion, settings).trajectory
+    made.observer.events.clear()
+    begun_with_few = optimize(made, motion, in_few_pieces(settings)).trajectory
+    counts = [len(event.path) - 1 for event in made.observer.events if isinstance(event, PathRelaxed)]
+    least = counts[0]
+    assert sorted(set(counts)) == list(dict.fromkeys(counts)) == [least, 2 * least, 4 * least]
+    assert len(begun_with_few.times) == len(of_all.times)
+    check_limits(made, begun_with_few)
+    assert begun_with_few.duration == pytest.approx(of_all.duration, rel=0.02)
+    assert smallest_clearance(made, begun_with_few.positions) > smallest_clearance(made, of_all.positions) - 2e-3
+
+
+def test_steps_are_counted_at_every_number_of_pieces() -> None:
+    made, path = over_the_wall()
+    motion, settings = soonest_along(made, path), in_few_pieces(free(BALANCED))
+    whole = optimize(made, motion, settings)
+    for steps in (1, whole.steps - 1):
+        after = optimize(dataclasses.replace(made, optimization_iterations=steps), motion, settings)
+        assert after.steps == steps
+        assert after.outcome is Outcome.OUT_OF_ITERATIONS
+        check_limits(made, after.trajectory)
 
 
 def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:

@@ -1,5 +1,7 @@
 """The chain to a tip, judged by Pinocchio's placements and logarithm."""
 
+import dataclasses
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -59,3 +61,13 @@ def test_a_rotation_vector_is_right_at_every_length():
         vectors = length * axes / np.linalg.norm(axes, axis=1, keepdims=True)
         offsets = distances(chain, pin.SE3.Identity(), np.column_stack([np.zeros((40, 3)), vectors]))
         np.testing.assert_allclose(offsets[:, 3:], np.abs(vectors), rtol=1e-13, atol=1e-15 + 1e-9 * (length > 3.0))
+
+
+def test_of_groups_that_are_alike_the_chain_is_found_once_but_where_a_ball_starts_elsewhere():
+    arm, ball = group("panda"), grouped(box_arm("floating y", 2))
+    moved = dataclasses.replace(arm, q_reference=arm.q_reference.copy(), q_origin=arm.q_origin + 0.1)
+    assert chain_to_tip(moved) is chain_to_tip(arm)
+    turned = ball.random(np.random.default_rng(1))
+    elsewhere = dataclasses.replace(ball, q_origin=turned)
+    assert chain_to_tip(elsewhere) is not chain_to_tip(ball)
+    assert not np.array_equal(chain_to_tip(elsewhere).table.placements, chain_to_tip(ball).table.placements)
