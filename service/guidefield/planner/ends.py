@@ -121,8 +121,8 @@ def tip_points(
     result = _solved(problem, target, starts, count, _keep_some_distance)
     if not result.solutions and result.rejected and not _hopeless(problem, result):
         result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
-    if len(open_ones := _chosen_in_the_open(problem, result.solutions, chosen)):
-        return open_ones
+    if (found := _chosen_in_the_open(problem, result.solutions, chosen)) is not None:
+        return found
     if result.solutions:  # all that were found are inside of something: look for others
         result = _solved(problem, target, starts, count, _are_outside)
     zs = result.solutions or _those_that_keep_off(problem, result.rejected)  # lanes refuse what all but touches
@@ -145,15 +145,18 @@ def tip_points(
 
 def _chosen_in_the_open(
     problem: Problem, zs: Sequence[ChartPoint], chosen: Callable[[Problem, ChartPoints], ChartPoints]
-) -> Sequence[ChartPoint] | ChartPoints:
+) -> ChartPoints | None:
     """Of chart points (nv,) at which no body is inside another one, those that are wanted; as in `tip_points`.
 
-    What isn't wanted is hardly ever asked about: that takes longer than the choice.
+    None where there are none. What isn't wanted is hardly ever asked about: that takes longer than the choice.
     """
-    if not zs or all(_are_in_the_open(problem, first := chosen(problem, np.array(zs)))):
-        return first if zs else ()
+    if not zs:
+        return None
+    first = chosen(problem, np.array(zs))
+    if all(_are_in_the_open(problem, first)):
+        return first
     rest = [z for z, one in zip(zs, _are_in_the_open(problem, zs), strict=True) if one]
-    return chosen(problem, np.array(rest)) if rest else ()
+    return chosen(problem, np.array(rest)) if rest else None
 
 
 def _hopeless(problem: Problem, result: IkResult) -> bool:
