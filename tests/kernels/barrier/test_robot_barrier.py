@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 
 import coal
@@ -127,7 +128,7 @@ class Barrier:
         blocks = np.empty((COUPLED + 1, nv, (COUPLED + 1) * nv))
         value = clearance_along(
             self.robot, self.tables, moving_tables(self.made_for.scene), self.samples, points, 1.0, 0.0, CLEARANCE,
-            self.near, gradient, blocks, np.empty((2, COUPLED + 1, nv)), np.empty(2), np.empty((2, 2)),
+            math.inf, self.near, gradient, blocks, np.empty((2, COUPLED + 1, nv)), np.empty(2), np.empty((2, 2)),
         )  # fmt: skip
         return value, gradient[COUPLED], blocks[COUPLED, :, COUPLED * nv :]
 

@@ -103,8 +103,9 @@ def look_at(
     border, by_times, corner = np.full((2, n, nv), np.nan), np.full(2, np.nan), np.full((2, 2), np.nan)
     near, moving = nothing_remembered(PIECES, len(robot.groups)), moving_tables(made_for.scene)
     value = clearance_along(
-        robot, tables, moving, samples, points, step, begin, 0.01, near, gradient, blocks, border, by_times, corner
-    )
+        robot, tables, moving, samples, points, step, begin, 0.01, math.inf, near, gradient, blocks, border, by_times,
+        corner,
+    )  # fmt: skip
     for row in (gradient, blocks, border, by_times, corner):
         row.setflags(write=False)
     return ClearanceModel(value, points, step, begin, gradient, blocks, border, by_times, corner)

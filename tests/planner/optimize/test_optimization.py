@@ -82,9 +82,11 @@ def test_it_is_faster_keeps_away_and_is_certified() -> None:
 def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     looks, look = list[float](), Descent.look
 
-    def counted(self: Descent, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
+    def counted(
+        self: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, most: float = np.inf
+    ) -> Look:
         looks.append(stiffness)
-        return look(self, spline, passed, stiffness)
+        return look(self, spline, passed, stiffness, most)
 
     monkeypatch.setattr(Descent, "look", counted)
     made, path = over_the_wall()
@@ -442,6 +444,26 @@ def test_steps_are_counted_at_every_number_of_pieces() -> None:
         assert after.steps == steps
         assert after.outcome is Outcome.OUT_OF_ITERATIONS
         check_limits(made, after.trajectory)
+
+
+def test_a_look_is_given_up_where_the_clearance_is_more_than_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, path = over_the_wall()
+    motion, settings, looks = soonest_along(made, path), in_few_pieces(free(BALANCED)), []
+    look = Descent.look
+
+    def wholly(
+        descent: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, most: float = np.inf
+    ) -> Look:
+        whole, found = look(descent, spline, passed, stiffness), look(descent, spline, passed, stiffness, most)
+        looks.append((whole.model.value, found.model.value, most))
+        return whole
+
+    one = optimize(made, motion, settings)
+    monkeypatch.setattr(Descent, "look", wholly)
+    other = optimize(made, motion, settings)
+    assert np.array_equal(one.trajectory.positions, other.trajectory.positions)
+    assert all(found == (whole if whole <= most else np.inf) for whole, found, most in looks)
+    assert any(found == np.inf for _, found, _ in looks)
 
 
 def kept_way(of: str, tolerance: float) -> tuple[Problem, np.ndarray]:

@@ -147,6 +147,7 @@ def add_place(
         SCALAR,
         SCALAR,
         SCALAR,
+        SCALAR,
         NEAR_BODIES,
         MATRIX_OUT,
         BLOCKS_OUT,
@@ -164,6 +165,7 @@ def clearance_along(
     step: float,
     begin: float,
     clearance: float,
+    most: float,
     near: NearBodies,
     gradient_out: Floats,
     blocks_out: Floats,
@@ -182,6 +184,7 @@ def clearance_along(
         step: h [s].
         begin: t0 [s].
         clearance: Distance from obstacles at which the barrier's wall stands [m].
+        most: What it comes to at most if it is wanted.
         near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         gradient_out: Shape (n, nv).
         blocks_out: Shape (n, nv, 4 nv).
@@ -190,7 +193,7 @@ def clearance_along(
         corner_out: Shape (2, 2).
 
     Returns:
-        The barrier.
+        The barrier; infinite, and derivatives that mean nothing, if it is more than wanted.
     """
     gradient_out[:, :] = 0.0
     blocks_out[:, :, :] = 0.0
@@ -215,6 +218,8 @@ def clearance_along(
         )
         if value > 0.0:
             total += weight * value
+            if total > most:
+                return math.inf
             add_sample(k, basis, weight, slope, hessian, row, gradient_out, blocks_out)
             if moving.motions.shape[0] > 0:
                 _add_sample_by_times(

@@ -125,13 +125,16 @@ class Descent(ReadOnly):
         room = room_for_descent(*spline.points.shape, question.times)
         return cls(question, placed, near, samples, constrained, ends, question.duration / spline.pieces, room)
 
-    def look(self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0) -> Look:
+    def look(
+        self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0, most: float = math.inf
+    ) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
 
         Args:
             spline: The motion.
             passed: Where it came nearest to each passage, in pieces from the start.
             stiffness: As `Look.stiffness`.
+            most: Clearance from which on the motion isn't wanted: it counts as infinite then.
         """
         question, (n, nv) = self.question, spline.points.shape
         gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
@@ -145,6 +148,7 @@ class Descent(ReadOnly):
             spline.step,
             spline.begin,
             question.clearance,
+            most,
             self.near,
             gradient,
             blocks,
@@ -174,8 +178,11 @@ class Descent(ReadOnly):
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
         spline = look.spline
         of_constraints = constraint_penalty(look.constrained, spline.points)
-        arrival = (spline.step + spline.begin / spline.pieces) / self.unit
-        return arrival + limit_weight * self._barrier(spline) + of_constraints + look.model.value
+        return self._arrival(spline) + limit_weight * self._barrier(spline) + of_constraints + look.model.value
+
+    def _arrival(self, spline: BSpline) -> float:
+        """When it arrives, in the unit of time."""
+        return (spline.step + spline.begin / spline.pieces) / self.unit
 
     def _barrier(self, spline: BSpline) -> float:
         """The barrier of limits and times; infinite where the motion isn't strictly within."""
@@ -237,7 +244,8 @@ class Descent(ReadOnly):
         for _ in range(settings.looks):
             if spline is None:
                 return None
-            found = self.look(spline, look.passed, stiffness)
+            left = before - self._arrival(spline) - limit_weight * self._barrier(spline)  # for the clearance
+            found = self.look(spline, look.passed, stiffness, left)
             if (cost := self.cost(found, limit_weight)) < before:
                 return found, cost
             stiffness = min(1.0, settings.stiffer * max(stiffness, look.stiffness))

@@ -47,6 +47,7 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
             1.0,
             0.0,
             problem.min_clearance,
+            math.inf,
             nothing_remembered(settings.compared, len(robot.groups)),
             np.empty((n, nv)),
             np.empty((n, nv, (COUPLED + 1) * nv)),
