@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 import guidefield
@@ -89,6 +90,9 @@ def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.Monk
     request = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
     reply = answer({**request, "guide_planes": [], "recording": "off"})
     assert 0.3 <= reply.timing.load <= reply.timing.total
+    points = np.random.default_rng(1).uniform(2.0, 3.0, (2000, 3)).tolist()
+    cloud = {"type": "point_cloud", "name": "cloud", "points": points, "radius": 0.01}
+    request["scene"] = {"name": "far", "obstacles": [cloud]}
     late = answer({**request, "guide_planes": [], "recording": "off", "allowed_planning_time": 0.2})
     assert late.status.name == "TIMED_OUT"
     assert late.trajectory is None

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 
+from guidefield.aside import StoppedError
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.values import Float32Array
 from guidefield.scene import built, obstacle
-from guidefield.scene.built import BuiltScenes
+from guidefield.scene.built import MANY, BuiltScenes
 
 
 def scan(name: str, count: int) -> messages.Scene:
@@ -70,3 +73,12 @@ def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None
     assert hashed == 3
     scene.obstacles.pop()
     assert len(kept.of(codec.checked(asked).scene).obstacles) == 99
+
+
+def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [(float(i), 0.0, 0.0) for i in range(MANY)]
+    cloud = messages.PointCloud(name="cloud", points=points, radius=0.1)
+    scenes = BuiltScenes(2)
+    monkeypatch.setattr(hashlib, "sha256", lambda *_: pytest.fail("there is no time"))
+    with pytest.raises(StoppedError, match="scene large"):
+        scenes.of(messages.Scene(name="large", obstacles=[cloud]), lambda: True)

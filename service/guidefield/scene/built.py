@@ -42,7 +42,7 @@ class BuiltScenes:
         """
         content = self._known(message)
         if content is None:
-            if spent is not None and spent():
+            if spent is not None and _has_many(message) and spent():
                 raise StoppedError(f"scene {message.name} was looked at")
             content = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
         built = self._scenes.pop(content, None)
@@ -65,10 +65,14 @@ class BuiltScenes:
 
 def _built_in_time(message: messages.Scene, spent: Spent) -> Scene:
     doing = f"scene {message.name} was built"
-    if len(message.obstacles) + sum(map(_parts, message.obstacles)) < MANY:
+    if not _has_many(message):
         wait_for_others(spent)
         return scenes.build(message)
     return done_aside(lambda: scenes.build(message), spent, lambda: doing)
+
+
+def _has_many(message: messages.Scene) -> bool:
+    return len(message.obstacles) + sum(map(_parts, message.obstacles)) >= MANY
 
 
 def _parts(obstacle: messages.Obstacle) -> int:
