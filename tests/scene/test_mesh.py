@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry.closed import connected_pieces, volume
-from guidefield.scene.mesh import mesh_surface
+from guidefield.scene.mesh import _SOME, _is_dented, mesh_surface
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room
 
 
@@ -42,6 +42,16 @@ def test_a_shallow_dent_makes_a_mesh_not_convex():
     vertices[7] *= 0.94
     assert mesh_surface(vertices, np.array(sphere.faces)).hull is None
     assert mesh_surface(np.array(sphere.vertices), np.array(sphere.faces)).hull is not None
+
+
+@pytest.mark.parametrize("dented", [0, -1])
+def test_a_dent_anywhere_in_a_large_mesh_is_found(dented):
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=0.5)
+    vertices, faces = np.array(sphere.vertices), np.array(sphere.faces)
+    assert len(faces) > 4 * _SOME
+    assert not _is_dented(vertices, faces, 1e-7)
+    vertices[faces[dented, 0]] *= 0.999
+    assert _is_dented(vertices, faces, 1e-7)
 
 
 def test_vertices_at_one_place_are_one():

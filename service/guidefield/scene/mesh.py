@@ -303,8 +303,11 @@ def _as_shape(around: Surface) -> Any:
 
 
 def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
-    """Whether an edge is dented by more than is let [m]; most surfaces with many triangles are at one of the first."""
-    few = triangles[:_SOME]
+    """Whether an edge is dented by more than is let [m]; most surfaces with many triangles are near the first ones."""
+    marked = np.zeros(len(vertices), bool)
+    marked[triangles[:_SOME]] = True
+    a, b, c = triangles.T
+    few = triangles[marked[a] | marked[b] | marked[c]]
     return _deepest_dent(vertices, few) > deepest or _deepest_dent(vertices, triangles) > deepest
 
 

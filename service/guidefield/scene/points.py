@@ -30,7 +30,7 @@ def corners_in(triangles: messages.Triangles) -> np.ndarray:
 
 def _triples(listed: list[Any], kind: type) -> np.ndarray:
     """Triples as an array (n, 3), some at a time: other threads see what time it is meanwhile."""
-    found = np.empty((len(listed), 3), kind)
+    found: np.ndarray = np.empty((len(listed), 3), kind)
     for begin in range(0, len(listed), SOME):
         some = listed[begin : begin + SOME]
         flat = itertools.chain.from_iterable(some)  # which NumPy reads in a third of the time
