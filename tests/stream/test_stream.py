@@ -70,7 +70,7 @@ def test_the_goal_is_reached_and_every_piece_follows_the_one_before() -> None:
 
 
 OPENED = """
-from guidefield.kernels.stream import arrival, judge, profiles, room, way
+from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages.scene import Scene
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.catalog.catalog import Catalog
@@ -79,7 +79,7 @@ from guidefield.stream.stream import CertifiedStream
 
 with CertifiedStream(StreamOpen("ur5", "empty"), Catalog().load("ur5"), build(Scene("empty"))):
     asked = [
-        arrival.arrival, judge.judged, judge.travelled, profiles.piece_and_braking, room.distances, room.pressure,
+        dodge.dodged, judge.judged, judge.travelled, profiles.piece_and_braking, room.distances, room.pressure,
         room.swept, way.cut_short, way.straight_free, way.way_between,
     ]
     print(*(one.__name__ for one in asked if not one.overloads))
@@ -168,7 +168,7 @@ def test_who_comes_to_the_goal_stands_there_before_giving_way() -> None:
     first = next(k for k, one in enumerate(answers) if isinstance(one, Piece) and one.reaches_goal)
     last = answers[first]
     assert isinstance(last, Piece)
-    until = [one for one in answers[first:] if one.update is not None and one.update + 0.02 < last.stops]
+    until = [one for one in answers[first:] if one.update is not None and one.update < last.stops]
     assert not any(isinstance(one, Piece) and one.leads_to == "away" for one in until)
 
 

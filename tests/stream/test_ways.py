@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from numba import njit
 
-from guidefield.kernels.stream.arrival import FADING, arrival
+from guidefield.kernels.stream.dodge import ASIDE, FADING, STRETCHED as LONGER, Tube, dodged
 from guidefield.kernels.stream.room import blocked, nearest
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, HalfSpace, Scene
@@ -19,9 +19,11 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene.scene import build
+from guidefield.stream.follow import Way
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.stream import CertifiedStream
+from guidefield.stream.views import read_only_views
 from guidefield.stream.ways import NOTHING
 from tests.robots import robot
 
@@ -185,13 +187,24 @@ def later(drifting: Drifting, time: float) -> np.ndarray:
 STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
 
 
+def searched(
+    room: Any, drifting: Drifting, kept: np.ndarray, tube: Tube, foreseen: int, dear: float, width: int
+) -> tuple[float, np.ndarray]:
+    """What the cheapest way in a tube costs, and where it is at each step."""
+    timed, found = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(2)
+    tube = read_only_views(tube._replace(speeds=np.ascontiguousarray(tube.speeds)))
+    rows = dodged(room.robot, drifting.boxes, drifting.drifts, kept, tube, dear, width, timed, found)
+    return float(found[0]), timed[:rows]
+
+
 def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait() -> None:
     """Against all of them, one after the other."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
-        room, z0 = stream._room, stream.executing.ends
-    step, steps, dear = 0.1, 8, 60.0
-    places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in range(4)])
-    going, waiting = np.array([0.25]), np.array([0.15])
+        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+    step, steps, dear, stays = 0.1, 8, 60.0, 1
+    places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 3, 3)])
+    tube = Tube(places, np.empty((0, 6)), np.zeros((5, 1), np.int64), speeds, step, stays)
+    kept = np.array([[0.25], [0.15]])
     costs = []
     for start in (0.2, 0.5, 0.8):
         drifting = ball((0.6, start, 0.5), (0.0, -0.5, 0.0))
@@ -199,22 +212,77 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait() -> None:
             [[nearest(room.robot, later(drifting, step * i), z, 0.25)[0] for z in places] for i in range(steps + 1)]
         )
         best = np.inf
-        for goes in product((False, True), repeat=steps):
+        for moves in product((-1, 0, 1), repeat=steps):
             place, cost = 0, 0.0
-            for i, on in enumerate(goes, start=1):
+            for i, on in enumerate(moves, start=1):
                 if place == len(places) - 1:
                     break
+                if not place + on >= 0:
+                    cost = np.inf
+                    break
+                waits = on == 0 or min(place, place + on) >= len(places) - 1 - stays
                 place += on
-                lack = max(0.0, (going if on else waiting)[0] - least[i, place])
+                lack = max(0.0, kept[1 if waits else 0, 0] - least[i, place])
                 cost += step * (1.0 + dear * lack / (1.0 + step * i / FADING))
             best = min(best, cost + step * (len(places) - 1 - place))
-        found = arrival(
-            room.robot, drifting.boxes, drifting.drifts, going, waiting, places, step, step * steps + 1e-9, dear
-        )
+        found, _ = searched(room, drifting, kept, tube, steps, dear, 0)
         assert found == pytest.approx(best, rel=1e-12)
         costs.append(found)
     assert max(costs) > 0.5, "who is in the way costs something"
     assert len(set(costs)) == 3
+
+
+def test_beside_a_way_is_what_is_free_and_costs_what_it_says() -> None:
+    """A ball drifts to where a robot waits: beside the way it costs less, each step is one; what is taken is left."""
+    with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
+        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+    step, foreseen, dear, levels = 0.1, 10, 60.0, 3
+    places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 2, 2)])
+    sides = np.array([[0.0, -0.3, 0.0, 0.0, 0.0, 0.0], [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]])
+    kept = np.array([[0.25], [0.15]])
+    drifting = ball((0.6, 0.6, 0.5), (0.0, -0.6, 0.0))
+    free = np.zeros((5, 1 + 2 * levels), np.int64)
+    tube = Tube(places, sides, free, speeds, step, 2)
+    on_it, _ = searched(room, drifting, kept, tube, foreseen, dear, 0)
+    beside, rows = searched(room, drifting, kept, tube, foreseen, dear, 1000)
+    assert beside < on_it
+    assert np.array_equal(rows[0], z0)
+    assert (np.abs(np.diff(rows, axis=0)) / speeds).max() <= LONGER * step + 1e-12
+    cost = 0.0
+    for i in range(1, len(rows)):
+        off = [float(np.abs(rows[i] - place).max()) for place in places]
+        waits = np.array_equal(rows[i], rows[i - 1])
+        gap = nearest(room.robot, later(drifting, step * i), rows[i], 0.25)[0]
+        lack = max(0.0, kept[1 if waits else 0, 0] - gap)
+        cost += step * (1.0 + (ASIDE if min(off) > 1e-9 else 0.0) + dear * lack / (1.0 + step * i / FADING))
+    assert beside == pytest.approx(cost, rel=1e-9)
+    assert np.array_equal(rows[-1], places[-1])
+    taken = free.copy()
+    taken[:, 1:] = 1
+    assert searched(room, drifting, kept, tube._replace(taken=taken), foreseen, dear, 1000)[0] == on_it
+    few = [searched(room, drifting, kept, tube, foreseen, dear, width)[0] for width in (1, 5)]
+    assert all(beside <= one <= on_it for one in few)
+
+
+def test_a_way_is_followed_no_earlier_than_it_says() -> None:
+    speeds, ahead = np.array([1.0, 2.0]), 0.2
+    points = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.0], [0.3, 0.0], [0.3, 0.4]])
+    way = Way(points, speeds, np.array([5.0, 5.1, 5.6, 5.8, 6.0]))
+    assert [way.due(time) for time in (4.0, 5.0, 5.05, 5.3, 5.7, 5.9, 6.0)] == pytest.approx(
+        [0.0, 0.0, 0.05, 0.1, 0.2, 0.4, np.inf]
+    )
+    assert Way(points, speeds).due(-1e9) == np.inf
+    stand = np.array([0.02, 0.0])
+    waits = way.aim(stand, 0.0, ahead, way.due(5.3))
+    assert waits.last == pytest.approx([0.1, 0.0])
+    assert waits.direction == pytest.approx([0.08, 0.0])
+    goes = way.aim(stand, 0.0, ahead, way.due(5.9))
+    assert goes.last is None
+    assert goes.direction == pytest.approx([0.2, 0.0])
+    there = Way(np.array([[0.0, 0.0], [0.3, 0.0], [0.0, 0.0]]), speeds, np.array([0.0, 0.3, 0.6]))
+    assert there.aim(np.array([0.01, 0.0]), 0.0, ahead, there.due(0.1)).place == pytest.approx(0.01), (
+        "not where it ends"
+    )
 
 
 def test_ways_are_planned_to_where_obstacles_will_be() -> None:

@@ -17,7 +17,7 @@ class Aim(ReadOnly):
     Attributes:
         direction: From where the robot could stand, shape (nv,).
         place: How far along the way that is, in time at full speed [s].
-        last: The way's end, if it is aimed at: it is not to be passed, shape (nv,); else None.
+        last: What is aimed at, if it is not to be passed: the way's end, or where to wait, shape (nv,); else None.
         left: What is left of the way, in time at full speed [s].
     """
 
@@ -33,14 +33,16 @@ class Way:
     Args:
         points: Shape (m, nv), m > 1.
         speeds: Velocity limits, shape (nv,).
+        times: When to be at each point [s], shape (m,); None: as soon as one likes.
 
     Attributes:
-        points: As given.
+        points, times: As given.
         begins: How far along each is [s], shape (m,).
     """
 
-    def __init__(self, points: ChartPoints, speeds: np.ndarray) -> None:
+    def __init__(self, points: ChartPoints, speeds: np.ndarray, times: np.ndarray | None = None) -> None:
         self.points, self._speeds = points, speeds
+        self.times = np.full(len(points), -np.inf) if times is None else times
         lengths = np.abs(np.diff(points, axis=0) / speeds).max(axis=1)
         self.begins = np.concatenate([[0.0], np.cumsum(lengths)])
 
@@ -63,16 +65,30 @@ class Way:
         point: ChartPoint = self.points[index] + share * (self.points[index + 1] - self.points[index])
         return point
 
-    def aim(self, stand: ChartPoint, since: float, ahead: float) -> Aim:
+    def due(self, time: float) -> float:
+        """How far along it one may be at a time [s]; infinite once all of it is due."""
+        k = int(np.searchsorted(self.times, time, side="right"))
+        if k >= len(self.times):
+            return np.inf
+        if k == 0:
+            return 0.0
+        share = (time - self.times[k - 1]) / (self.times[k] - self.times[k - 1])
+        return float(self.begins[k - 1] + share * (self.begins[k] - self.begins[k - 1]))
+
+    def aim(self, stand: ChartPoint, since: float, ahead: float, due: float = np.inf) -> Aim:
         """Where to aim.
 
         Args:
             stand: Where the robot could stand at the soonest, shape (nv,).
             since: The place [s] from which on the nearest one is looked for; 0: on all of the way.
             ahead: How far ahead of that to aim [s].
+            due: How far along one may be [s].
         """
-        place = self._nearest(stand, since, since + 2.0 * ahead if since > 0.0 else np.inf)
+        place = self.nearest(stand, since, min(due, since + 2.0 * ahead if since > 0.0 else np.inf))
         beyond = place + ahead
+        if due < min(beyond, self.length):
+            target = self.at(max(due, place))
+            return Aim(target - stand, place, target, self.length - place)
         last = beyond >= self.length
         target = self.goal if last else self.at(beyond)
         return Aim(target - stand, place, self.goal if last else None, self.length - place)
@@ -82,7 +98,7 @@ class Way:
         inner = self.points[(self.begins > place) & (self.begins < until)]
         return np.concatenate([stand[None], inner, self.at(min(until, self.length))[None]])
 
-    def _nearest(self, z: ChartPoint, since: float, until: float) -> float:
+    def nearest(self, z: ChartPoint, since: float, until: float) -> float:
         """The place [s] of a stretch of the way that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))

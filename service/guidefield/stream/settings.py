@@ -46,18 +46,30 @@ class StreamSettings:
         predicted: A goal is taken where something is on it now, or will be in so long [s].
         planned: So far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest,
             where ways are looked at and planned [s].
-        looked: What the way that is followed keeps from what moves, or another one is planned.
-        kept: The same where ways are planned: one is, with each of these, the least first.
+        kept: What ways that are planned keep from what moves: one is, with each of these, the least first.
         going: What the robot keeps from what moves where a way costs nothing but its time, on the move: about what the
             judge wants at full speed.
         waiting: The same where it waits.
         widening: Where an end of a way is closer than that, so much more is kept for each second from there [m/s].
         step: Of time, where it is found what ways cost [s].
         arriving: So far that is foreseen [s].
-        dear: What a lack of 1 m for 1 s costs [s]: of seven hard Pandas five succeeded, and four at 20.
+        dear: What a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at 60, none at 100.
+        stays: Who arrives is to keep that for so many steps more: what comes to the goal with the robot stops it just
+            before, or runs into it there.
+        sides: So many directions to step aside in are drawn, once;
+        aside: others lead away from what presses on the way so far ahead [s], at such a place of it [s], each,
+        pressed: from where on that counts [m];
+        back: and one goes back, as from such a place of the way to its beginning [s].
+        levels: So many steps aside at most.
+        beside: So many states beside the way are looked at for each step: planning takes 20 to 40 ms. A search without
+            that bound found nothing of use in 3000 where everything costs something.
+        few: Among more than so many obstacles fewer states are, so that it doesn't take longer.
+        early: A way is followed so much ahead of its times at most [s]: what brakes from full speed stands 0.1 s on.
+        lag: So much later than it is taken over a way's times begin [s]: what speeds up and brakes takes that. Of 28
+            Pandas that some version failed 26 succeeded, 20 without.
         gain: Another way is followed if it costs less by so much [s],
         gain_share: and by this share.
-        again: So long after a way was planned the next one is, where something moves [s].
+        again: So long after a way was taken over the next one is planned, where something moves [s].
         resting: What ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven.
         resting_looked_at: What a way is looked at with then [m]: less, or each way would be left soon for another one.
         closer: Shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had
@@ -72,9 +84,10 @@ class StreamSettings:
         refused: After so many updates without a piece another way is planned.
         near: Obstacles that are predicted as close as this are fled from [m].
         foreseen: So far ahead [s].
-        threat: Where what is foreseen comes closer than this to where a piece along the way would end, fleeing is tried
-            first [m], at any speed: of four Pandas that were run into at rest where it was tried at 0.35 of the speeds
-            and below, none was any more. It takes longer.
+        threat: Where what is foreseen comes closer than this to where a piece along the way would end, and to where the
+            way leads by then, fleeing is tried first [m],
+        threatened: if the piece has at most this share of the speeds: who goes at full speed leaves in time, and
+            fleeing costs way.
         flights: Directions tried for that: down the pressure, and random ones; as many as a cycle has time for.
         flight_speeds: Shares of the velocity limits.
         goals: Configurations that are looked for where the goal is a pose.
@@ -87,17 +100,26 @@ class StreamSettings:
     looked_at: float = 1.5
     predicted: float = 0.25
     planned: float = 1.5
-    looked: Kept = Kept(0.02, 0.10)
     kept: tuple[Kept, ...] = (Kept(0.02, 0.10), Kept(0.04, 0.25))
     going: Kept = Kept(0.03, 0.25)
     waiting: Kept = Kept(0.03, 0.12)
     widening: float = 0.4
     step: float = 0.1
     arriving: float = 2.5
-    dear: float = 60.0
+    dear: float = 100.0
+    stays: int = 3
+    sides: int = 4
+    aside: tuple[tuple[float, float], ...] = ((0.3, 0.0), (0.6, 0.0), (0.6, 0.4))
+    pressed: float = 0.2
+    back: float = 0.3
+    levels: int = 5
+    beside: int = 100
+    few: int = 32
+    early: float = 0.3
+    lag: float = 0.1
     gain: float = 0.1
     gain_share: float = 0.1
-    again: float = 0.1
+    again: float = 0.06
     resting: float = 0.004
     resting_looked_at: float = 0.002
     closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
@@ -110,6 +132,7 @@ class StreamSettings:
     near: float = 0.12
     foreseen: float = 0.4
     threat: float = 0.04
+    threatened: float = 0.6
     flights: int = 6
     flight_speeds: tuple[float, ...] = (1.0, 0.4)
     goals: int = 8

@@ -87,6 +87,7 @@ class Snapshot(msgspec.Struct, frozen=True):
         goal: Number of the goal.
         goals: Its configurations, (k, nv); None: to stand.
         way: Points of the way that is followed, (m, nv); None: there is none.
+        times: When to be at each of these [s], (m,); None: there is none.
         place: How far along it is [s].
         refused: Updates without a piece, in a row.
         unfound: Whether the last way wasn't found.
@@ -104,6 +105,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     goal: int
     goals: Rows | None
     way: Rows | None
+    times: Rows | None
     place: float
     refused: int
     unfound: bool

@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.errors import GuidefieldError, InvalidConfiguration, MalformedRequest
 from guidefield.kernels.jit.compilers import load
-from guidefield.kernels.stream import arrival, judge, profiles, room, way
+from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.robot.group.group import PlanningGroup
@@ -27,7 +27,7 @@ from guidefield.stream.commit import Commit, towards
 from guidefield.stream.flight import flights, pressure_at
 from guidefield.stream.follow import Way
 from guidefield.stream.goals import goals_of
-from guidefield.stream.obstacles import Drifting, Obstacles
+from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import opened
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
@@ -48,7 +48,7 @@ SLACK = 1e-6
 """Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
 
 
-KERNELS = (arrival, judge, profiles, room, way)
+KERNELS = (dodge, judge, profiles, room, way)
 """What the first update would wait for, 30 to 60 ms: loaded when a stream opens."""
 
 
@@ -295,6 +295,7 @@ class CertifiedStream:
             goal=self._goal_number,
             goals=None if self._goals is None else Rows.of(self._goals),
             way=None if self._way is None else Rows.of(self._way.points),
+            times=None if self._way is None else Rows.of(self._way.times),
             place=self._place,
             refused=self._refused,
             unfound=self._unfound,
@@ -315,7 +316,9 @@ class CertifiedStream:
         self._sought, self._goal_number = kept.sought, kept.goal
         self._goals = None if kept.goals is None else kept.goals.array()
         speeds = self._opened.bounds.rates[:, 0]
-        self._way = None if kept.way is None else Way(kept.way.array(), speeds)
+        self._way = None
+        if kept.way is not None and kept.times is not None:
+            self._way = Way(kept.way.array(), speeds, kept.times.array())
         self._place, self._refused, self._unfound = kept.place, kept.refused, kept.unfound
         self._planned = -np.inf if kept.planned is None else kept.planned
         self._ordered = None
@@ -397,7 +400,7 @@ class CertifiedStream:
         still = self._towards(cycle, state, np.zeros(self.group.nv), None)
         found = self._followed(cycle, state, still)
         # who comes to the goal stands there first: what leads there is proven
-        arriving = cycle.reason == "at_goal" and cycle.begins < cycle.base.stops
+        arriving = cycle.reason == "at_goal" and cycle.now < cycle.base.stops
         if (found is None and not arriving) or cycle.threatened:
             found = self._fled(cycle, state, still) or found
         if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
@@ -427,24 +430,34 @@ class CertifiedStream:
         speeds = self._opened.bounds.rates[:, 0]
         since = self._place
         for share in STREAM.speeds:
-            aim = way.aim(still.ends, since, STREAM.ahead * share)
+            aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
             self._place = aim.place
             largest = float((np.abs(aim.direction) / speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
             commit = self._towards(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
                 break
-            if self._proven(cycle, commit, reserved=True):
-                cycle.threatened = self._is_threatened(cycle, commit)
+            arrives = bool((np.abs(commit.ends - way.goal) <= AT).all())  # then there is nothing to go on to
+            if self._proven(cycle, commit, reserved=not arrives):
+                cycle.threatened = share <= STREAM.threatened and self._is_threatened(cycle, commit.ends, way, share)
                 return commit, "goal"
         if cycle.told is None or self._unfound:
             cycle.reason = "no_way"
         return None
 
-    def _is_threatened(self, cycle: _Cycle, commit: Commit) -> bool:
-        """Whether what is foreseen comes close to where a commit ends."""
+    def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: Way, share: float) -> bool:
+        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then.
+
+        Args:
+            cycle: The cycle.
+            end: Where the piece ends.
+            way: The way.
+            share: The share of the speeds at which it is followed.
+        """
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        return pressure_at(self._room.robot, boxes, commit.ends, STREAM.threat)[0] > 0.0
+        then = min(self._place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
+        places = (end, way.at(max(then, self._place)))
+        return all(pressure_at(self._room.robot, boxes, z, STREAM.threat)[0] > 0.0 for z in places)
 
     def _fled(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
@@ -516,7 +529,10 @@ class CertifiedStream:
             found = self._ordered.found.result()
             self._unfound = found.nowhere
             if found.way is not None and (self._ordered.goal == goal).all():
-                self._way, self._place = Way(found.way, speeds), 0.0
+                self._way, self._place = (
+                    Way(found.way.points, speeds, self._ordered.due + STREAM.lag + found.way.times),
+                    0.0,
+                )
             self._ordered = None
         if self._way is None or not (self._way.goal == goal).all():
             self._way, self._place = Way(np.array([stand, goal]), speeds), 0.0
@@ -525,17 +541,25 @@ class CertifiedStream:
         return self._way
 
     def _order_if_due(self, cycle: _Cycle, stand: ChartPoint, goal: ChartPoint) -> None:
-        """Have a way planned where the one that is followed isn't free, or may not be the best any more."""
+        """Have a way planned where the one that is followed isn't free of what rests, or something moves.
+
+        It begins where the robot could stand, on the way that is followed, when it is taken over.
+        """
         assert self._way is not None, "there is a way"
-        drifting = self._obstacles.drifting(cycle.now)
-        goes = self._refused < STREAM.refused and self._is_free(NOTHING, stand)
-        again = len(drifting.boxes) > 0 and cycle.now >= self._planned + self.request.planning_time + STREAM.again
-        if goes and not again and self._is_free(drifting, stand):
-            return
-        self._planned = cycle.now
         due = cycle.now + self.request.planning_time
-        followed = self._way.rest(stand, self._place) if goes else None
-        self._ordered = self._planner.order(due, stand, goal, drifting, followed, self._rng)
+        drifting = self._obstacles.drifting(due + STREAM.lag)
+        goes = self._refused < STREAM.refused and self._is_free(stand)
+        again = len(drifting.boxes) > 0 and cycle.now >= self._planned + self.request.planning_time + STREAM.again
+        if goes and not again:
+            return
+        start, followed = stand, None
+        if goes:
+            place = self._way.nearest(stand, self._place, self._place + STREAM.looked_at)
+            place = max(place, min(place + self.request.planning_time, self._way.due(due + STREAM.early)))
+            start = self._way.at(place)
+            followed = self._way.rest(start, place)
+        self._planned = cycle.now
+        self._ordered = self._planner.order(due, start, goal, drifting, followed, self._rng)
         self._refused = 0
 
     def _chosen(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
@@ -555,12 +579,12 @@ class CertifiedStream:
         nearest: ChartPoint = self._goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
 
-    def _is_free(self, drifting: Drifting, stand: ChartPoint) -> bool:
-        """Whether what is looked at of the way is free of what rests, and of what moves as it is foreseen."""
+    def _is_free(self, stand: ChartPoint) -> bool:
+        """Whether what is looked at of the way is free of what rests."""
         assert self._way is not None, "there is a way"
         points = self._way.rest(stand, self._place, self._place + STREAM.looked_at)
         clearance = self._room.clearance(STREAM.resting_looked_at, [stand, self._way.goal])
-        return self._room.straight(drifting, STREAM.looked, clearance, points)
+        return self._room.straight(NOTHING, STREAM.going, clearance, points)
 
     def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
         number = max(self._commits) + 1

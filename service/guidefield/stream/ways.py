@@ -15,12 +15,12 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.kernels.stream.arrival import arrival
 from guidefield.kernels.stream.room import RoomRobot, nearest, swept
 from guidefield.kernels.stream.way import Surroundings, cut_short, straight_free, way_between
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds
+from guidefield.stream.dodging import Timed, drawn_sides, sides_of, timed, tube_about
 from guidefield.stream.follow import Way
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.robot_tables import JointRows, room_robot
@@ -64,6 +64,8 @@ class Room:
         tolerance: float,
     ) -> None:
         self._speeds = bounds.rates[:, 0].copy()
+        self._lower, self._upper = bounds.lower, bounds.upper
+        self._sides = drawn_sides(STREAM.sides, self._speeds)
         self.robot: RoomRobot = room_robot(group, joints)
         self._lanes = BatchCollision.build(world)
         self._least, self._tolerance = least, tolerance
@@ -135,21 +137,23 @@ class Room:
         count = cut_short(among, cuts, count, path)
         return path[:count].copy()
 
-    def cost(self, drifting: Drifting, points: ChartPoints) -> float:
-        """What a way (m, nv) costs among what moves, as a time of arrival [s]."""
+    def timed(self, drifting: Drifting, points: ChartPoints) -> Timed:
+        """Where to be when on a way (m, nv) among what moves, or beside it, and what that costs."""
         way = Way(points, self._speeds)
         if way.length == 0.0 or not len(drifting.boxes):
-            return way.length
-        count = math.ceil(way.length / STREAM.step)
-        places = np.array([way.at(way.length * k / count) for k in range(count + 1)])
-        wanted = drifting.margins + self.swept([points[0], points[-1]])
-        going, waiting = (kept.from_each(drifting.rates) + wanted for kept in (STREAM.going, STREAM.waiting))
-        return float(
-            arrival(
-                self.robot, drifting.boxes, drifting.drifts, going, waiting, places, way.length / count,
-                STREAM.arriving, STREAM.dear,
-            )
-        )  # fmt: skip
+            return Timed(way.length, points, way.begins)
+        ends = [points[0], points[-1]]
+        clearance = self.clearance(STREAM.resting, ends)
+
+        def taken(zs: ChartPoints) -> np.ndarray:
+            out = np.any((zs < self._lower) | (zs > self._upper), axis=1)
+            return np.asarray(out | self._lanes.touching(zs, clearance))
+
+        wanted, foreseen = drifting.margins + self.swept(ends), math.ceil(STREAM.arriving / STREAM.step)
+        kept = np.array([kept.from_each(drifting.rates) + wanted for kept in (STREAM.going, STREAM.waiting)])
+        sides = sides_of(self.robot, drifting, way, self._speeds, self._sides)
+        tube = tube_about(way, sides, self._speeds, taken, foreseen)
+        return timed(self.robot, drifting, kept, tube, foreseen)
 
     def _among(self, drifting: Drifting, kept: Kept, clearance: float, z0: ChartPoint, z1: ChartPoint) -> Surroundings:
         """The robot among what rests, with a clearance [m], and what moves, on ways between two points (nv,)."""
@@ -178,11 +182,11 @@ class Found:
     """What came of planning.
 
     Attributes:
-        way: The way, shape (m, nv); None: none is better than the one that is followed.
+        way: The way, where to be on it when; None: none was found.
         nowhere: Whether none was found at all.
     """
 
-    way: ChartPoints | None
+    way: Timed | None
     nowhere: bool
 
 
@@ -265,15 +269,15 @@ class Planner:
             found.append(way)
         if room.straight(NOTHING, STREAM.going, room.clearance(STREAM.resting, [z0, z1]), straight):
             found.append(straight)
-        if not found:
-            return Found(None, nowhere=followed is None)
-        costs = [room.cost(drifting, way) for way in found]
-        least = min(costs)
+        if not found and followed is None:
+            return Found(None, nowhere=True)
+        ways = [room.timed(drifting, way) for way in found]
+        best = min(ways, key=lambda one: one.cost, default=None)
         if followed is not None:
-            before = room.cost(drifting, followed)
-            if least > before - max(STREAM.gain, STREAM.gain_share * before):
-                return Found(None, nowhere=False)
-        return Found(found[costs.index(least)], nowhere=False)
+            before = room.timed(drifting, followed)
+            if best is None or best.cost > before.cost - max(STREAM.gain, STREAM.gain_share * before.cost):
+                best = before
+        return Found(best, nowhere=False)
 
     def _samples(self, z0: ChartPoint, z1: ChartPoint, rng: np.random.Generator) -> np.ndarray:
         """Random points within the limits; of an endless angle about both ends."""

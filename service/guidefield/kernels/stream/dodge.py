@@ -1,0 +1,289 @@
+"""What a way costs among what drifts, and where to be when: going on, waiting, turning back or stepping aside.
+
+Dynamic programming over time, step by step, in a tube about the way: its places, and some steps beside them to some
+sides. On the way alone everything is looked at; beside it what is the most promising at each step.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import int64
+
+from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
+from guidefield.kernels.jit.signatures import (
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
+from guidefield.kernels.stream.room import ROOM_ROBOT, RoomRobot, distances
+
+FADING = 1.0
+"""What is foreseen for this time from now on counts half [s]: what drifts may turn."""
+
+ASIDE = 0.05
+"""What a step beside the way costs more, as a share of it: of ways that are as quick the one nearby is taken."""
+
+STRETCHED = 1.25
+"""What goes on and aside at once is one step where it is longer than one at full speed by this at most."""
+
+
+class Tube(NamedTuple):
+    """A way and what is beside it.
+
+    A state is a place and a column, by number place * columns + column; column 0 is the way itself, then come the
+    steps to the first side, and so on.
+
+    Attributes:
+        places: The way's points, a step at full speed apart, then its end some times over, shape (m, nv).
+        sides: What a step to each side changes, shape (d, nv).
+        taken: Not 0 where one can't be, shape (m, 1 + d * levels).
+        speeds: Of the coordinates, at most, shape (nv,) [rad/s or m/s].
+        step: How long a step lasts [s].
+        stays: So many places at the end are the end once more: the robot is to stay there.
+    """
+
+    places: Rows
+    sides: Rows
+    taken: IndexRows
+    speeds: Row
+    step: float
+    stays: int
+
+
+TUBE = numba_type(Tube)
+
+
+@inlined
+def _aside(column: int, levels: int) -> int:
+    """How many steps beside the way a column is."""
+    return 0 if column == 0 else (column - 1) % levels + 1
+
+
+@inlined
+def _left(tube: Tube, state: int, columns: int, levels: int) -> float:
+    """How long it is at least from a state to the end [s]."""
+    places = tube.places.shape[0] - 1 - state // columns
+    return float(tube.step * max(places, _aside(state % columns, levels)))
+
+
+@inlined
+def _put(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
+    """Write the coordinates of a state to z (nv,)."""
+    place, column = state // columns, state % columns
+    for j in range(z.shape[0]):
+        z[j] = tube.places[place, j]
+        if column > 0:
+            z[j] += _aside(column, levels) * tube.sides[(column - 1) // levels, j]
+
+
+@inlined
+def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Floats, y: Floats) -> bool:
+    """Whether one step leads from a state to another one at the same place or the next; z, y (nv,) are memory."""
+    before, after = old % columns, new % columns
+    if before == after:
+        return True
+    if abs(_aside(before, levels) - _aside(after, levels)) != 1:
+        return False
+    if before != 0 and after != 0 and (before - 1) // levels != (after - 1) // levels:
+        return False
+    if old // columns == new // columns:
+        return True
+    _put(tube, old, columns, levels, z)
+    _put(tube, new, columns, levels, y)
+    longest = 0.0
+    for j in range(z.shape[0]):
+        longest = max(longest, abs(y[j] - z[j]) / tube.speeds[j])
+    return bool(longest <= STRETCHED * tube.step)
+
+
+@inlined
+def _waits(tube: Tube, old: int, new: int, columns: int) -> bool:
+    """Whether a step stays where it is: at a state, or at the end."""
+    if old == new:
+        return True
+    end = tube.places.shape[0] - 1 - tube.stays
+    return old % columns == 0 and new % columns == 0 and min(old // columns, new // columns) >= end
+
+
+@inlined
+def _lacks(
+    robot: RoomRobot, boxes: Floats, drifts: Floats, kept: Floats, z: Floats, now: float, moved: Floats, least: Floats
+) -> tuple[float, float]:
+    """What lacks at coordinates z (nv,) after a time now [s], on the move and where the robot waits [m].
+
+    Args:
+        robot: The robot.
+        boxes: As in `dodged`.
+        drifts: As there.
+        kept: As there.
+        z: The coordinates.
+        now: The time.
+        moved: Memory: the boxes then, shape (k, 16), with what never changes in it.
+        least: Memory: how far each is, shape (k,).
+    """
+    cut, going, waiting = 0.0, 0.0, 0.0
+    for k in range(boxes.shape[0]):
+        cut = max(cut, kept[0, k], kept[1, k])
+        for r in range(3):
+            moved[k, 4 * r + 3] = boxes[k, 4 * r + 3] + now * drifts[k, r]
+    distances(robot, moved, z, cut, least)
+    for k in range(boxes.shape[0]):
+        going = max(going, kept[0, k] - least[k])
+        waiting = max(waiting, kept[1, k] - least[k])
+    return going, waiting
+
+
+@inlined
+def _most_promising(tube: Tube, coming: Integers, count: int, width: int, values: Floats, columns: int) -> int:
+    """Put the states that may cost least first, of `count` that come, and forget those after `width`; how many stay.
+
+    Args:
+        tube: The tube.
+        coming: The states, shape (n,).
+        count: How many they are.
+        width: How many may stay.
+        values: What each state costs at least, by its number, going and waiting, shape (n, 2) [s].
+        columns: Columns of the tube.
+    """
+    if count <= width:
+        return count
+    levels = (columns - 1) // max(1, tube.sides.shape[0])
+    promise = np.empty(count)
+    for c in range(count):
+        state = coming[c]
+        promise[c] = min(values[state, 0], values[state, 1]) + _left(tube, state, columns, levels)
+    ranks = np.argsort(promise, kind="mergesort")
+    before = coming[:count].copy()
+    for c in range(count):
+        coming[c] = before[ranks[c]]
+        if c >= width:
+            values[coming[c]] = np.inf
+    return width
+
+
+@inlined
+def _written(tube: Tube, before: Integers, end: int, steps: int, columns: int, timed: Floats) -> None:
+    """Write where the robot is at each step, shape (steps + 1, nv), until the state at the end."""
+    levels = (columns - 1) // max(1, tube.sides.shape[0])
+    at = end
+    for i in range(steps, -1, -1):
+        _put(tube, at, columns, levels, timed[i])
+        at = before[i, at]
+
+
+@inlined
+def _come(
+    tube: Tube, active: Integers, size: int, costs: Floats, reach: int, best: float, values: Floats, origins: Integers,
+    coming: Integers, z: Floats, y: Floats,
+) -> int:  # fmt: skip
+    """Where one can be a step later, and what that costs at least; how many states that are.
+
+    Args:
+        tube: The tube.
+        active: States that one can be at, shape (n,).
+        size: How many they are.
+        costs: What it costs to be there, by state, shape (n,) [s].
+        reach: So many columns are looked at.
+        best: What costs as much all in all is left aside [s].
+        values: Out: what each state costs at least, going there and waiting, shape (n, 2) [s]; infinite before.
+        origins: Out: from which state that is, shape (n, 2).
+        coming: Out: the states, shape (n,).
+        z: Memory, shape (nv,).
+        y: Memory, shape (nv,).
+    """
+    count, columns = tube.places.shape[0], tube.taken.shape[1]
+    levels = (columns - 1) // max(1, tube.sides.shape[0])
+    arriving = 0
+    for a in range(size):
+        old = active[a]
+        for to in range(max(0, old // columns - 1), min(count, old // columns + 2)):
+            for column in range(reach):
+                new = to * columns + column
+                value = costs[old] + tube.step * (1.0 + (ASIDE if column > 0 else 0.0))
+                if value + _left(tube, new, columns, levels) >= best or tube.taken[to, column] != 0:
+                    continue
+                if not _is_a_step(tube, old, new, columns, levels, z, y):
+                    continue
+                if values[new, 0] == np.inf and values[new, 1] == np.inf:
+                    coming[arriving] = new
+                    arriving += 1
+                kind = 1 if _waits(tube, old, new, columns) else 0
+                if value < values[new, kind]:
+                    values[new, kind], origins[new, kind] = value, old
+    return arriving
+
+
+@compiled(int64(ROOM_ROBOT, MATRIX, MATRIX, MATRIX, TUBE, SCALAR, int64, MATRIX_OUT, VECTOR_OUT))
+def dodged(
+    robot: RoomRobot,
+    boxes: Floats,
+    drifts: Floats,
+    kept: Floats,
+    tube: Tube,
+    dear: float,
+    width: int,
+    timed: Floats,
+    found: Floats,
+) -> int:
+    """Where to be at each step so that arriving costs least.
+
+    Args:
+        robot: The robot.
+        boxes: What moves, now, shape (k, 16) [m, world].
+        drifts: How fast each goes straight on, shape (k, 3) [m/s].
+        kept: What to keep from each on the move, and where the robot waits, shape (2, k) [m].
+        tube: Where it may be.
+        dear: What a lack of 1 m for 1 s costs [s].
+        width: Beside the way so many states are looked at for each step at most; 0: none.
+        timed: Out: where to be at each step, shape (n, nv); n - 1 steps are foreseen.
+        found: Out: time of arrival and what lacks on the way, together [s]; and the place that is reached, shape (2,).
+
+    Returns:
+        How many rows of `timed` there are. From the place that is reached the rest of the way costs its time.
+    """
+    count, columns = tube.places.shape[0], tube.taken.shape[1]
+    levels = (columns - 1) // max(1, tube.sides.shape[0])
+    states, times = count * columns, timed.shape[0]
+    moved, least = boxes.copy(), np.empty(boxes.shape[0])
+    z, y = np.empty(tube.places.shape[1]), np.empty(tube.places.shape[1])
+    costs, before = np.empty(states), np.full((times, states), -1)
+    values, origins = np.full((states, 2), np.inf), np.empty((states, 2), np.int64)
+    active, coming = np.empty(states, np.int64), np.empty(states, np.int64)
+    best, rows = np.inf, 0
+    for beside in range(2):
+        if beside == 1 and (width == 0 or best <= tube.step * (count - 1) * (1.0 + ASIDE)):
+            break
+        reach, most = (columns, width) if beside == 1 else (1, states)
+        costs[0], active[0], size = 0.0, 0, 1
+        end, last = -1, 0
+        for i in range(1, times):
+            arriving = _come(tube, active, size, costs, reach, best, values, origins, coming, z, y)
+            chosen = _most_promising(tube, coming, arriving, most, values, columns)
+            price, size = dear * tube.step / (1.0 + i * tube.step / FADING), 0
+            for c in range(chosen):
+                state = coming[c]
+                _put(tube, state, columns, levels, z)
+                lacks = _lacks(robot, boxes, drifts, kept, z, i * tube.step, moved, least)
+                going, waiting = values[state, 0] + price * lacks[0], values[state, 1] + price * lacks[1]
+                value = min(going, waiting)
+                before[i, state] = origins[state, 1] if waiting < going else origins[state, 0]
+                values[state] = np.inf
+                left = _left(tube, state, columns, levels)
+                if value + left >= best:
+                    continue
+                if i == times - 1 or left == 0.0:
+                    best, end, last = value + left, state, i
+                    continue
+                costs[state], active[size] = value, state
+                size += 1
+        if end >= 0:
+            _written(tube, before, end, last, columns, timed)
+            found[0], found[1], rows = best, end // columns, last + 1
+    return rows

@@ -1,0 +1,117 @@
+"""Where to be when on a way among what moves: a tube about the way, and what is the cheapest in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from guidefield.kernels.stream.dodge import Tube, dodged
+from guidefield.kernels.stream.room import RoomRobot
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.stream.flight import pressure_at
+from guidefield.stream.follow import Way
+from guidefield.stream.obstacles import Drifting
+from guidefield.stream.settings import STREAM
+from guidefield.stream.views import read_only_views
+
+
+@dataclass(frozen=True, eq=False)
+class Timed(ReadOnly):
+    """A way with times.
+
+    Attributes:
+        cost: What it costs among what moves: the time of arrival, and what lacks on the way [s].
+        points: Shape (m, nv), m > 1.
+        times: When to be there, since its beginning [s], shape (m,).
+    """
+
+    cost: float
+    points: ChartPoints
+    times: np.ndarray
+
+
+def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
+    """Random directions, the same each time, shape (count, nv), as far as one goes at full speed within a step.
+
+    Args:
+        count: How many.
+        speeds: Velocity limits, shape (nv,).
+    """
+    drawn = np.random.default_rng(0).normal(size=(count, len(speeds)))
+    sides: np.ndarray = STREAM.step * speeds * drawn / np.abs(drawn).max(axis=1, keepdims=True)
+    return sides
+
+
+def sides_of(robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+    """Where to step aside from a way: drawn directions, back, and away from what comes close; shape (d, nv).
+
+    Args:
+        robot: The robot.
+        drifting: What moves.
+        way: The way.
+        speeds: Velocity limits, shape (nv,).
+        drawn: Directions, shape (k, nv).
+    """
+    back = way.at(0.0) - way.at(STREAM.back)
+    directions = [back / speeds]
+    for after, place in STREAM.aside:
+        boxes = drifting.boxes.copy()
+        boxes[:, [3, 7, 11]] += after * drifting.drifts
+        directions.append(-speeds * pressure_at(robot, boxes, way.at(place), STREAM.pressed)[1])
+    largest = [float(np.abs(one).max()) for one in directions]
+    led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
+    return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
+
+
+def tube_about(
+    way: Way, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
+) -> Tube:
+    """The tube about a way.
+
+    Args:
+        way: The way.
+        sides: Directions, shape (d, nv).
+        speeds: Velocity limits, shape (nv,).
+        taken: Which of some chart points (n, nv) the robot can't be at, shape (n,).
+        foreseen: So many steps are foreseen: what can't be reached in them isn't asked about.
+    """
+    places = [way.at(min(STREAM.step * k, way.length)) for k in range(math.ceil(way.length / STREAM.step) + 1)]
+    places.extend([way.goal] * STREAM.stays)
+    rows: ChartPoints = np.array(places)
+    steps = np.arange(1, STREAM.levels + 1)
+    offsets = (sides[:, None] * steps[:, None]).reshape(-1, rows.shape[1])
+    beside = cast(ChartPoints, (rows[: foreseen + 1, None] + offsets).reshape(-1, rows.shape[1]))
+    blocked = np.zeros((len(rows), 1 + len(sides) * STREAM.levels), np.int64)
+    blocked[: foreseen + 1, 1:] = taken(beside).reshape(-1, blocked.shape[1] - 1)
+    return read_only_views(Tube(rows, sides, blocked, speeds, STREAM.step, STREAM.stays))
+
+
+def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, foreseen: int) -> Timed:
+    """The cheapest way in a tube, and the rest of its way.
+
+    Args:
+        robot: The robot.
+        drifting: What moves.
+        kept: What to keep from each on the move, and where the robot waits, shape (2, k) [m].
+        tube: The tube.
+        foreseen: So many steps are foreseen.
+    """
+    steps, found = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(2)
+    width = STREAM.beside * STREAM.few // max(STREAM.few, len(drifting.boxes))
+    rows = dodged(robot, drifting.boxes, drifting.drifts, kept, tube, STREAM.dear, width, steps, found)
+    points = cast(ChartPoints, np.concatenate([steps[:rows], tube.places[int(found[1]) + 1 :]]))
+    while len(points) > 2 and (points[-2] == points[-1]).all():
+        points = points[:-1]
+    times = tube.step * np.arange(len(points))
+    times[-1] = times[-2] + _lasts(points[-2], points[-1], tube.speeds)
+    return Timed(float(found[0]), points, times)
+
+
+def _lasts(z0: ChartPoint, z1: ChartPoint, speeds: np.ndarray) -> float:
+    """How long it takes between two points, each (nv,), at full speed [s]."""
+    return float((np.abs(z1 - z0) / speeds).max())
