@@ -53,7 +53,8 @@ class StreamSettings:
         widening: Where an end of a way is closer than that, so much more is kept for each second from there [m/s].
         step: Of time, where it is found what ways cost [s].
         arriving: So far that is foreseen [s].
-        dear: What a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at 60, none at 100.
+        dear: What a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at
+            60 and with ways planned less often, none at 100.
         stays: Who arrives is to keep that for so many steps more: what comes to the goal with the robot stops it just
             before, or runs into it there.
         sides: So many directions to step aside in are drawn, once;
@@ -61,8 +62,8 @@ class StreamSettings:
         pressed: from where on that counts [m];
         back: and one goes back, as from such a place of the way to its beginning [s].
         levels: So many steps aside at most.
-        beside: So many states beside the way are looked at for each step: planning takes 20 to 40 ms. A search without
-            that bound found nothing of use in 3000 where everything costs something.
+        beside: So many states beside the way are looked at for each step: planning takes 20 to 70 ms
+            on a busy machine. A search without that bound found nothing of use in 3000 where all costs something.
         few: Among more than so many obstacles fewer states are, so that it doesn't take longer.
         early: A way is followed so much ahead of its times at most [s]: what brakes from full speed stands 0.1 s on.
         lag: So much later than it is taken over a way's times begin [s]: what speeds up and brakes takes that. Of 28
