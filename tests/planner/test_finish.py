@@ -28,6 +28,7 @@ from guidefield.planner.optimize.settings import (
     free,
     guided,
     guided_of_many,
+    in_few_pieces,
     of_many,
 )
 from guidefield.planner.path_motion import soonest_along
@@ -65,7 +66,8 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
     asked = misled(monkeypatch, [through_the_wall(made, path)])
     stages = Stages(made)
     finished = finish(made, PathSoFar(path, proven=False), stages)
-    assert asked == [free(BALANCED), closer(free(BALANCED))]
+    begun = in_few_pieces(free(BALANCED))
+    assert asked == [begun, closer(begun)]
     assert finished.verdict.free
     assert finished.warnings == ()
     assert certify(made.world, finished.trajectory.bezier()).free
