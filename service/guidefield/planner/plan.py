@@ -217,7 +217,7 @@ def _cross_planes(
             stage.outcome = (
                 "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
             )
-        along = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
+            along = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
         if crossing.status is Status.SUCCESS:
             found = along
         elif planner is Planner.GUIDED or crossing.status in (Status.TIMED_OUT, Status.PREEMPTED):
