@@ -1,4 +1,4 @@
-"""Closed meshes at random: convex, dented by more than a hull may stand off, or with a crack that is to be closed."""
+"""Meshes at random: convex, dented by more than a hull may stand off, or a ground of which a robot meets a part."""
 
 from __future__ import annotations
 
@@ -46,6 +46,31 @@ def dented(rng: np.random.Generator, vertices: np.ndarray, triangles: np.ndarray
         corners.append(centre + rng.uniform(0.1, 0.7) * (middle - centre))
         faces += [[triangle[k], triangle[(k + 1) % 3], len(corners) - 1] for k in range(3)]
     return np.array(corners), np.array(faces)
+
+
+SQUARES = 72
+"""Of a ground, along each side: more than ten thousand triangles are looked at for what a robot can meet."""
+
+
+def ground(rng: np.random.Generator, side: float) -> Mesh:
+    """Uneven ground of about a side [m], about the origin; every other one is the top of a slab, which is closed."""
+    axis = np.linspace(-0.5, 0.5, SQUARES + 1)
+    x, y = (side * one.ravel() for one in np.meshgrid(axis, axis, indexing="ij"))
+    heights = 0.5 * side / SQUARES * rng.normal(size=len(x)) * rng.uniform(0.0, 1.0)
+    top = np.column_stack([x, y, heights])
+    at = np.arange(len(x)).reshape(SQUARES + 1, SQUARES + 1)
+    a, b, c, d = (one.ravel() for one in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
+    upper = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    if rng.random() < 0.5:
+        return top, upper
+    count, thick = len(top), side * rng.uniform(0.05, 0.3)
+    begin = np.concatenate([at[:-1, 0], at[-1, :-1], at[:0:-1, -1], at[0, :0:-1]])
+    end = np.roll(begin, -1)
+    walls = np.concatenate(
+        [np.column_stack([end, begin, begin + count]), np.column_stack([end, begin + count, end + count])]
+    )
+    bottom = np.column_stack([x, y, np.full(count, -thick)])
+    return np.concatenate([top, bottom]), np.concatenate([upper, upper[:, ::-1] + count, walls])
 
 
 def triangles_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

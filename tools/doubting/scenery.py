@@ -12,7 +12,7 @@ import pinocchio as pin
 from doubting.curve import Values
 from doubting.judge import Judge
 from doubting.loaded import Loaded
-from doubting.meshes import closed, convex, dented
+from doubting.meshes import closed, convex, dented, ground
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.values import Placement
@@ -22,6 +22,8 @@ AWAY = 0.25
 """How far from a link an obstacle is put, about [m]."""
 THIN, LARGE, DISTANT = 0.15, 0.1, 0.08
 """Of so many obstacles a side is much shorter, so many are much larger, so many robots stand far from the origin."""
+VAST = 0.08
+"""So many scenes have uneven ground of which a robot meets a part."""
 TRIES = 3
 """How often an obstacle that is too close is pushed away."""
 
@@ -81,10 +83,19 @@ def _cloud(rng: np.random.Generator, at: np.ndarray, size: float, place: dict[st
     return messages.PointCloud(name=place["name"], points=[tuple(p) for p in points.tolist()], radius=0.01)
 
 
+def _ground(rng: np.random.Generator, _at: np.ndarray, size: float, place: dict[str, Any]) -> messages.Obstacle:
+    """Uneven ground, much larger than other obstacles."""
+    vertices, triangles = ground(rng, 40.0 * size)
+    return messages.Mesh(
+        vertices=[tuple(v) for v in vertices.tolist()], triangles=[tuple(t) for t in triangles.tolist()], **place
+    )
+
+
 _MAKERS: dict[str, Callable[..., messages.Obstacle]] = {
     "polygon": _polygon,
     "half_space": _half_space,
     "cloud": _cloud,
+    "ground": _ground,
     **{
         kind: lambda rng, _at, size, place, kind=kind: _primitive(rng, kind, size, place)
         for kind in ("box", "sphere", "cylinder", "capsule")
@@ -185,9 +196,12 @@ def strewn(
     moving = where.moving_centres()
     if not len(moving):
         return found
-    for index in range(count):
+    kinds = [str(rng.choice(KINDS)) for _ in range(count)]
+    if count and rng.random() < VAST:
+        kinds[0] = "ground"
+    for index, kind in enumerate(kinds):
         at = moving[rng.integers(len(moving))] + AWAY * rng.normal(size=3)
-        one = obstacle(rng, str(rng.choice(KINDS)), f"o{index}", at, float(rng.uniform(0.05, 0.4)))
+        one = obstacle(rng, kind, f"o{index}", at, float(rng.uniform(0.05, 0.4)))
         near = rng.random() < 0.25
         room = float(10.0 ** rng.uniform(-5.0, -2.5)) if near else float(rng.uniform(2e-3, 5e-2))
         placed = apart(loaded, planned, ends, one, room, near, setting)
