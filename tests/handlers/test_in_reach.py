@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from guidefield.aside import StoppedError
+from guidefield.collision.robot_reach import robot_reach
 from guidefield.handlers import in_reach as room
 from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
-from guidefield.messages import codec
+from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.task.conditions import Budget
 from guidefield.scene.scene import Scene, build
@@ -85,6 +87,26 @@ def test_a_judgement_is_among_what_is_met(yard: Scene, monkeypatch: pytest.Monke
     found.append(answer_certify(request, robot("panda"), yard, run_id="run", received=time.monotonic()))
     assert found[0].status == found[1].status
     assert found[0].clearance.minimum == pytest.approx(found[1].clearance.minimum, abs=2e-4)
+
+
+def test_a_robot_inside_of_a_solid_of_which_it_sees_one_side_is_in_collision() -> None:
+    block = trimesh.creation.box((20.0, 20.0, 10.0))
+    for _ in range(5):
+        block = block.subdivide()
+    uneven = np.random.default_rng(0).uniform(-0.02, 0.02, block.vertices.shape)  # what is convex is judged as its hull
+    vertices = block.vertices + uneven - [0.0, 0.0, 5.0 - 1.4]
+    scene = build(messages.Scene(name="yard", obstacles=[mesh("block", vertices, block.faces)]))
+    reach = robot_reach(group("panda"))
+    assert reach is not None
+    met = within_ball(scene, reach)
+    assert met.obstacles[0].faces < 0.5 * scene.obstacles[0].faces
+    assert ask(scene).status.name == "START_STATE_IN_COLLISION"
+    positions = [[*READY.values()], [*{**READY, "panda_joint1": 1.0}.values()]]
+    request = codec.decode_request(
+        {"type": "certify", "robot": "panda", "scene": "yard", "path": positions, "recording": "off"}
+    )
+    judged = answer_certify(request, robot("panda"), scene, run_id="run", received=time.monotonic())
+    assert not judged.certificate.collision_free
 
 
 def test_time_that_is_up_before_is_told() -> None:

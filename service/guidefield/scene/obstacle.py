@@ -99,7 +99,12 @@ class Obstacle:
 
     @property
     def box(self) -> np.ndarray:
-        """Lower and upper corner of the box about `shape` along the axes of its own frame, shape (2, 3) [m]."""
+        """Lower and upper corner of the box about `shape` along the axes of its own frame, shape (2, 3) [m].
+
+        Of a solid of which a part is seen it is about all of it: what is wholly inside is found by it.
+        """
+        if self.seen is not None and self.solid:
+            return self.seen.box
         if self.recipe.facets is not None:
             return self.recipe.facets.box
         self.shape.computeLocalAABB()

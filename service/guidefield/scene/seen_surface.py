@@ -17,11 +17,13 @@ class SeenSurface(NamedTuple):
     Attributes:
         parts: What is seen of each of its solids, or of the thin surface, with what these triangles are neighbours of.
         whole: All of it, vertices (v, 3) [m] and triangles (t, 3).
+        box: Lower and upper corner about all of it, shape (2, 3) [m].
         triangles: All that is seen, shape (s, 3).
     """
 
     parts: tuple[Triangulated, ...]
     whole: tuple[np.ndarray, np.ndarray]
+    box: np.ndarray
     triangles: np.ndarray
 
 
@@ -38,7 +40,8 @@ def seen_surface(
         radius: Of the ball [m].
     """
     parts = [_seen_part(vertices, solid, centre, radius) for solid in solids]
-    return SeenSurface(tuple(parts), (vertices, triangles), np.concatenate([part[1] for part in parts]))
+    box = np.array([vertices.min(axis=0), vertices.max(axis=0)])
+    return SeenSurface(tuple(parts), (vertices, triangles), box, np.concatenate([part[1] for part in parts]))
 
 
 def _seen_part(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> Triangulated:
