@@ -161,3 +161,18 @@ def test_only_large_scenes_at_rest_are_asked() -> None:
     moves = msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball])
     assert not is_large_scene(build(moves))
     assert cache.LARGE == 10_000
+
+
+def test_what_has_no_area_hides_no_surface() -> None:
+    """A line near the ball is nearer to all of its places than the ground; kernels measure to the ground alone."""
+    vertices, triangles = grid((-6.0, -6.0, -5.0), (12.0, 0.0, 0.0), (0.0, 12.0, 0.0), 90)
+    line = np.array([[0.9, 0.2, 0.6], [0.9, 0.3, 0.6], [0.9, 0.4, 0.6]])
+    count = len(vertices)
+    with_line = np.concatenate([triangles, [[count, count + 1, count + 2]]])
+    whole = build(messages.Scene(name="yard", obstacles=[mesh("m", np.concatenate([vertices, line]), with_line)]))
+    met = within_ball(whole, Ball(0.0, 0.0, 0.3, 1.2)).obstacles[0]
+    assert met is not whole.obstacles[0]
+    assert met.seen is not None
+    below = (met.seen.whole[0][met.seen.triangles][:, :, 2] < -4.0).all(axis=1)
+    assert 0 < below.sum() < len(triangles)
+    assert (~below).sum() == 1

@@ -91,9 +91,9 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
         neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
             which side is which at its edges and corners, and nothing else.
     """
-    wide = _are_wide(vertices, triangles)
+    wide = are_wide(vertices, triangles)
     used = triangles if wide.all() else triangles[wide]
-    others = neighbours[_are_wide(vertices, neighbours)] if len(neighbours) else neighbours
+    others = neighbours[are_wide(vertices, neighbours)] if len(neighbours) else neighbours
     marked = np.zeros(len(vertices), bool)
     marked[used] = True
     corners = vertices[marked]
@@ -101,7 +101,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
     return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used, others))
 
 
-def _are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
+def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
     """Which triangles have an area, shape (t,)."""
     a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
     sides = b - a, c - b, a - c

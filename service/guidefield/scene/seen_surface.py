@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.cache import is_large
-from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated
+from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
 
 
@@ -45,7 +45,10 @@ def seen_surface(
 
 
 def _seen_part(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> Triangulated:
-    chosen = seen_of(vertices, triangles, centre, radius) if is_large(len(triangles)) else np.ones(len(triangles), bool)
+    wide = are_wide(vertices, triangles)  # what has no area counts for Coal alone, and hides nothing
+    chosen = np.ones(len(triangles), bool)
+    if is_large(int(wide.sum())):
+        chosen[wide] = seen_of(vertices, triangles[wide], centre, radius)
     if chosen.all():
         return vertices, triangles, NO_TRIANGLES
     marked = np.zeros(len(vertices), bool)
