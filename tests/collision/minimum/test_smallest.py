@@ -189,8 +189,8 @@ def closing_by_numpy(surveyor: Surveyor, since: float, until: float) -> tuple[np
     return fastest[of], changing[of]
 
 
-def closing_by_kernels(surveyor: Surveyor, since: float, until: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same by the kernels, run as Python."""
+def known_by_kernels(surveyor: Surveyor, since: float, until: float) -> np.ndarray:
+    """What the kernels, run as Python, know of every pair's mover about the middle of an interval."""
     world = surveyor.worlds.moving
     moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), bezier_curve(surveyor.curve))
     search, half = kernels.new_search(moving), 0.5 * (until - since)
@@ -198,9 +198,33 @@ def closing_by_kernels(surveyor: Surveyor, since: float, until: float) -> tuple[
     find_twists(moving, search.place, search.room)
     find_rates(moving, since, until, search.rates)
     movers = [closing_of(moving, k, 1, half, search.place, search.rates) for k in range(len(world.pairs))]
-    known = search.rates.known[movers]
-    assert (known[:, TRAVEL] <= half * known[:, SPEED]).all()
+    return search.rates.known[movers]
+
+
+def closing_by_kernels(surveyor: Surveyor, since: float, until: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the speed and acceleration of every pair by the kernels."""
+    known = known_by_kernels(surveyor, since, until)
+    assert (known[:, TRAVEL] <= 0.5 * (until - since) * known[:, SPEED]).all()
     return known[:, SPEED], known[:, ACCELERATION]
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.sampled_from(sorted(ARMS)), st.integers(0, 10**6))
+def test_twists_tell_how_fast_points_of_a_pair_come_closer(name: str, seed: int) -> None:
+    """The derivative of |r|^2 by differences, r between points of two bodies, from wherever they are seen."""
+    place, rng = world(name), np.random.default_rng(seed)
+    trajectory, middle, h = motion(place.group, seed), rng.uniform(0.1, 2.2), 1e-6
+    known = known_by_kernels(surveyor_of(place, trajectory), middle - 1e-3, middle + 1e-3)
+    steps = [placed(place, trajectory.evaluate(np.array([middle + k * h]))[0][0]) for k in (-1, 0, 1)]
+    for pair in rng.permutation(place.pairs.n_self)[:25]:
+        points, speeds = [], []
+        for body, twist in zip(place.pairs.of(pair), known[pair, :12].reshape(2, 6), strict=True):
+            x = rng.choice(corners(place.group.geometry.geometryObjects[body].geometry))
+            points.append([there[body].act(x) for there in steps])
+            speeds.append(twist[:3] + np.cross(twist[3:], points[-1][1]))
+        before, r, after = np.subtract(*points)
+        exact = 2.0 * r @ (speeds[0] - speeds[1])
+        assert (after @ after - before @ before) / (2.0 * h) == pytest.approx(exact, rel=1e-4, abs=1e-5)
 
 
 @settings(deadline=None, max_examples=60)

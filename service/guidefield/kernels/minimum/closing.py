@@ -101,12 +101,22 @@ def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: Place, r
 
 
 @uncounted
+def _moves(movers: Integers, i: int) -> bool:
+    """Whether a coordinate is among those that move a body, which stand before -1."""
+    moves = False
+    for k in range(movers.shape[0]):
+        moves = moves or movers[k] == i
+    return moves
+
+
+@uncounted
 def _of_body(
     robot: RobotBodies, b: int, by: Integers, place: Place, rates: Rates, known: Floats, twist: int, turns: int
 ) -> None:
     """Add the bounds of a body that some coordinates, those before -1 (n,), in order, move; write its twist.
 
-    The first moves all others.
+    The first moves all others. A coordinate that doesn't move the body in the world is passed against its direction:
+    whoever sees the body is moved by it instead.
     """
     count = 0
     while count < by.shape[0] and by[count] >= 0:
@@ -123,8 +133,9 @@ def _of_body(
         fastest += rho * v
         changing += rho * (rates.accelerations[i] + v * (2.0 * before + robot.doubled[i] * v))
         before += v * turning
+        way = 1.0 if _moves(robot.moved_by[b], i) else -1.0
         for j in range(TWIST):
-            known[twist + j] += place.twists[i, j]
+            known[twist + j] += way * place.twists[i, j]
     known[SPEED] += fastest
     known[ACCELERATION] += changing
     x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
