@@ -96,3 +96,22 @@ def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], 
             states[:, :, 0], np.outer(along, velocities), atol=1e-3 * max(1e-6, commit.ends.max())
         )
         state = commit.state(begins + 0.02)[:, :3]
+
+
+@settings(max_examples=40, deadline=None)
+@given(share, st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.sampled_from([0.0, 5.0, 1.8e9]))
+def test_what_is_told_keeps_the_jerk_however_late_the_next_piece_is(v: float, later: list[float], clock: float) -> None:
+    """Also from the last moments of a braking, where a square root loses half its digits, and by the time of day."""
+    commit = towards(state(0.0, v, 0.0), np.zeros(1), np.array([np.inf]), BOUNDS, clock, 0.03, 1e-7)
+    for share_of in later:
+        told = commit.trajectory()
+        spans, accelerations = np.diff(told.times), np.array(told.accelerations)[:, 0]
+        assert (spans > 0.0).all()
+        assert abs(told.times[-1] - commit.stops) <= np.spacing(commit.stops)
+        assert told.velocities[-1] == [0.0]
+        assert told.accelerations[-1] == [0.0]
+        rounded = 4.0 * np.spacing(told.times[1:]) + 1e-13 / JERK
+        assert (np.abs(np.diff(accelerations)) <= JERK * (spans + rounded)).all()
+        since = (1.0 - 1e-6 * share_of**4) * (commit.stops - commit.begins)
+        now = commit.state(commit.begins + since)[:, :3]
+        commit = towards(now, np.zeros(1), np.array([np.inf]), BOUNDS, commit.begins + since, 0.03, 1e-7)

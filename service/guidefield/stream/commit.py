@@ -13,7 +13,10 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
 SAME_TIME = 1e-9
-"""Knots that are closer are one [s]."""
+"""Knots that are closer are one [s]; see `ROUNDED`."""
+
+ROUNDED = 16
+"""Nor are two of them closer than so many steps of a double at the client's clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +76,9 @@ class Commit(ReadOnly):
         """The motion by knots between which every jerk is constant."""
         held = np.arange(self.phases.shape[1]) < self.counts[:, None]
         begins = np.unique(np.concatenate([self.phases[:, :, 0][held], [0.0, self.stops - self.begins]]))
-        begins = begins[np.concatenate([[True], np.diff(begins) > SAME_TIME])]
+        apart, last = max(SAME_TIME, ROUNDED * float(np.spacing(abs(self.stops)))), begins[-1]
+        begins = begins[np.concatenate([[True], np.diff(begins) > apart])]
+        begins[-1] = last  # the motion ends at rest, and not a moment before
         states = self._states(begins)
         return PieceTrajectory(
             times=(self.begins + begins).tolist(),

@@ -59,7 +59,8 @@ def _change(v: float, a: float, u: float, most: float, jerk: float) -> tuple[flo
     if peak > most:
         peak = most
         hold = max(0.0, (rise - (peak * peak - 0.5 * b * b) / jerk) / most)
-    return side * jerk, max(0.0, (peak - b) / jerk), hold, peak / jerk
+    peak = max(peak, b)  # but for rounding it is: the last part ends without acceleration
+    return side * jerk, (peak - b) / jerk, hold, peak / jerk
 
 
 @lane_part
