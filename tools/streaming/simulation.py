@@ -39,6 +39,7 @@ class Faults:
         delayed: Observations are so much older than their updates at most [s].
         clock: Times of observations are off by at most this [s].
         silent: Beginning and end of a silence [s].
+        epoch: What the client's clock shows at the beginning [s]; the larger, the coarser.
     """
 
     lost: float = 0.0
@@ -46,6 +47,7 @@ class Faults:
     delayed: float = 0.0
     clock: float = 0.0
     silent: tuple[float, float] = (np.inf, np.inf)
+    epoch: float = 0.0
 
 
 @dataclass
@@ -206,7 +208,7 @@ def simulate(
     """Run a stream for a while, and judge what its robot does.
 
     Args:
-        stream: The stream; its clock begins at 0.
+        stream: The stream.
         movers: What moves.
         resting: Name, shape and place of what rests.
         duration: How long, at most [s].
@@ -231,7 +233,8 @@ def simulate(
     gc.freeze()  # what is there by now isn't collected within a cycle, as in a service
     for step in range(steps):
         now = step * dt
-        z, v, a = executed.at(now)
+        clock = faults.epoch + now
+        z, v, a = executed.at(clock)
         places = bodies.place(z)
         moving = bool(np.abs(v).max() > STILL)
         outcome.lasted, outcome.moved = now + dt, outcome.moved + dt * moving
@@ -239,20 +242,20 @@ def simulate(
             stream.aim_for(goals[0][1])
             goals = goals[1:]
         _look(outcome, bodies, places, movers, resting, now, moving, step)
-        outcome.excess[:2] = np.maximum(
-            outcome.excess[:2], [(np.abs(v) / limits[:, 0]).max() - 1.0, (np.abs(a) / limits[:, 1]).max() - 1.0]
-        )
-        if executed.reaches_goal and now >= executed.stops:
+        rounded = 4.0 * np.spacing(clock)  # so late or soon may what is looked at be
+        shares = np.abs(np.stack([v, a], axis=1)) - rounded * limits[:, 1:]
+        outcome.excess[:2] = np.maximum(outcome.excess[:2], (shares / limits[:, :2]).max(axis=0) - 1.0)
+        if executed.reaches_goal and clock >= executed.stops:
             outcome.reached = min(outcome.reached, now)
             if not to_the_end:
                 break
-        elif not moving and now >= executed.stops:
+        elif not moving and clock >= executed.stops:
             outcome.stood += dt
         if (outcome.at_speed or outcome.at_rest) and not to_the_end:
             break
         if step % every == 0:
-            seen.append((now, [_observed(mover, now, deviating) for mover in movers]))
-            _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, limits)
+            seen.append((clock, [_observed(mover, clock, deviating) for mover in movers]))
+            _exchange(stream, executed, seen, clock, z, rng, faults, charged, outcome, limits)
         for mover in movers:
             mover.step(now, dt, places)
     return outcome
@@ -265,7 +268,7 @@ def _observed(mover: Mover, now: float, deviating: bool) -> Observation:
 
 def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, limits) -> None:  # type: ignore[no-untyped-def]
     """Send an update, unless it is lost, and take the piece, unless it is late."""
-    if faults.silent[0] <= now < faults.silent[1] or rng.random() < faults.lost:
+    if faults.silent[0] <= now - faults.epoch < faults.silent[1] or rng.random() < faults.lost:
         return
     old = now - rng.uniform(0.0, faults.delayed)
     observed = [one for one in seen if one[0] <= old] or [seen[0]]
@@ -288,7 +291,7 @@ def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, lim
         return
     outcome.pieces += 1
     told = answer.trajectory
-    spans = np.diff(told.times) + 2.0 * np.spacing(told.times[1:])  # times are rounded, and knots as close as 1e-9 s
+    spans = np.diff(told.times) + 4.0 * np.spacing(told.times[1:])  # times are rounded, and knots as close as 1e-9 s
     jerks = np.diff(told.accelerations, axis=0) / spans[:, None]
     outcome.excess[2] = max(outcome.excess[2], float((np.abs(jerks) / limits[:, 2]).max()) - 1.0)
     executed.take(answer)

@@ -62,6 +62,7 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
         piece=0.05,
         seed=seed,
     )
+    faults.epoch = float(rng.choice([0.0, 9e8]))
     changes = [(LONGEST / 3.0 * (k + 1), JointsGoal(goal)) for k, goal in enumerate(goals[1:])]
     place = coal.Transform3s(np.eye(3), np.zeros(3))
     resting = [("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -0.05), place)]
