@@ -101,7 +101,7 @@ def test_from_rest_all_coordinates_go_straight_on_together(shares: list[float], 
 @settings(max_examples=40, deadline=None)
 @given(share, st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4), st.sampled_from([0.0, 5.0, 9e8]))
 def test_what_is_told_keeps_the_jerk_however_late_the_next_piece_is(v: float, later: list[float], clock: float) -> None:
-    """Also from the last moments of a braking, where a square root loses half its digits, and by a clock that is long on."""
+    """Also from the last moments of a braking, where a square root loses half its digits, and by a clock long on."""
     commit = towards(state(0.0, v, 0.0), np.zeros(1), np.array([np.inf]), BOUNDS, clock, 0.03, 1e-7)
     for share_of in later:
         told = commit.trajectory()
