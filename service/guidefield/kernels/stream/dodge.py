@@ -84,16 +84,30 @@ def _put(tube: Tube, state: int, columns: int, levels: int, z: Floats) -> None:
 
 
 @inlined
+def _column_beside(column: int, which: int, reach: int, levels: int) -> int:
+    """A column that a step may lead to, the first one first; -1: there are no more.
+
+    From the way that is itself, and the first step to each side; from beside it one step less, itself, one more.
+
+    Args:
+        column: Where the step begins.
+        which: Which of them, from 0 on.
+        reach: So many columns are looked at.
+        levels: Steps to each side.
+    """
+    if column == 0:
+        new = 0 if which == 0 else 1 + (which - 1) * levels
+        return new if new < reach else -1
+    level = _aside(column, levels)
+    if which == 0:
+        return 0 if level == 1 else column - 1
+    return column + which - 1 if which == 1 or (which == 2 and level < levels) else -1
+
+
+@inlined
 def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Floats, y: Floats) -> bool:
-    """Whether one step leads from a state to another one at the same place or the next; z, y (nv,) are memory."""
-    before, after = old % columns, new % columns
-    if before == after:
-        return True
-    if abs(_aside(before, levels) - _aside(after, levels)) != 1:
-        return False
-    if before != 0 and after != 0 and (before - 1) // levels != (after - 1) // levels:
-        return False
-    if old // columns == new // columns:
+    """Whether one step leads to a column beside and the same place or the next; z, y (nv,) are memory."""
+    if old % columns == new % columns or old // columns == new // columns:
         return True
     _put(tube, old, columns, levels, z)
     _put(tube, new, columns, levels, y)
@@ -204,7 +218,12 @@ def _come(
     for a in range(size):
         old = active[a]
         for to in range(max(0, old // columns - 1), min(count, old // columns + 2)):
-            for column in range(reach):
+            which = -1
+            while True:
+                which += 1
+                column = _column_beside(old % columns, which, reach, levels)
+                if column < 0:
+                    break
                 new = to * columns + column
                 value = costs[old] + tube.step * (1.0 + (ASIDE if column > 0 else 0.0))
                 if value + _left(tube, new, columns, levels) >= best or tube.taken[to, column] != 0:
