@@ -20,7 +20,6 @@ MOVING = {"name": "moving", "obstacles": [DOOR]}
 STILL: dict[str, Any] = {"name": "still", "obstacles": []}
 JOINTS = {"type": "joints", "positions": {}}
 PLANE = {"type": "guide_plane"}
-GATE = {"name": "gate", "vertices": ((0.6, 0, 0.5), (0.6, 0.2, 0.5), (0.6, 0.2, 0.7))}
 
 
 @pytest.mark.parametrize(
@@ -30,11 +29,6 @@ GATE = {"name": "gate", "vertices": ((0.6, 0, 0.5), (0.6, 0.2, 0.5), (0.6, 0.2, 
             {"scene": MOVING, "goal": JOINTS, "guide_planes": "auto"},
             MalformedRequest,
             r"move \('door'\) `guide_planes` is not served: give them, or \[\]",
-        ),
-        (
-            {"scene": {**MOVING, "guide_planes": [GATE]}, "goal": PLANE, "limits": {"elbow_joint": {"jerk": 9.0}}},
-            MalformedRequest,
-            r"`limits\.jerk` is not served on the way to a guide plane: leave it out",
         ),
         ({"scene": STILL, "goal": PLANE}, InvalidGoal, "the scene has none; give some in `guide_planes`"),
         ({"scene": STILL, "goal": PLANE, "guide_planes": []}, InvalidGoal, "is empty; null takes the scene's"),

@@ -78,6 +78,27 @@ def test_optimised_in_time_it_is_sooner_and_does_not_rest_at_waypoints(title: st
     assert clearances[0] > min(0.02, clearances[1])
 
 
+@pytest.mark.parametrize(("jerk", "steps"), [(50.0, None), (500.0, 0)])
+def test_jerk_limits_are_kept_in_time(jerk: float, steps: int | None) -> None:
+    made = seed_problem("door")
+    limits = np.full(made.group.nv, jerk)
+    found = planned(dataclasses.replace(made, jerk_limits=limits, optimization_iterations=steps))
+    assert found.status is Status.SUCCESS, found.message
+    assert found.verdict.free
+    assert not touches(made, found)
+    assert found.trajectory is not None
+    samples = found.trajectory.evaluate(np.linspace(0.0, found.trajectory.times[-1], 4001))
+    assert np.all(np.abs(samples[1]) <= made.group.velocity_limits)
+    assert np.all(np.abs(samples[2]) <= made.group.acceleration_limits)
+    # no jump of the acceleration either: between two samples it changes by what the jerk allows
+    apart = found.trajectory.times[-1] / 4000.0
+    assert np.abs(np.diff(samples[2], axis=0)).max() <= jerk * apart * (1.0 + 1e-6)
+    assert np.abs(samples[2][[0, -1]]).max() <= 1e-9
+    for index, plane in enumerate(made.guide_planes):
+        tip = made.kinematics.tip_position(made.group.from_chart(found.path[found.crossings[index]]))
+        assert abs(plane.signed_height(tip)) <= 1e-4
+
+
 def test_what_is_refused_in_time_stays_from_rest_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the objective that nothing improves, the motion that was found is the reply's."""
     made = seed_problem("door")

@@ -51,7 +51,7 @@ def problem_of(
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group, request)
     planes = given_planes(request, scene)
-    _require_served(request, scene, planes)
+    _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
     if in_motion(request):
@@ -81,26 +81,21 @@ def problem_of(
     return problem, (*robot.warnings, *scene.warnings, *warnings, *many_turns_warnings(request, robot))
 
 
-def _require_served(request: PlanRequest, scene: Scene, planes: tuple[GuidePlane, ...]) -> None:
+def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not served among obstacles that move, by name."""
     if not scene.moves:
         return
     guided = isinstance(request.goal, requests.GuidePlaneGoal)
     asks_for_planes = request.guide_planes == "auto" and request.planner != "tree"
-    jerk = any(limits.jerk is not None for limits in request.limits.values())
-    to_planes = "leave it out, or give no guide planes"
     unserved = {
         "leave_start_contact": (request.leave_start_contact, "leave it out"),
         "guide_planes": (not guided and asks_for_planes, "give them, or []"),
-        "limits.jerk": (bool(planes) and jerk, to_planes),
-        "path_constraints": (bool(planes) and bool(request.path_constraints), to_planes),
     }
     moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
     for what, (asked, instead) in unserved.items():
         if asked:
-            towards = " on the way to a guide plane" if instead is to_planes else ""
             raise MalformedRequest(
-                f"among obstacles that move ({moving}) `{what}` is not served{towards}: {instead}", unserved=what
+                f"among obstacles that move ({moving}) `{what}` is not served: {instead}", unserved=what
             )
 
 

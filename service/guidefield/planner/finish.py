@@ -17,7 +17,6 @@ import numpy as np
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.settings import LIMITS
-from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.fewer_waypoints import fewer_waypoints
@@ -45,7 +44,6 @@ from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.planner.timed_guide import TimedPath
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
@@ -125,28 +123,6 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
     return _along(problem, found, stages)
-
-
-def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
-    """Judge a motion among obstacles that move, whose schedule is the trajectory's.
-
-    Args:
-        problem: Robot, world and obstacles.
-        found: The motion, or how far it got.
-        stages: Where time is counted.
-    """
-    trajectory, failure = found.trajectory(), found.failure
-    whole = "on the exact geometry, in time, between samples too"
-    with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
-        pieces, times = trajectory.bezier(), trajectory.piece_times()
-        verdict = enclosed_start(problem, pieces[0, 0], float(times[0])) or certify_timed(
-            problem.timed_world, pieces, times, problem.min_clearance
-        )
-        stage.outcome = verdict.reason.value
-    if failure is not None:
-        return Finished(verdict, np.array(found.points), found.crossings, failure=failure)
-    problem.counters.collision_checks += verdict.evaluations
-    return Finished(verdict, np.array(found.points), found.crossings, trajectory)
 
 
 def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stages: Stages) -> Finished:
@@ -335,7 +311,7 @@ def _warned(finished: Finished, warning: str) -> Finished:
 
 def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
     """Whether a motion, pieces (m, 4, nv), is free, and keeps the path constraints."""
-    stopped = _at_the_very_end(problem)
+    stopped = at_the_very_end(problem)
     verdict = certify(problem.world, pieces, problem.min_clearance, stopped=stopped)
     if not (verdict.free and problem.path_constraints):
         return verdict
@@ -344,7 +320,7 @@ def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def _at_the_very_end(problem: Problem) -> Callable[[], object]:
+def at_the_very_end(problem: Problem) -> Callable[[], object]:
     """Whether time is up, and what is still allowed for a judgement that begins now has passed too."""
     until = time.monotonic() + LAST_JUDGEMENT
     return lambda: time.monotonic() >= until and problem.budget.spent()

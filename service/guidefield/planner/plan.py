@@ -11,7 +11,7 @@ from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
-from guidefield.planner.finish import Finished, finish, finish_timed
+from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
@@ -27,6 +27,7 @@ from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.planner.timed_goal import reach_in_time
 from guidefield.planner.timed_guide import cross_planes_timed
+from guidefield.planner.timed_judgement import finish_timed
 from guidefield.planner.timed_shape import shaped_across
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -150,7 +151,7 @@ def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attemp
     shaped = shaped_across(problem, crossed, stages)
     if goals is None:
         return shaped or finish_timed(problem, crossed, stages)
-    begun, crossings = crossed.trajectory(), crossed.crossings
+    begun, crossings = crossed.trajectory(), crossed.knots
     if shaped is not None and shaped.trajectory is not None:
         begun, crossings = shaped.trajectory, shaped.crossings
 

@@ -34,7 +34,8 @@ from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
-from guidefield.planner.timed_shape import Judge, judged_in_time, shaped_in_time
+from guidefield.planner.timed_judgement import judged_in_time
+from guidefield.planner.timed_shape import Judge, shaped_in_time
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 

@@ -23,8 +23,10 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.rounds import Attempt, Round, approach
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
+from guidefield.planner.motion.rest_to_rest import CUBIC, Profile, profile_of
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.worth import keeps_aside
+from guidefield.planner.path_motion import limits_of
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
@@ -32,10 +34,10 @@ from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartPoint
 
 NOMINAL = 0.9
-"""Share of the velocity limits, and of the square root of the acceleration limits, that motions are timed with."""
+"""Share of the velocity limits that is used; its square of the accelerations', its cube of the jerks'."""
 AHEAD = 0.25
 """How far ahead of the robot's time the obstacles' places are looked at first [s]."""
 WAIT = 0.1
@@ -55,12 +57,14 @@ class TimedPath(ReadOnly):
         times: Increasing [s].
         crossings: By index of each guide plane that was reached, its index in the path.
         failure: Why the next plane was not reached; None while all were.
+        profile: How it goes from one point to the next.
     """
 
     points: tuple[ChartPoint, ...]
     times: tuple[float, ...] = (0.0,)
     crossings: Mapping[int, int] = field(default_factory=dict)
     failure: Ending | None = None
+    profile: Profile = CUBIC
 
     @property
     def time(self) -> float:
@@ -87,8 +91,12 @@ class TimedPath(ReadOnly):
 
     def trajectory(self, since: int = 0) -> Trajectory:
         """The motion from the point of an index on: from rest to rest between one point and the next."""
-        positions = np.array(self.points[since:])
-        return Trajectory(np.array(self.times[since:]), positions, np.zeros_like(positions))
+        return self.profile.through(np.array(self.points[since:]), np.array(self.times[since:]))
+
+    @property
+    def knots(self) -> Mapping[int, int]:
+        """By index of each guide plane that was reached, the knot of `trajectory` that is on it."""
+        return {plane: at * self.profile.pieces for plane, at in self.crossings.items()}
 
 
 def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Attempt]) -> TimedPath:
@@ -97,7 +105,7 @@ def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Atte
     Returns:
         The motion through all planes; failed before the first one where `cross` gives up and waiting doesn't help.
     """
-    path = TimedPath((problem.z_start,))
+    path = TimedPath((problem.z_start,), profile=profile_of(limits_of(problem)))
     for index, plane in enumerate(problem.guide_planes):
         aim = Aim(plane, inset_of(problem, plane))
         with stages.entered("guide", f"to guide plane {plane.name}, in time", index) as stage:
@@ -236,9 +244,9 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
     """The path with a guided path's way after it, if that keeps a margin [m] from what moves."""
     points = problem.group.chart_path(guided.path, path.points[-1])[1:]
     times, before = [], path.points[-1]
-    time = path.time
+    time, limits = path.time, limits_of(problem)
     for point in points:
-        time += duration(problem, before, point)
+        time += path.profile.duration(before, point, limits, NOMINAL)
         times.append(time)
         before = point
     longer = path.extended(list(points), times)
@@ -250,32 +258,10 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
 
 def _judged(problem: Problem, path: TimedPath, longer: TimedPath, margin: float) -> Verdict:
     """Whether a longer path keeps a margin [m] from what moves, beyond what is asked for, from where a path ends."""
-    since = len(path.points) - 1
-    pieces = np.array([[a, b] for a, b in pairwise(longer.points[since:])])
-    rest = np.array([_from_rest_to_rest(*piece) for piece in pieces])
-    verdict = certify_moving(problem.timed_world, rest, np.array(longer.times[since:]), problem.min_clearance + margin)
+    way = longer.trajectory(since=len(path.points) - 1)
+    verdict = certify_moving(problem.timed_world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
-
-
-def _from_rest_to_rest(start: ChartPoint, end: ChartPoint) -> ChartPoints:
-    """Bezier control points of the cubic that begins and ends at rest."""
-    return np.array([start, start, end, end])
-
-
-def duration(problem: Problem, start: ChartPoint, end: ChartPoint) -> float:
-    """How long the cubic from rest to rest takes within the limits [s]: 3/2 d/T is its velocity, 6 d/T^2 its ends'.
-
-    Args:
-        problem: Whose limits.
-        start: Chart point, shape (nv,) [rad or m].
-        end: Chart point, shape (nv,).
-    """
-    way = np.abs(end - start)
-    group = problem.group
-    by_velocity = 1.5 * way / (NOMINAL * group.velocity_limits)
-    by_acceleration = np.sqrt(6.0 * way / group.acceleration_limits) / NOMINAL
-    return max(float(by_velocity.max()), float(by_acceleration.max()), 1e-3)
 
 
 def _tip(problem: Problem, path: TimedPath) -> np.ndarray:

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import cast
 
 import numpy as np
 
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.planner.finish import HURRIED, NO_PLANES, Crossed, Finished, settings_of
 from guidefield.planner.motion.limit_load import at_limits, limit_load
@@ -25,25 +24,14 @@ from guidefield.planner.optimize.worth import better
 from guidefield.planner.path_motion import limits_of
 from guidefield.planner.schedule.retimed import later
 from guidefield.planner.schedule.standing import free_from, met, stays_free
-from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
+from guidefield.planner.timed_judgement import judged_in_time
+from guidefield.robot.model.spaces import ChartPoints
 
 Judge = Callable[[Trajectory], Verdict]
 """Judges a motion in time."""
-
-
-def judged_in_time(problem: Problem, motion: Trajectory) -> Verdict:
-    """Whether a motion is free of what rests and what moves, and keeps the path constraints."""
-    pieces, times, stopped = motion.bezier(), motion.piece_times(), problem.budget.spent
-    if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
-        return inside
-    verdict = certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
-    if verdict.free and problem.path_constraints:
-        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
-        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-    return verdict
 
 
 def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finished | None:
@@ -57,7 +45,8 @@ def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finishe
     motion = found.trajectory()
     if problem.optimization_iterations == 0 or length_of(motion.positions) == 0.0:
         return None
-    crossed, judged = Crossed.of(problem, motion.positions, found.crossings), partial(judged_in_time, problem)
+    crossed = Crossed.of(problem, cast(ChartPoints, np.array(found.points)), found.crossings)
+    judged = partial(judged_in_time, problem)
     leave_by = met(problem, problem.z_start)[0] if _moving_part(motion).times[0] > 0.0 else 0.0
     made, goal = _shaped(problem, motion, (leave_by, -np.inf), judged, stages, crossed), motion.positions[-1]
     if made is None or made.trajectory is None or stays_free(problem, goal, float(made.trajectory.times[-1])):

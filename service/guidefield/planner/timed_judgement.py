@@ -1,0 +1,63 @@
+"""The certificate in time about a motion among obstacles that move, and what comes of one that a guide found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from guidefield.collision.certify.constraint_certificate import certify_constraints
+from guidefield.collision.certify.timed_certificate import certify_timed
+from guidefield.collision.certify.verdict import Verdict
+from guidefield.planner.finish import Finished, at_the_very_end
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
+from guidefield.planner.timed_guide import TimedPath
+
+
+def judged_in_time(problem: Problem, motion: Trajectory, stopped: Callable[[], object] | None = None) -> Verdict:
+    """Whether a motion is free of what rests and what moves, and keeps the path constraints.
+
+    Args:
+        problem: Robot, obstacles and constraints.
+        motion: From time 0 on.
+        stopped: Asked now and then; anything true ends the judgement. None: whether the budget is spent.
+    """
+    stopped = problem.budget.spent if stopped is None else stopped
+    verdict, pieces = _free_in_time(problem, motion, stopped), motion.bezier()
+    if verdict.free and problem.path_constraints:
+        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
+        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+    return verdict
+
+
+def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
+    """Judge a guided motion among obstacles that move, whose schedule is the trajectory's.
+
+    Args:
+        problem: Robot, world, obstacles and path constraints.
+        found: The motion, or how far it got: then only whether that is free.
+        stages: Where time is counted.
+    """
+    trajectory, failure = found.trajectory(), found.failure
+    whole = "on the exact geometry, in time, between samples too"
+    with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
+        if failure is None:
+            verdict = judged_in_time(problem, trajectory, at_the_very_end(problem))
+        else:
+            verdict = _free_in_time(problem, trajectory, lambda: None)
+        stage.outcome = verdict.reason.value
+    if failure is not None:
+        return Finished(verdict, np.array(found.points), found.crossings, failure=failure)
+    problem.counters.collision_checks += verdict.evaluations
+    return Finished(verdict, trajectory.positions, found.knots, trajectory)
+
+
+def _free_in_time(problem: Problem, motion: Trajectory, stopped: Callable[[], object]) -> Verdict:
+    pieces, times = motion.bezier(), motion.piece_times()
+    if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
+        return inside
+    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
