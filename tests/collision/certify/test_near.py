@@ -1,4 +1,7 @@
-"""The pairs that Coal is asked about are those that going through all of them leaves, whatever is left of a part."""
+"""The pairs that Coal is asked about are among those that going through all of them leaves, whatever is left of a part.
+
+What slabs tell apart is missing of them: `test_slabs` is about that.
+"""
 
 import numpy as np
 import pinocchio as pin
@@ -30,14 +33,14 @@ def placed(world, rng, count):
     return joints, np.ascontiguousarray(world.bodies.centres_in_world(joints))
 
 
-def found(world, joints, centres, own, mixed, left=None):
-    """Part and pair of what the kernel finds, and how many it says there are."""
+def found(world, joints, centres, own, mixed, left=None, robot=None):
+    """Part and pair of what the kernel finds, and how many it says there are; `robot`: other tables of the robot's."""
     some = [[]] * len(joints) if left is None else left
     every = np.array([pair for pairs in some for pair in pairs], np.int64)
     rows = np.column_stack([every, world.pairs.bodies(every)])
     starts, asked = np.cumsum([0, *map(len, some)]), np.empty((10_000, ASKED), np.int64)
     arguments = joints.reshape(*joints.shape[:2], 12), centres, own, mixed, starts, rows, asked
-    count = find_near(certified_robot(world), certified_obstacles(world), *arguments)
+    count = find_near(robot or certified_robot(world), certified_obstacles(world), *arguments)
     for _, pair, *bodies in asked[:count].tolist():
         assert tuple(bodies) == world.pairs.of(pair)
     return sorted(map(tuple, asked[:count, :2].tolist())), count
@@ -58,19 +61,31 @@ def going_through_all(world, joints, centres, own, mixed):
     return near
 
 
+def without_cores(world):
+    """The tables of a robot of which no slab tells anything, since nothing is known to hold its bodies."""
+    robot = certified_robot(world)
+    nowhere = np.zeros_like(robot.corners_from)
+    nowhere.flags.writeable = False
+    return robot._replace(corners_from=nowhere)
+
+
 @pytest.mark.parametrize("seed", range(3))
-def test_the_pairs_found_are_those_that_going_through_all_leaves(seed):
+def test_without_slabs_the_pairs_found_are_those_that_going_through_all_leaves(seed):
     rng = np.random.default_rng(seed)
     for world in (crowded(rng), world_of(group("panda"), scattered(rng, 6)), world_of(group("panda"), [FLOOR])):
         joints, centres = placed(world, rng, 5)
         own = rng.uniform(0.0, 0.1, (5, world.pairs.n_self))
         mixed = rng.uniform(0.0, 0.1, (5, world.pairs.links))
         expected = going_through_all(world, joints, centres, own, mixed)
-        assert found(world, joints, centres, own, mixed)[0] == expected
+        tables = without_cores(world)
+        assert found(world, joints, centres, own, mixed, robot=tables)[0] == expected
         left = [sorted(rng.choice(len(world.pairs), 30, replace=False).tolist()) for _ in range(5)]
         left[2] = []  # none was judged before: all are meant
         among = [(row, pair) for row, pair in expected if not left[row] or pair in left[row]]
-        assert found(world, joints, centres, own, mixed, left)[0] == among
+        assert found(world, joints, centres, own, mixed, left, tables)[0] == among
+        closer = set(found(world, joints, centres, own, mixed)[0])
+        assert closer <= set(expected)
+        assert found(world, joints, centres, own, mixed, left)[0] == [one for one in among if one in closer]
 
 
 def test_pairs_without_room_are_counted():

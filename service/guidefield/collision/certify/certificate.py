@@ -3,7 +3,7 @@
 A motion is a chain of Bezier curves in the group's chart. A curve lies in the box of its control points, and near the
 straight way from its first to its last. If Coal says that at the box's middle a pair keeps more than it can lose in the
 box (`MotionBound`), or near the way (`Closing.beside`), it is free all along the curve; else the curve is divided, for
-the pairs that are left, down to a floor. Balls and boxes about bodies tell most pairs apart before Coal is asked.
+the pairs that are left, down to a floor. Balls, boxes and slabs tell most pairs apart before Coal is asked.
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ class _Judge:
         joints: np.ndarray,
         moves: ModelTangents,
     ) -> list[list[_Asked]]:
-        """The pairs in each of s segments that balls and boxes can't tell apart, in ascending order.
+        """The pairs in each of s segments that balls, boxes and slabs can't tell apart, in ascending order.
 
         Args:
             level: The segments.

@@ -6,6 +6,8 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies
 from guidefield.collision.box_tree import CHILDREN
+from guidefield.collision.certify.cores import core_of, obstacle_cores
+from guidefield.collision.hulls import link_hulls
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
@@ -31,6 +33,9 @@ def certified_obstacles(world: World) -> CertifiedObstacles:
 def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRobot:
     """A robot with its own pairs and the bodies that are tested against obstacles, both arrays of int64."""
     about, bound = bodies(group), motion_bound(group, own_pairs)
+    hulls = zip(group.geometry.geometryObjects, link_hulls(group), strict=True)
+    shapes = [(shape.placement, core_of(hull or shape.geometry)) for shape, hull in hulls]
+    corners = [core.corners @ place.rotation.T + place.translation for place, core in shapes]
     robot = CertifiedRobot(
         carriers=about.joints.astype(np.int64),
         centres=_rows(about.centres, 3),
@@ -46,6 +51,11 @@ def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRo
         moving=np.frombuffer(moving, np.int64),
         own=np.frombuffer(own_pairs, np.int64).reshape(-1, 2),
         apart_from=bound.apart_from.astype(np.int64),
+        corners=_rows(np.concatenate([np.empty((0, 3)), *corners]), 3),
+        corners_from=np.cumsum([0, *map(len, corners)]),
+        disc_axes=_rows(np.array([place.rotation[:, 2] for place, _ in shapes]), 3),
+        discs=_rows(np.array([core.disc for _, core in shapes])),
+        rounded=_rows(np.array([core.rounded for _, core in shapes])),
     )
     read_only(*robot)
     return robot
@@ -56,11 +66,15 @@ def _obstacles(scene: Scene, left_out: bytes) -> CertifiedObstacles:
     """The obstacles of a scene, and the pairs that are left out, an array of int64."""
     boxes = obstacle_boxes(scene)
     axes, middles, halves = boxes.along_own_axes
+    cores, discs, rounded = obstacle_cores(scene)
     levels = boxes.tree.levels
     obstacles = CertifiedObstacles(
         axes=_rows(axes.reshape(-1, 9), 9),
         middles=_rows(middles, 3),
         halves=_rows(halves, 3),
+        cores=_rows(cores, 3),
+        discs=_rows(discs),
+        rounded=_rows(rounded),
         nodes=np.ascontiguousarray(np.concatenate([level.T for level in levels])),
         levels=np.cumsum([0, *(level.shape[1] for level in levels)]),
         children=CHILDREN,

@@ -1,4 +1,4 @@
-"""Which pairs balls and boxes can't tell to be farther apart than margins: those that Coal is asked about."""
+"""Which pairs balls, boxes and slabs can't tell to be farther apart than margins: those that Coal is asked about."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64
 
+from guidefield.kernels.certificate.slabs import slab_between
 from guidefield.kernels.certificate.tables import OBSTACLES, ROBOT, CertifiedObstacles, CertifiedRobot
 from guidefield.kernels.jit.no_refcount import lane_uncounted
 from guidefield.kernels.jit.signatures import (
@@ -35,11 +36,13 @@ class _Room(NamedTuple):
         parts: Centres of the balls about parts of bodies, shape (r, parts, 3) [m, world].
         known: Whether a body's are those of this part of the motion, shape (r,).
         stack: Level and place of boxes of the tree to be looked at, shape (k, 2).
+        slab: What a slab is found in, shape (3, 3).
     """
 
     parts: Floats
     known: np.ndarray
     stack: Integers
+    slab: Floats
 
 
 @lane_uncounted
@@ -65,9 +68,16 @@ def _square(a: Floats, b: Floats) -> float:
 
 @lane_uncounted
 def _own_apart(
-    robot: CertifiedRobot, a: int, b: int, margin: float, placements: Floats, centres: Floats, room: _Room
+    robot: CertifiedRobot,
+    obstacles: CertifiedObstacles,
+    a: int,
+    b: int,
+    margin: float,
+    placements: Floats,
+    centres: Floats,
+    room: _Room,
 ) -> bool:
-    """Whether balls tell two of the robot's bodies to be farther apart than a margin [m]."""
+    """Whether balls or a slab tell two of the robot's bodies to be farther apart than a margin [m]."""
     if math.sqrt(_square(centres[a], centres[b])) - robot.radii[a] - robot.radii[b] > margin:
         return True
     _place_parts(robot, a, placements, room)
@@ -75,8 +85,14 @@ def _own_apart(
     least = np.inf
     for i in range(room.parts.shape[1]):
         for j in range(room.parts.shape[1]):
-            least = min(least, _square(room.parts[a, i], room.parts[b, j]))
-    return bool(math.sqrt(least) - robot.part_radii[a] - robot.part_radii[b] > margin)
+            square = _square(room.parts[a, i], room.parts[b, j])
+            if square < least:
+                least = square
+                for k in range(3):
+                    room.slab[0, k] = room.parts[b, j, k] - room.parts[a, i, k]
+    if math.sqrt(least) - robot.part_radii[a] - robot.part_radii[b] > margin:
+        return True
+    return bool(slab_between(robot, obstacles, a, b, margin, placements, room.slab))
 
 
 @lane_uncounted
@@ -91,6 +107,25 @@ def _gap_square(obstacles: CertifiedObstacles, o: int, point: Floats) -> float:
 
 
 @lane_uncounted
+def _to_box(obstacles: CertifiedObstacles, o: int, point: Floats, found: Floats) -> None:
+    """The way (3,) from a point (3,) to the box about an obstacle, or, where it is inside, to the box's middle [m]."""
+    axes, inside = obstacles.axes[o], True
+    for i in range(3):
+        found[i] = 0.0
+    for i in range(3):
+        off = point[0] * axes[i] + point[1] * axes[3 + i] + point[2] * axes[6 + i] - obstacles.middles[o, i]
+        beyond = max(abs(off) - obstacles.halves[o, i], 0.0)
+        inside = inside and beyond == 0.0
+        for k in range(3):
+            found[k] -= math.copysign(beyond, off) * axes[3 * k + i]
+    if inside:
+        for k in range(3):
+            found[k] = -point[k]
+            for i in range(3):
+                found[k] += obstacles.middles[o, i] * axes[3 * k + i]
+
+
+@lane_uncounted
 def _apart(
     robot: CertifiedRobot,
     obstacles: CertifiedObstacles,
@@ -101,14 +136,22 @@ def _apart(
     centre: Floats,
     room: _Room,
 ) -> bool:
-    """Whether balls about a body and the box about an obstacle are farther apart than a margin [m], at least 0."""
+    """Whether balls about a body and the box about an obstacle, or a slab, tell both to be farther apart than a margin.
+
+    The margin is at least 0 [m].
+    """
     if math.sqrt(_gap_square(obstacles, o, centre)) - robot.radii[b] > margin:
         return True
     _place_parts(robot, b, placements, room)
-    least = np.inf
+    least, nearest = np.inf, 0
     for k in range(room.parts.shape[1]):
-        least = min(least, _gap_square(obstacles, o, room.parts[b, k]))
-    return bool(math.sqrt(least) - robot.part_radii[b] > margin)
+        square = _gap_square(obstacles, o, room.parts[b, k])
+        if square < least:
+            least, nearest = square, k
+    if math.sqrt(least) - robot.part_radii[b] > margin:
+        return True
+    _to_box(obstacles, o, room.parts[b, nearest], room.slab[0])
+    return bool(slab_between(robot, obstacles, b, robot.carriers.shape[0] + o, margin, placements, room.slab))
 
 
 @lane_uncounted
@@ -219,7 +262,7 @@ def find_near(
     left: Integers,
     asked: Integers,
 ) -> int:
-    """Find the pairs in s parts of a motion that balls and boxes can't tell to keep their margins.
+    """Find the pairs in s parts of a motion that balls, boxes and slabs can't tell to keep their margins.
 
     Args:
         robot: The robot.
@@ -237,14 +280,19 @@ def find_near(
         How many there are; those for which there is no room are not written.
     """
     r, most = robot.part_centres.shape[0], obstacles.children * obstacles.levels.shape[0]
-    room = _Room(np.empty((r, robot.part_centres.shape[1], 3)), np.zeros(r, np.bool_), np.empty((most, 2), np.int64))
+    room = _Room(
+        np.empty((r, robot.part_centres.shape[1], 3)),
+        np.zeros(r, np.bool_),
+        np.empty((most, 2), np.int64),
+        np.empty((3, 3)),
+    )
     count = 0
     for s in range(placements.shape[0]):
         room.known[:] = False
         if starts[s] == starts[s + 1]:
             for k in range(robot.own.shape[0]):
                 a, b = robot.own[k, 0], robot.own[k, 1]
-                if not _own_apart(robot, a, b, own[s, k], placements[s], centres[s], room):
+                if not _own_apart(robot, obstacles, a, b, own[s, k], placements[s], centres[s], room):
                     count = _write(asked, count, s, k, a, b)
             for row in range(robot.moving.shape[0]):
                 b = robot.moving[row]
@@ -254,7 +302,7 @@ def find_near(
         for k in range(starts[s], starts[s + 1]):
             pair, a, b = left[k, 0], left[k, 1], left[k, 2]
             if pair < robot.own.shape[0]:
-                apart = _own_apart(robot, a, b, own[s, pair], placements[s], centres[s], room)
+                apart = _own_apart(robot, obstacles, a, b, own[s, pair], placements[s], centres[s], room)
             else:
                 o = b - robot.carriers.shape[0]
                 apart = _apart(robot, obstacles, a, o, mixed[s, a], placements[s], centres[s, a], room)

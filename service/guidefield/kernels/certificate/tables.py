@@ -22,6 +22,12 @@ class CertifiedRobot(NamedTuple):
         moving: The bodies that are tested against obstacles, ascending, shape (m,).
         own: The robot's own pairs, shape (p, 2).
         apart_from: The first column behind all joints that move both bodies of those, shape (p,).
+        corners: Of the cores that hold bodies (`collision.certify.cores`), in the frame of the joint that carries each,
+            shape (k, 3) [m].
+        corners_from: Where those of each body begin, and the number of all, shape (r + 1,); a body of none has no core.
+        disc_axes: Axes of the cores' discs, in the same frame, shape (r, 3).
+        discs: Radii of these, 0 for none, shape (r,) [m].
+        rounded: Radii of the balls at each point of a core, shape (r,) [m].
     """
 
     carriers: Indices
@@ -38,6 +44,11 @@ class CertifiedRobot(NamedTuple):
     moving: Indices
     own: IndexRows
     apart_from: Indices
+    corners: Rows
+    corners_from: Indices
+    disc_axes: Rows
+    discs: Row
+    rounded: Row
 
 
 class CertifiedObstacles(NamedTuple):
@@ -47,6 +58,9 @@ class CertifiedObstacles(NamedTuple):
         axes: The axes of their own boxes as columns, row by row, shape (o, 9).
         middles: Centres along these, shape (o, 3) [m].
         halves: Half extents, shape (o, 3) [m]; infinite for those without an end.
+        cores: Half extents along these of boxes whose corners are those of the cores, shape (o, 3) [m].
+        discs: Radii of the cores' discs about the last of these axes, shape (o,) [m].
+        rounded: As those of the robot's bodies, shape (o,) [m]; infinite for those without an end.
         nodes: Lower and upper corners of the tree's boxes, shape (k, 6) [m, world]: those about obstacles, then those
             about every `children` of the level before.
         levels: Where each level begins among them, and the number of all, shape (levels + 1,).
@@ -59,6 +73,9 @@ class CertifiedObstacles(NamedTuple):
     axes: Rows
     middles: Rows
     halves: Rows
+    cores: Rows
+    discs: Row
+    rounded: Row
     nodes: Rows
     levels: Indices
     children: int
