@@ -19,21 +19,22 @@ PARTS = 8
 """Into so many boxes the box about a robot body is cut: balls about them follow a long body closer than one ball."""
 
 
-def joint_placements(data: Any) -> np.ndarray:
+def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:
     """Placements of all joints in the world, in Pinocchio's data: what is read is where they stand now.
 
     Copying them one by one takes longer than to compute them.
 
     Args:
         data: Pinocchio's data; what is returned is for no longer than they live.
+        writeable: Whether who writes in it puts joints elsewhere, until Pinocchio does.
 
     Returns:
-        Rotation and translation, shape (njoints, 3, 4), read-only [m].
+        Rotation and translation, shape (njoints, 3, 4), read-only if not asked for otherwise [m].
 
     Raises:
         RuntimeError: if they don't lie one behind the other, as they do in Pinocchio 3 and 4.
     """
-    return _one_behind_the_other(data.oMi)
+    return _one_behind_the_other(data.oMi, writeable=writeable)
 
 
 def body_placements(data: Any) -> np.ndarray:

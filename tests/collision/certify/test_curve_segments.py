@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.curve_segments import curve_segments
+from guidefield.collision.certify.curve_segments import curve_segments, halved
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.minimum.curve import restricted
@@ -32,6 +32,13 @@ def test_segments_are_the_whole_motion_in_order_and_none_is_wide(reach, points, 
         assert not several or (segment.start, segment.end) == (0.0, 1.0)
         piece, at = (piece + len(segment.controls), 0.0) if segment.end == 1.0 else (piece, segment.end)
     assert (piece, at) == (len(pieces), 0.0)
+
+
+@given(st.integers(1, 4), st.integers(1, 7), st.integers(0, 2**32 - 1))
+def test_halves_are_the_curve_from_0_to_a_half_and_from_there_to_1(count, points, seed):
+    curves = np.random.default_rng(seed).normal(size=(count, 2 * points, 3))[:, ::2]  # not one behind the other
+    twice, start = np.repeat(curves, 2, axis=0), np.tile([0.0, 0.5], count)
+    assert halved(curves) == pytest.approx(restricted(twice, start, start + 0.5), rel=0.0, abs=1e-12)
 
 
 def test_a_motion_that_leads_far_is_divided_as_far_as_it_is_asked_for():

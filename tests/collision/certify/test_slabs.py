@@ -37,7 +37,7 @@ def judged(world, rng, margins):
     joints, centres = placed(world, rng, 12)
     told = []
     for row in range(len(joints)):
-        world.put_bodies(_bodies(world, joints[row]))
+        world.put_joints(joints[row])
         for pair in range(len(world.pairs)):
             apart = world.hull_distance(pair)
             if not 0.001 < apart < 0.4:
@@ -47,16 +47,6 @@ def judged(world, rng, margins):
             _, asked = found(world, joints[row : row + 1], centres[row : row + 1], own, mixed, [[pair]])
             told.append((apart, asked == 1))
     return told
-
-
-def _bodies(world, joints):
-    """Where bodies stand with their joints."""
-    bodies = np.empty_like(world.body_placements)
-    for index, shape in enumerate(world.group.geometry.geometryObjects):
-        place = joints[shape.parentJoint]
-        bodies[index, :, :3] = place[:, :3] @ shape.placement.rotation
-        bodies[index, :, 3] = place[:, :3] @ shape.placement.translation + place[:, 3]
-    return bodies
 
 
 def worlds(rng, more=(FLOOR, TETRAHEDRON)):

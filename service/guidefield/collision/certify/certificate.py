@@ -150,8 +150,8 @@ class _Judge:
             The parts of those that can't be told yet; why the last one that was looked at is refused, or None.
         """
         finer: list[CurveSegment] = []
-        bodies, near = self._near(level)
-        for segment, placements, asked in zip(level, bodies, near, strict=True):
+        joints, near = self._near(level)
+        for segment, placements, asked in zip(level, joints, near, strict=True):
             left = self._left(placements, asked) if asked else []
             if not left:
                 continue
@@ -166,20 +166,18 @@ class _Judge:
         return finer, None
 
     def _near(self, level: Sequence[CurveSegment]) -> tuple[np.ndarray, list[list[_Asked]]]:
-        """At each segment's middle: where the robot's bodies stand, (s, r, 3, 4), and the pairs Coal has to judge."""
+        """At each segment's middle: where the joints stand, (s, njoints, 3, 4), and the pairs Coal has to judge."""
         world, group = self.world, self.world.group
         self.evaluations += len(level)
         chords = chords_of([segment.controls for segment in level])
         jacobians = np.empty((len(level), 6, world.model.nv))
         joints, joints_now = np.empty((len(level), world.model.njoints, 3, 4)), world.joint_placements
-        bodies, bodies_now = np.empty((len(level), *world.body_placements.shape)), world.body_placements
         for row, middle in enumerate(chords.middles):
             jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
-            world.place_bodies()
-            joints[row], bodies[row] = joints_now, bodies_now
+            joints[row] = joints_now
         moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
-        return bodies, self._asked(level, chords, jacobians, joints.reshape(*joints.shape[:2], 12), moves)
+        return joints, self._asked(level, chords, jacobians, joints.reshape(*joints.shape[:2], 12), moves)
 
     def _asked(
         self,
@@ -218,12 +216,12 @@ class _Judge:
         return [list(islice(asked, count)) for count in np.bincount(row, minlength=len(level)).tolist()]
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
-        """Those of some pairs that are within their margins, the robot's bodies where they are told, (r, 3, 4).
+        """Those of some pairs that are within their margins, the joints where they are told, shape (njoints, 3, 4) [m].
 
         Hulls are asked first, the meshes in them only where that does not tell.
         """
         world, left = self.world, []
-        world.put_bodies(placements)
+        world.put_joints(placements)
         for pair, first, second, bound, kept, margin in asked:
             apart = world.penetration_of(first, second, margin, by_hulls=True)
             if apart is None:

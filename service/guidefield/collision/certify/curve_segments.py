@@ -9,6 +9,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from guidefield.collision.certify.settings import CERTIFICATE
+from guidefield.kernels.certificate.halves import find_halves
 from guidefield.robot.model.spaces import ChartCurves
 
 MANY = 64.0
@@ -98,11 +99,6 @@ def halved(controls: ChartCurves) -> ChartCurves:
     Returns:
         Shape (2 n, k, nv).
     """
-    order = controls.shape[1]
     halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
-    row = controls
-    for step in range(order):
-        halves[0::2, step] = row[:, 0]
-        halves[1::2, order - 1 - step] = row[:, -1]
-        row = 0.5 * (row[:, :-1] + row[:, 1:])
+    find_halves(np.ascontiguousarray(controls), halves)
     return halves

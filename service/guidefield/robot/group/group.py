@@ -76,12 +76,12 @@ class PlanningGroup:
     expand_offset: ModelChartPoint
     alike: Alike
 
-    @property
+    @cached_property
     def nq(self) -> int:
         """Length of a configuration."""
         return int(self.space.nq)
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Length of a tangent, and of the chart."""
         return int(self.space.nv)
