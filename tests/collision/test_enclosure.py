@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import enclosed, enclosed_each, winding_number
 from guidefield.messages import scene as messages
+from guidefield.robot.group.alike import Alike
 from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, group, grouped, rest
@@ -66,7 +67,8 @@ def test_an_obstacle_inside_a_robots_mesh_is_noticed():
     hollow = arm.geometry.copy()
     moving = next(i for i, shape in enumerate(hollow.geometryObjects) if shape.parentJoint == 1)
     hollow.geometryObjects[moving].geometry = bvh(vertices, triangles)
-    hollowed = dataclasses.replace(arm, geometry=hollow, robot=dataclasses.replace(arm.robot, geometry=hollow))
+    other = dataclasses.replace(arm.robot, geometry=hollow)
+    hollowed = dataclasses.replace(arm, geometry=hollow, robot=other, alike=Alike())
     q = np.zeros(1)
     for position, expected in (((0.5, 0.5, 0.95), True), ((1.5, 1.5, 0.95), False)):
         pebble = messages.Sphere(name="pebble", radius=0.05, position=position)

@@ -168,3 +168,25 @@ def test_a_surface_in_contact_has_no_depth():
     contacts = contacts_at(world_of(arm, [shelf]), rest(arm))
     assert contacts
     assert {contact.depth for contact in contacts} == {None}
+
+
+@pytest.mark.parametrize("name", ["bookshelf", "room of triangles"])
+def test_pairs_of_some_bodies_are_found_alone(name):
+    planned = group("panda")
+    world = (
+        panda_in(name) if name in SCENES else world_of(planned, [mesh_message(*l_prism(), position=(0.0, -0.5, 0.0))])
+    )
+    rng = np.random.default_rng(5)
+    qs = [planned.expand_from_chart(rng.uniform(planned.lower, planned.upper)) for _ in range(30)]
+    some = np.arange(world.pairs.links) % 3 == 1
+    kept = [
+        [
+            pair
+            for pair in pairs
+            if any(body < len(some) and some[body] for body in world.pairs.of(pair))
+            or (pair >= world.pairs.n_self and not world.scene.convex)
+        ]
+        for pairs in world.near_each(qs)
+    ]
+    assert world.near_each(qs, some) == kept
+    assert 0 < sum(map(len, kept)) < sum(map(len, world.near_each(qs)))

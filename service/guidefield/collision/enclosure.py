@@ -12,6 +12,8 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
+from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
@@ -35,10 +37,11 @@ def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
 
 def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[tuple[str, str] | None]:
     """`enclosed` at each of some configurations, sooner than one after the other; the robot is left anywhere."""
-    if not world.has_surfaces:
+    closed = _closed(world.group)
+    if world.scene.convex and not closed.any():
         return [None] * len(qs)
     found: list[tuple[str, str] | None] = []
-    for q, pairs in zip(qs, world.near_each(qs), strict=True):
+    for q, pairs in zip(qs, world.near_each(qs, closed), strict=True):
         world.place(q)
         around = next((pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair))), None)
         found.append(None if around is None else world.pair_names(around))
@@ -117,6 +120,15 @@ def _solid_of(world: World, body: int) -> _Solid:
         return _of_obstacle(world.scene.obstacles[body - world.pairs.links])
     name, robot = world.group.geometry.geometryObjects[body].name, world.group.robot
     return _of_links(robot)[int(robot.geometry.getGeometryId(name))]
+
+
+@kept_with_alike
+def _closed(group: PlanningGroup) -> np.ndarray:
+    """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
+    solids, robot = _of_links(group.robot), group.robot.geometry
+    index_of = {shape.name: index for index, shape in enumerate(robot.geometryObjects)}
+    closed = [solids[index_of[shape.name]].surface is not None for shape in group.geometry.geometryObjects]
+    return np.array(closed, bool)
 
 
 @kept_with

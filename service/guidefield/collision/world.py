@@ -101,11 +101,6 @@ class World:
         return self._surfaces[body] if body < self.pairs.links else not self._obstacle(body).convex
 
     @cached_property
-    def has_surfaces(self) -> bool:
-        """Whether Coal judges any body as a surface."""
-        return any(self._surfaces) or not self.scene.convex
-
-    @cached_property
     def _surfaces(self) -> tuple[bool, ...]:
         """Which of the robot's bodies Coal judges as surfaces."""
         return _surfaces(self.group)
@@ -266,14 +261,24 @@ class World:
         found: list[int] = self.near_pairs.within(self.joint_placements[None], centres, own, mixed)[1].tolist()
         return found
 
-    def near_each(self, qs: Sequence[ModelConfiguration]) -> list[list[int]]:
-        """The pairs that may touch at each of some configurations, as `near` has them; the robot is left anywhere."""
+    def near_each(self, qs: Sequence[ModelConfiguration], of: np.ndarray | None = None) -> list[list[int]]:
+        """The pairs that may touch at each of some configurations, as `near` has them; the robot is left anywhere.
+
+        Args:
+            qs: Configurations of the model, each of shape (model.nq,).
+            of: Which of the robot's bodies are asked about, shape (r,): pairs without any of them are left out, but
+                for those with obstacles where these are surfaces. None: all.
+        """
         placements = np.empty((len(qs), self.model.njoints, 3, 4))
         for row, q in enumerate(qs):
             pin.forwardKinematics(self.model, self.data, q)
             placements[row] = self.joint_placements
         centres = self.bodies.centres_in_world(placements)
         own, mixed = (np.full((len(qs), count), TOUCHING) for count in (self.pairs.n_self, self.pairs.links))
+        if of is not None:
+            own[:, ~of[self.pairs.own].any(axis=1)] = -np.inf
+            if self.scene.convex:
+                mixed[:, ~of] = -np.inf
         at, found, _ = self.near_pairs.within(placements, centres, own, mixed)
         return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
 
