@@ -92,7 +92,7 @@ class PartsTable:
         return 0
 
     def add_parts(self, alone: Parts) -> int:
-        """Add the parts of a body that were made alone, its root the first node; the root of its tree."""
+        """Add the parts of bodies that were made alone; where their first node is: of one body, its root."""
         return self._add(alone, np.zeros(1, np.int64))
 
     def add_surface(self, shape: Any, placement: Any) -> int:

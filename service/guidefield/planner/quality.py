@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -18,13 +18,15 @@ from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
+from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
+from guidefield.kernels.timing.way_lengths import STRIDES, against_chords, chord_lengths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints, Configuration, Configurations
 
 
 class Measured(Protocol):
@@ -264,9 +266,9 @@ def _length(trajectory: Trajectory, way: Callable[[ChartPoints], np.ndarray]) ->
     look, found, done = _first_look(trajectory), 0.0, 0.0
     count = max(1, len(look.pieces))
     for _ in range(MEASURING.length_levels):
-        points = way(look.points)
-        points = points.reshape(*look.times.shape, points.shape[-1])
-        fine, coarse, coarser = (_chords_of(points[:, ::stride]) for stride in (1, 2, 4))
+        points, chords = way(look.points), np.empty((len(look.pieces), STRIDES))
+        chord_lengths(points.reshape(*look.times.shape, points.shape[-1]), chords)
+        fine, coarse, coarser = chords.T
         lengths, before = (4.0 * fine - coarse) / 3.0, (4.0 * coarse - coarser) / 3.0
         unsure = np.maximum(np.abs(lengths - before), look.against)
         rough = unsure > MEASURING.length_share / count * (done + lengths.sum())
@@ -300,7 +302,9 @@ class _Look(NamedTuple):
         """At the ends of so many steps of each part (n, 2)."""
         times = pieces[:, :1] + np.diff(pieces) * (np.arange(steps + 1) / steps)
         points, rates, _ = trajectory.evaluate(times.ravel())
-        return cls(pieces, times, points, _against_chords(times, points, rates))
+        against, shape = np.empty(len(pieces)), (*times.shape, points.shape[-1])
+        against_chords(times, points.reshape(shape), rates.reshape(shape), against)
+        return cls(pieces, times, points, against)
 
 
 @kept_with
@@ -313,92 +317,68 @@ def _first_look(trajectory: Trajectory) -> _Look:
     return look
 
 
-def _chords_of(points: np.ndarray) -> np.ndarray:
-    """Lengths of polylines (n, k, d), shape (n,)."""
-    chords = np.diff(points, axis=1)
-    lengths: np.ndarray = np.sqrt(np.einsum("nkd,nkd->nk", chords, chords)).sum(axis=1)
-    return lengths
+class _Way(NamedTuple):
+    """A motion as curves, and how far it has travelled.
 
-
-def _against_chords(times: np.ndarray, points: ChartPoints, rates: ChartRates) -> np.ndarray:
-    """How far motions may go back and forth within their chords, shape (n,) [rad or m].
-
-    Args:
-        times: Of the ends of chords, shape (n, k).
-        points: Chart points there, shape (n k, nv).
-        rates: Velocities there, shape (n k, nv).
+    Attributes:
+        pieces: Control points of the curves, shape (m, k, nv) [rad or m].
+        begins: When they begin and the last one ends, shape (m + 1,) [s].
+        times: Many times along it, shape (n,) [s].
+        lengths: Joint distance travelled by then, shape (n,) [rad or m].
     """
-    z, v = (one.reshape(*times.shape, one.shape[-1]) for one in (points, rates))
-    chords, found = np.diff(z, axis=1), np.zeros(len(times))
-    for end in (v[:, :-1], v[:, 1:]):
-        back = np.einsum("ijk,ijk->ij", end, chords) < 0.0
-        found += np.where(back, np.linalg.norm(end, axis=2), 0.0).sum(axis=1) * (times[:, 1] - times[:, 0])
-    return found
+
+    pieces: ChartCurves
+    begins: np.ndarray
+    times: np.ndarray
+    lengths: np.ndarray
+
+    @property
+    def length(self) -> float:
+        """Joint distance of all of it [rad or m]."""
+        return float(self.lengths[-1])
+
+    @property
+    def evenly(self) -> tuple[np.ndarray, np.ndarray]:
+        """Equal joint distances up to its length, (k,) [rad or m], and when it has travelled them, (k,) [s]."""
+        count = min(max(math.ceil(self.length / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
+        lengths = np.linspace(0.0, self.length, count)
+        return lengths, np.interp(lengths, self.lengths, self.times)
+
+
+@kept_with
+def _way(trajectory: MotionInTime) -> _Way:
+    pieces, begins = np.ascontiguousarray(trajectory.bezier(), float), np.array(trajectory.piece_times(), float)
+    many = min(MEASURING.many * len(trajectory.times) + 2, MEASURING.most_many)
+    times = np.linspace(trajectory.times[0], trajectory.times[-1], many)
+    lengths = np.empty(many)
+    travelled(pieces, begins, times, lengths)
+    way = _Way(cast(ChartCurves, pieces), begins, times, lengths)
+    read_only(*way)
+    return way
 
 
 def _samples(
     trajectory: MotionInTime, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
-    fine, travelled = _travelled(trajectory)
-    inside = None
-    if travelled[-1] > 2.0 * MEASURING.end_stretch:
-        ends = (MEASURING.end_stretch, float(travelled[-1]) - MEASURING.end_stretch)
-        inside = _when(trajectory, fine, travelled, ends)
-    times = np.interp(_even_lengths(travelled), travelled, fine)
-    if problem.scene.moves or travelled[-1] <= 0.0:
+    way, inside = _way(trajectory), None
+    if way.length > 2.0 * MEASURING.end_stretch:
+        ends = np.array([MEASURING.end_stretch, way.length - MEASURING.end_stretch])
+        when_travelled(*way, MEASURING.finer, ends)
+        inside = (float(ends[0]), float(ends[1]))
+    times = way.evenly[1]
+    if problem.scene.moves or way.length <= 0.0:
         count = max(len(times), int(np.ceil(trajectory.duration * MEASURING.samples_a_second)) + 1)
-        times = np.linspace(fine[0], fine[-1], min(count, MEASURING.most_samples))
-    times[[0, -1]] = fine[[0, -1]]
+        times = np.linspace(way.times[0], way.times[-1], min(count, MEASURING.most_samples))
+    times[[0, -1]] = way.times[[0, -1]]
     times = np.unique(times)
-    return times, np.interp(times, fine, travelled), inside
-
-
-def _even_lengths(travelled: np.ndarray) -> np.ndarray:
-    """Equal joint distances up to the last of some that were travelled (n,), shape (k,)."""
-    count = min(max(math.ceil(travelled[-1] / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
-    return np.linspace(0.0, travelled[-1], count)
-
-
-def _when(
-    trajectory: MotionInTime, fine: np.ndarray, travelled: np.ndarray, lengths: tuple[float, float]
-) -> tuple[float, float]:
-    """When a trajectory has travelled two joint distances [s], from many times (n,) and the distances by then (n,)."""
-    first = np.minimum(np.maximum(np.searchsorted(travelled, lengths) - 1, 0), len(fine) - 2)
-    finer = np.linspace(fine[first], fine[first + 1], MEASURING.finer, axis=1)
-    points = trajectory.evaluate(finer.ravel())[0].reshape(*finer.shape, -1)
-    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    passed = np.concatenate([np.zeros((2, 1)), np.cumsum(steps, axis=1)], axis=1) + travelled[first, None]
-    since, until = (float(np.interp(*one)) for one in zip(lengths, passed, finer, strict=True))
-    return since, until
-
-
-@kept_with
-def _travelled(trajectory: MotionInTime) -> tuple[np.ndarray, np.ndarray]:
-    """Many times along a trajectory, and the joint distances that it has travelled by then."""
-    many = min(MEASURING.many * len(trajectory.times) + 2, MEASURING.most_many)
-    fine = np.linspace(trajectory.times[0], trajectory.times[-1], many)
-    travelled = _lengths(trajectory, fine)
-    read_only(fine, travelled)
-    return fine, travelled
-
-
-def _lengths(trajectory: MotionInTime, times: np.ndarray) -> np.ndarray:
-    """Joint distances travelled since the first of some times (n,), shape (n,) [rad or m]."""
-    steps = np.linalg.norm(np.diff(trajectory.evaluate(times)[0], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+    return times, np.interp(times, way.times, way.lengths), inside
 
 
 def _bending(trajectory: Trajectory) -> float:
     """Integral of the squared curvature by length, times the length."""
-    fine, travelled = _travelled(trajectory)
-    lengths = _even_lengths(travelled)
-    times = np.interp(lengths, travelled, fine)
-    if lengths[-1] <= 0.0 or len(times) < 3:
+    way = _way(trajectory)
+    lengths, times = way.evenly
+    if way.length <= 0.0 or len(times) < 3:
         return 0.0
-    points = trajectory.evaluate(times)[0]
-    directions = np.diff(points, axis=0)
-    norms = np.linalg.norm(directions, axis=1)
-    cosines = np.einsum("ij,ij->i", directions[1:], directions[:-1]) / np.maximum(norms[1:] * norms[:-1], 1e-30)
-    turns = np.arccos(np.clip(cosines, -1.0, 1.0))
-    return float((turns**2).sum() / lengths[1] * lengths[-1])
+    return squared_turns(way.pieces, way.begins, times) / float(lengths[1]) * way.length

@@ -97,7 +97,7 @@ class MeasuringSettings:
             the messages promise.
     """
 
-    length_steps: int = 400
+    length_steps: int = 200
     length_share: float = 1e-5
     length_levels: int = 10
     spacing: float = 0.05

@@ -104,6 +104,15 @@ def lane_scene(scene: Scene) -> LaneScene:
     return LaneScene(owners, packed(made), lambda: made)
 
 
+def primitive_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
+    """The parts of those obstacles of a scene that are primitives, in the world, and the root of each, in order."""
+    placed = [one.placed for one in scene.obstacles if one.placed]
+    alone = len(placed) == len(scene.obstacles)
+    made = lane_scene(scene) if alone else _primitives(b"".join(placed), np.arange(len(placed)))
+    obstacles, parts = made.tables
+    return obstacles.roots, parts
+
+
 def _primitives(placed: bytes, owners: np.ndarray) -> LaneScene:
     """Tables of primitives, `PLACED` one after the other, with boxes for as many obstacles as there are owners."""
     layout = scene_memory(len(placed) // PLACED.size, len(owners))

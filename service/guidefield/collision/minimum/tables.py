@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from guidefield.collision.bodies import bodies, joint_placements
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lanes.scene_tables import surface_parts
+from guidefield.collision.lanes.scene_tables import primitive_parts, surface_parts
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.world import World
@@ -161,9 +161,13 @@ def _robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
 @kept_with
 def _obstacle_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
     """Roots of a scene's obstacles, in the world, and their parts."""
-    table = PartsTable()
+    table, (primitive_roots, primitives) = PartsTable(), primitive_parts(scene)
+    first = table.add_parts(primitives)
+    of_primitives = iter((first + primitive_roots).tolist())
     roots = [
-        table.add_parts(surface_parts(obstacle))
+        next(of_primitives)
+        if obstacle.placed
+        else table.add_parts(surface_parts(obstacle))
         if obstacle.facets is not None
         else table.add_shape(obstacle.shape, obstacle.placement)
         for obstacle in scene.obstacles

@@ -1,0 +1,130 @@
+"""How far a motion of Bezier curves has travelled in its chart, when it has travelled so far, and how much it turns."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.signatures import BLOCKS, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+
+
+@inlined
+def _write_powers(pieces: Floats, piece: int, row: Floats, powers_out: Floats) -> None:
+    """Write a curve's coefficients by powers of its share, shape (order, nv): binomials times forward differences."""
+    order = pieces.shape[1]
+    for j in range(pieces.shape[2]):
+        for i in range(order):
+            row[i] = pieces[piece, i, j]
+        binomial = 1.0
+        for power in range(order):
+            powers_out[power, j] = binomial * row[0]
+            binomial *= (order - 1.0 - power) / (power + 1.0)
+            for i in range(order - 1 - power):
+                row[i] = row[i + 1] - row[i]
+
+
+@inlined
+def _step_to(
+    pieces: Floats, times: Floats, time: float, piece: int, row: Floats, powers: Floats, point: Floats
+) -> tuple[int, float]:
+    """Go to where a motion is at a time no earlier than before: the curve there, and how far that is from the point.
+
+    Of the curve that is returned the coefficients are in `powers`; `piece`, that of before, is -1 at first.
+    """
+    last, order = pieces.shape[0] - 1, pieces.shape[1]
+    here = max(piece, 0)
+    while here < last and times[here + 1] <= time:
+        here += 1
+    if here != piece:
+        _write_powers(pieces, here, row, powers)
+    span = times[here + 1] - times[here]
+    share = min(max((time - times[here]) / span, 0.0), 1.0) if span > 0.0 else 0.0
+    square = 0.0
+    for j in range(point.shape[0]):
+        value = powers[order - 1, j]
+        for power in range(order - 2, -1, -1):
+            value = value * share + powers[power, j]
+        square += (value - point[j]) ** 2
+        point[j] = value
+    return here, math.sqrt(square)
+
+
+@compiled(types.void(BLOCKS, VECTOR, VECTOR, VECTOR_OUT))
+def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats) -> None:
+    """Lengths of the chords from one to the next of some places of a motion, added up.
+
+    Args:
+        pieces: Control points of its curves, shape (m, order, nv) [rad or m].
+        times: When they begin and the last one ends, shape (m + 1,) [s].
+        asked: The times of the places, in order, shape (k,) [s].
+        lengths_out: Since the first of them, shape (k,) [rad or m].
+    """
+    row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.empty(pieces.shape[2])
+    piece, length = -1, 0.0
+    for k in range(asked.shape[0]):
+        piece, step = _step_to(pieces, times, asked[k], piece, row, powers, point)
+        length += step if k > 0 else 0.0
+        lengths_out[k] = length
+
+
+@compiled(types.void(BLOCKS, VECTOR, VECTOR, VECTOR, types.int64, VECTOR_OUT))
+def when_travelled(
+    pieces: Floats, times: Floats, known: Floats, lengths: Floats, steps: int, whens_out: Floats
+) -> None:
+    """When a motion has travelled some lengths.
+
+    Args:
+        pieces: See `travelled`.
+        times: See there.
+        known: Times in order, two at least, shape (k,) [s].
+        lengths: What it has travelled by then, shape (k,) [rad or m].
+        steps: Between two of them it is looked at so many chords.
+        whens_out: Lengths between the first and the last, shape (n,) [rad or m]; when they are is written in their
+            place [s].
+    """
+    row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.empty(pieces.shape[2])
+    for n in range(whens_out.shape[0]):
+        wanted, k = whens_out[n], 0
+        while k < known.shape[0] - 2 and lengths[k + 1] < wanted:
+            k += 1
+        since, stride = known[k], (known[k + 1] - known[k]) / steps
+        piece, passed = _step_to(pieces, times, since, -1, row, powers, point)
+        passed = lengths[k]
+        whens_out[n] = known[k + 1]
+        for i in range(1, steps + 1):
+            piece, step = _step_to(pieces, times, since + i * stride, piece, row, powers, point)
+            if passed + step >= wanted:
+                share = (wanted - passed) / step if step > 0.0 else 1.0
+                whens_out[n] = since + (i - 1 + share) * stride
+                break
+            passed += step
+
+
+@compiled(types.float64(BLOCKS, VECTOR, VECTOR))
+def squared_turns(pieces: Floats, times: Floats, asked: Floats) -> float:
+    """The squared angles between chords from one to the next of some places of a motion, added up [rad^2].
+
+    Args:
+        pieces: See `travelled`.
+        times: See there.
+        asked: The times of the places, in order, shape (k,) [s].
+    """
+    nv = pieces.shape[2]
+    row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.zeros(nv)
+    before, last, gone = np.empty(nv), np.empty(nv), 0.0
+    piece, total = -1, 0.0
+    for k in range(asked.shape[0]):
+        for j in range(nv):
+            last[j] = point[j]
+        piece, step = _step_to(pieces, times, asked[k], piece, row, powers, point)
+        cosine = 0.0
+        for j in range(nv):
+            cosine += (point[j] - last[j]) * before[j] if k > 1 else 0.0
+            before[j] = point[j] - last[j]
+        if k > 1:
+            cosine /= max(step * gone, 1e-30)
+            total += math.acos(min(max(cosine, -1.0), 1.0)) ** 2
+        gone = step
+    return total
