@@ -113,7 +113,8 @@ def body_pairs(world: World) -> BodyPairs:
 def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen.
 
-    It is seen from the one between both from where the joints move them least at the neutral configuration.
+    It is seen from the one between both from where the joints move them least at the neutral configuration; a joint's
+    coordinates are all on one side of it.
     """
     own, about, bound = np.frombuffer(own_pairs, np.int64).reshape(-1, 2), bodies(group), motion_bound(group, own_pairs)
     data, nv = group.model.createData(), group.model.nv
@@ -123,7 +124,11 @@ def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, n
     order = np.concatenate([np.arange(nv)[::-1], np.arange(nv)])
     between = np.concatenate([bound.first_only[:, ::-1], bound.second_only], axis=1)
     costs = np.cumsum(np.where(between, (reach[own[:, 0]] - reach[own[:, 1]])[:, order], 0.0), axis=1)
-    at = np.argmin(np.concatenate([np.zeros((len(own), 1)), costs], axis=1), axis=1)
+    joint_of = np.repeat(np.arange(group.model.njoints - 1), [joint.nv for joint in group.model.joints[1:]])[order]
+    within = np.concatenate([[False], joint_of[1:] == joint_of[:-1], [False]])  # a joint's coordinates stay together:
+    within[nv] = False  # the size of its move is counted in its first
+    costs = np.where(within, np.inf, np.concatenate([np.zeros((len(own), 1)), costs], axis=1))
+    at = np.argmin(costs, axis=1)
     before = np.arange(2 * nv) < at[:, None]
     found = _chosen((between & before)[:, ::-1], order[::-1], nv), _chosen(between & ~before, order, nv)
     read_only(*found)
