@@ -55,14 +55,14 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
 
 def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
     kept, hashed = BuiltScenes(2), 0
-    real = built.hashlib.sha256
+    real = hashlib.sha256
 
     def counting(data: bytes) -> object:
         nonlocal hashed
         hashed += 1
         return real(data)
 
-    monkeypatch.setattr(built.hashlib, "sha256", counting)
+    monkeypatch.setattr(hashlib, "sha256", counting)
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(100)]
     scene = messages.Scene(name="a", obstacles=boxes)
     asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))

@@ -87,7 +87,7 @@ def kinds() -> set[str]:
 
 def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found = everything(new_scene())
-    assert kinds() == {"mesh", "triangles", "boxes"}
+    assert kinds() == {"mesh", "surface", "triangles", "boxes"}
     assert len(list(cache.folder().glob("mesh-*"))) == 1, "small meshes are no files"
     monkeypatch.setattr(cache, "LARGE", 10**9)
     alone = everything(new_scene())
@@ -144,7 +144,7 @@ def test_two_processes_at_once_find_the_same() -> None:
     told = {other.communicate(timeout=600)[0] for other in others}
     assert [other.returncode for other in others] == [0, 0]
     assert told == {hashlib.sha256(repr(everything(new_scene())).encode()).hexdigest() + "\n"}
-    assert kinds() == {"mesh", "triangles", "boxes"}
+    assert kinds() == {"mesh", "surface", "triangles", "boxes"}
 
 
 def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:

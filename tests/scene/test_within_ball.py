@@ -173,6 +173,6 @@ def test_what_has_no_area_hides_no_surface() -> None:
     met = within_ball(whole, Ball(0.0, 0.0, 0.3, 1.2)).obstacles[0]
     assert met is not whole.obstacles[0]
     assert met.seen is not None
-    below = (met.seen.whole[0][met.seen.triangles][:, :, 2] < -4.0).all(axis=1)
+    below = (met.vertices[met.triangles][:, :, 2] < -4.0).all(axis=1)
     assert 0 < below.sum() < len(triangles)
     assert (~below).sum() == 1

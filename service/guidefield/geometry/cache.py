@@ -47,7 +47,7 @@ NAMES = "names.json"
 
 _DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parent.parent
-_ROOMS = ("geometry", "kernels")
+_ROOMS = ("geometry", "kernels", "scene")
 """Where what computes is looked for; other rooms only hand over inputs."""
 
 Arrays = Mapping[str, np.ndarray]

@@ -30,9 +30,14 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     a, b, c = corners.T
     kept = np.flatnonzero((a != b) & (b != c) & (c != a))
     corners = corners[kept]
-    used = np.zeros(len(merged), bool)
-    used[corners] = True
-    return merged[used], np.take(np.cumsum(used) - 1, corners), kept
+    return *used_alone(merged, corners), kept
+
+
+def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
+    """The vertices (v, 3) that triangles (t, 3) use, in their order, and the triangles of these."""
+    used = np.zeros(len(vertices), bool)
+    used[triangles] = True
+    return vertices[used], np.take(np.cumsum(used) - 1, triangles)
 
 
 def _distinct(vertices: Floats) -> tuple[Floats, Integers]:

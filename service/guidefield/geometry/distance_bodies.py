@@ -16,6 +16,7 @@ from guidefield.geometry.cache import Arrays, is_large, remembered
 from guidefield.geometry.pseudonormals import pseudonormals
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
+from guidefield.kernels.distance.wide_triangles import wide_triangles
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -103,11 +104,9 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
 
 def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
     """Which triangles have an area, shape (t,)."""
-    a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
-    sides = b - a, c - b, a - c
-    area = np.linalg.norm(np.cross(sides[0], -sides[2]), axis=1)
-    longest = np.maximum.reduce([np.einsum("ti,ti->t", side, side) for side in sides])
-    wide: np.ndarray = area > _THIN * longest
+    wide = np.empty(len(triangles), bool)
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    wide_triangles(vertices, triangles, _THIN, wide)
     return wide
 
 

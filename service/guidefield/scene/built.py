@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import OrderedDict
-
-import msgspec
-import numpy as np
 
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import codec, scene as messages
 from guidefield.scene import scene as scenes
+from guidefield.scene.content import Content, scene_content
 from guidefield.scene.mesh import MOST_FACES
 from guidefield.scene.points import count_of
 from guidefield.scene.scene import Scene
@@ -40,14 +37,14 @@ class BuiltScenes:
         Raises:
             StoppedError: if time was up before it was built.
         """
-        content = self._known(message)
+        content, parts = self._known(message), dict[int, Content]()
         if content is None:
             if spent is not None and _has_many(message) and spent():
                 raise StoppedError(f"scene {message.name} was looked at")
-            content = hashlib.sha256(msgspec.msgpack.encode(message, enc_hook=np.generic.tolist)).digest()
+            content, parts = scene_content(message)
         built = self._scenes.pop(content, None)
         if built is None:
-            built = scenes.build(message) if spent is None else _built_in_time(message, spent)
+            built = scenes.build(message, parts) if spent is None else _built_in_time(message, parts, spent)
             while self._scenes and (len(self._scenes) >= self._most or self._faces() + _faces(built) > MOST_FACES):
                 self._scenes.popitem(last=False)
         self._scenes[content] = built
@@ -63,12 +60,12 @@ class BuiltScenes:
         return sum(map(_faces, self._scenes.values()))
 
 
-def _built_in_time(message: messages.Scene, spent: Spent) -> Scene:
+def _built_in_time(message: messages.Scene, contents: dict[int, Content], spent: Spent) -> Scene:
     doing = f"scene {message.name} was built"
     if not _has_many(message):
         wait_for_others(spent)
-        return scenes.build(message)
-    return done_aside(lambda: scenes.build(message), spent, lambda: doing)
+        return scenes.build(message, contents)
+    return done_aside(lambda: scenes.build(message, contents), spent, lambda: doing)
 
 
 def _has_many(message: messages.Scene) -> bool:

@@ -100,5 +100,6 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     sheets = []
     for vertices, triangles, neighbours in obstacle.surfaces:
         axes = flat_frame(vertices, triangles)
-        sheets.append(triangulated(vertices @ axes, triangles, SHEET, neighbours).placed(rotation @ axes, translation))
+        along = vertices if (axes == np.eye(3)).all() else vertices @ axes  # of a million it takes long
+        sheets.append(triangulated(along, triangles, SHEET, neighbours).placed(rotation @ axes, translation))
     return sheets

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -14,6 +16,8 @@ from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.surfaces import Surface
+from guidefield.messages import scene as messages
+from guidefield.scene.points import corners_in, count_of, points_in
 
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""
@@ -47,6 +51,29 @@ class MeshSurface:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class JudgedMesh:
+    """What is known of a mesh before its triangles are looked at.
+
+    Attributes:
+        count: How many triangles it has.
+        extent: Its largest extent along an axis [m].
+        solid: As of `MeshSurface`.
+        hull: As there.
+        warnings: As there.
+        surface: Its vertices (v, 3) [m] and triangles (t, 3), as there; of a large mesh read from disk when asked.
+        content: What it is known by on disk; of a small one nothing.
+    """
+
+    count: int
+    extent: float
+    solid: bool
+    hull: Any | None
+    warnings: tuple[str, ...]
+    surface: Callable[[], tuple[np.ndarray, np.ndarray]]
+    content: bytes = b""
+
+
 class Joined(NamedTuple):
     """A mesh whose vertices at one place are one, with the cracks that could be closed.
 
@@ -76,13 +103,52 @@ def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
     return Joined(distinct, corners, given, *seams(distinct, corners))
 
 
-def judged_mesh(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
-    """`mesh_surface`, with a warning where triangles cross; of a large mesh from disk if it was asked for before."""
-    if not is_large(len(triangles)):
-        return _judged(vertices, triangles)
-    inputs = {"vertices": vertices, "triangles": triangles}
-    found = remembered("mesh", inputs, lambda: _stored(_judged(vertices, triangles)))
-    return _restored(found) if len(found["triangles"]) else None
+def judged_mesh(points: messages.Points, corners: messages.Triangles, content: bytes) -> JudgedMesh | None:
+    """`mesh_surface`, with a warning where triangles cross; of a large mesh from disk if it was asked for before.
+
+    Args:
+        points: Its vertices as declared [m].
+        corners: Its triangles as declared.
+        content: The hash of both.
+
+    Returns:
+        What is known of it; None if its triangles have no area.
+    """
+
+    def given() -> MeshSurface | None:
+        return _judged(points_in(points), corners_in(corners))
+
+    if not is_large(count_of(corners)):
+        surface = given()
+        return None if surface is None else as_judged(surface)
+    known, judged = {"content": np.frombuffer(content, np.uint8)}, functools.cache(given)
+
+    def whole() -> tuple[np.ndarray, np.ndarray]:
+        found = remembered("surface", known, lambda: _arrays_of(judged()))
+        judged.cache_clear()
+        return found["vertices"], found["triangles"].astype(np.int64)
+
+    surface_of_it = functools.cache(whole)
+
+    def facts() -> Arrays:
+        made = _facts_of(judged())
+        if judged() is not None:
+            surface_of_it()
+        return made
+
+    return _restored(remembered("mesh", known, facts), surface_of_it, content)
+
+
+def as_judged(surface: MeshSurface) -> JudgedMesh:
+    """What is known of a surface that is at hand."""
+    whole = surface.vertices, surface.triangles
+    extent, count = extent_of(surface.vertices), len(surface.triangles)
+    return JudgedMesh(count, extent, surface.solid, surface.hull, surface.warnings, lambda: whole)
+
+
+def extent_of(points: np.ndarray) -> float:
+    """Largest extent along an axis of points (n, 3) [m]."""
+    return float(np.ptp(points, axis=0).max())
 
 
 def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
@@ -93,23 +159,32 @@ def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     return replace(surface, warnings=(*surface.warnings, *crossing_warnings(mesh)))
 
 
-def _stored(surface: MeshSurface | None) -> Arrays:
-    """A surface's arrays; no triangles if there is none."""
+def _facts_of(surface: MeshSurface | None) -> Arrays:
+    """What is known of a surface as arrays; no triangles if there is none."""
     if surface is None:
-        return {"triangles": np.empty((0, 3), np.int64)}
+        return {"count": np.zeros(1, np.int64)}
     return {
-        "vertices": surface.vertices,
-        "triangles": surface.triangles,
+        "count": np.array([len(surface.triangles)]),
+        "extent": np.array([extent_of(surface.vertices)]),
         "solid": np.array([surface.solid]),
         "convex": np.array([surface.hull is not None]),
         "warnings": np.frombuffer("\n".join(surface.warnings).encode(), np.uint8),
     }
 
 
-def _restored(arrays: Arrays) -> MeshSurface:
-    vertices, warnings = arrays["vertices"], arrays["warnings"].tobytes().decode()
-    hull = _as_shape(convex_hull(vertices)) if arrays["convex"][0] else None
-    return MeshSurface(vertices, arrays["triangles"], bool(arrays["solid"][0]), hull, tuple(warnings.splitlines()))
+def _arrays_of(surface: MeshSurface | None) -> Arrays:
+    """A surface's arrays, numbers of vertices in four bytes."""
+    assert surface is not None, "what has no area has no surface"
+    return {"vertices": surface.vertices, "triangles": surface.triangles.astype(np.int32)}
+
+
+def _restored(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]], content: bytes) -> JudgedMesh | None:
+    count = int(facts["count"][0])
+    if count == 0:
+        return None
+    hull = _as_shape(convex_hull(surface()[0])) if facts["convex"][0] else None
+    warnings = tuple(facts["warnings"].tobytes().decode().splitlines())
+    return JudgedMesh(count, float(facts["extent"][0]), bool(facts["solid"][0]), hull, warnings, surface, content)
 
 
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:

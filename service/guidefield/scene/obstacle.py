@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -21,11 +19,12 @@ from guidefield.geometry.placements import moved, se3
 from guidefield.messages import scene as messages
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
+from guidefield.scene.content import Content, content_of
 from guidefield.scene.facets import Facets
 from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, MeshSurface, judged_mesh
+from guidefield.scene.mesh import MOST_FACES, JudgedMesh, MeshSurface, as_judged, extent_of, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
-from guidefield.scene.points import corners_in, points_in
+from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
 from guidefield.scene.seen_surface import SeenSurface
@@ -161,7 +160,7 @@ class Obstacle:
     @property
     def whole_surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, whatever is seen of it."""
-        return self.recipe.surface(self.message) if self.seen is None else self.seen.whole
+        return self.recipe.surface(self.message) if self.seen is None else self.seen.whole()
 
     @cached_property
     def charges(self) -> Charges:
@@ -172,12 +171,13 @@ class Obstacle:
         return made
 
 
-def build(message: messages.Obstacle, index: int) -> Obstacle:
+def build(message: messages.Obstacle, index: int, content: Content | None = None) -> Obstacle:
     """Build an obstacle from its message; from the same declaration it is the same object, unless it is a primitive.
 
     Args:
         message: Its declaration.
         index: Where it stands in the scene, for error messages.
+        content: What it is known by, where it is at hand.
 
     Raises:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
@@ -186,31 +186,29 @@ def build(message: messages.Obstacle, index: int) -> Obstacle:
         primitive = _primitive(message)
         large = size_warnings(message, None)
         return dataclasses.replace(primitive, warnings=large) if large else primitive
-    key = hashlib.sha256(_ENCODER.encode(message)).digest()
-    known = _KNOWN.get(key)
+    content = content_of(message) if content is None else content
+    known = _KNOWN.get(content.all)
     if known is not None:
         return known
     try:
         motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
         still = message if motion is None else posed(message, motion.placements[0])
-        obstacle = BUILDERS[type(still)](still)
+        obstacle = BUILDERS[type(still)](still, content)
     except _UnusableError as error:
         raise SceneInvalid(
             f"obstacle {message.name!r}: {error.fault}",
             obstacle=message.name,
             path=f"$.obstacles[{index}]{error.field}",
         ) from None
-    large = size_warnings(still, _declared_points(obstacle))
+    large = size_warnings(still, obstacle.recipe.extent)
     if motion is not None or large:
         obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
     many = obstacle.faces
     while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
         _KNOWN.pop(next(iter(_KNOWN)), None)
-    _KNOWN[key] = obstacle
+    _KNOWN[content.all] = obstacle
     return obstacle
 
-
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 
 _KNOWN: dict[bytes, Obstacle] = {}
 """Obstacles by what was declared: one that is in the next scene again is not built again."""
@@ -231,19 +229,19 @@ class _UnusableError(Exception):
         self.field = field
 
 
-def _primitive(message: Any) -> Obstacle:
+def _primitive(message: Any, _: Content | None = None) -> Obstacle:
     recipe, placed = PRIMITIVES[type(message)]
     return Obstacle(message, recipe, placed(message))
 
 
-def _mesh(message: messages.Mesh) -> Obstacle:
-    surface = judged_mesh(points_in(message.vertices), corners_in(message.triangles))
-    if surface is None:
+def _mesh(message: messages.Mesh, content: Content) -> Obstacle:
+    mesh = judged_mesh(message.vertices, message.triangles, content.geometry)
+    if mesh is None:
         raise _UnusableError("the mesh has no triangle with an area", ".triangles")
-    return _surface(message, surface, se3(message.position, message.quaternion_xyzw))
+    return _surface(message, mesh, se3(message.position, message.quaternion_xyzw))
 
 
-def _polygon(message: messages.Polygon) -> Obstacle:
+def _polygon(message: messages.Polygon, _: Content) -> Obstacle:
     flat = flat_polygon(np.array(message.vertices, float))
     fault = flatness_fault(flat)
     crossing = crossing_edges(flat) if fault is None else None
@@ -255,7 +253,7 @@ def _polygon(message: messages.Polygon) -> Obstacle:
         triangles = surfaces.triangulate_polygon(flat.vertices).triangles
     except ValueError as error:
         raise _UnusableError(str(error), ".vertices") from None
-    sheet = _surface(message, MeshSurface(flat.vertices, triangles, False, None, ()), pin.SE3.Identity())
+    sheet = _surface(message, as_judged(MeshSurface(flat.vertices, triangles, False, None, ())), pin.SE3.Identity())
     if bulges(flat.corners):
         quads, rest = convex_quads(flat.vertices)
         recipe = sheet.recipe._replace(charged=lambda *_: Charges(triangles=rest, quads=quads))
@@ -263,7 +261,7 @@ def _polygon(message: messages.Polygon) -> Obstacle:
     return sheet
 
 
-def _point_cloud(message: messages.PointCloud) -> Obstacle:
+def _point_cloud(message: messages.PointCloud, _: Content) -> Obstacle:
     points = points_in(message.points)
     points.setflags(write=False)
     cloud, facets, placement = (
@@ -278,11 +276,12 @@ def _point_cloud(message: messages.PointCloud) -> Obstacle:
         convex=False,
         facets=facets,
         placement=placement,
+        extent=extent_of(points),
     )
     return Obstacle(message, recipe, cloud=cloud)
 
 
-BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
+BUILDERS: dict[type[messages.Obstacle], Callable[[Any, Content], Obstacle]] = {
     **dict.fromkeys(PRIMITIVES, _primitive),
     messages.Mesh: _mesh,
     messages.Polygon: _polygon,
@@ -291,27 +290,23 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any], Obstacle]] = {
 """Builder by kind of message; they raise `_UnusableError`."""
 
 
-def _surface(message: messages.Obstacle, surface: MeshSurface, placement: Any) -> Obstacle:
-    facets = None
-    if surface.hull is None:
-        facets = Facets(len(surface.triangles), lambda: (surface.vertices, surface.triangles))
+def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Obstacle:
+    facets = Facets(mesh.count, mesh.surface) if mesh.hull is None else None
+
+    def charged(*_: Any) -> Charges:
+        vertices, triangles = mesh.surface()
+        return Charges(triangles=moved(placement, vertices)[triangles])
+
     recipe = Recipe(
-        body=lambda _: (surface.hull if facets is None else facets.whole, placement),
-        surface=lambda _: (surface.vertices, surface.triangles),
-        charged=lambda *_: Charges(triangles=moved(placement, surface.vertices)[surface.triangles]),
-        solid=surface.solid,
-        convex=surface.hull is not None,
+        body=lambda _: (mesh.hull if facets is None else facets.whole, placement),
+        surface=lambda _: mesh.surface(),
+        charged=charged,
+        solid=mesh.solid,
+        convex=mesh.hull is not None,
         facets=facets,
         placement=placement,
+        extent=mesh.extent,
+        content=mesh.content,
     )
-    warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in surface.warnings)
+    warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in mesh.warnings)
     return Obstacle(message, recipe, warnings=warnings)
-
-
-def _declared_points(obstacle: Obstacle) -> np.ndarray | None:
-    """The points (n, 3) [m] by which an obstacle is declared; None for one that isn't declared by points."""
-    if obstacle.cloud is not None:
-        return obstacle.cloud.points
-    if isinstance(obstacle.message, messages.Mesh | messages.Polygon):
-        return obstacle.recipe.surface(obstacle.message)[0]
-    return None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
@@ -15,12 +16,15 @@ from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
+from guidefield.scene.content import Content
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.obstacle import Obstacle
 
 OPENING = 0.2
 """Parts of large meshes count as wholes from where they are this times their distance: good to 5e-4."""
+
+NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,17 +108,18 @@ class Scene:
         return next((obstacle for obstacle in self.obstacles if obstacle.name == name), None)
 
 
-def build(message: messages.Scene) -> Scene:
+def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
     """Build a scene from its message.
 
     Args:
         message: Obstacles and guide planes as declared.
+        contents: What some of its obstacles are known by, by their indices, where it is at hand.
 
     Raises:
         SceneInvalid: if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
             `guide_plane`) and the `path` in the scene.
     """
-    obstacles = tuple(obstacle.build(one, index) for index, one in enumerate(message.obstacles))
+    obstacles = tuple(obstacle.build(one, index, contents.get(index)) for index, one in enumerate(message.obstacles))
     guide_planes = tuple(guide_plane.build(plane, index) for index, plane in enumerate(message.guide_planes))
     return Scene(
         message=message,

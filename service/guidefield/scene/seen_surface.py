@@ -2,60 +2,118 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from guidefield.geometry.cache import is_large
+from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.closed import used_alone
 from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
 
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
 
-class SeenSurface(NamedTuple):
+
+@dataclass(frozen=True, eq=False)
+class SeenSurface:
     """A part of a surface.
 
     Attributes:
-        parts: What is seen of each of its solids, or of the thin surface, with what these triangles are neighbours of.
-        whole: All of it, vertices (v, 3) [m] and triangles (t, 3).
-        box: Lower and upper corner about all of it, shape (2, 3) [m].
-        triangles: All that is seen, shape (s, 3).
+        parts: What is seen of each of its solids, or of the thin surface, with what these triangles are neighbours of;
+            all of the same vertices.
+        box: Lower and upper corner about all of the surface, shape (2, 3) [m].
+        whole: Makes all of the surface.
+        content: What the part is known by on disk; nothing if it isn't kept there.
     """
 
     parts: tuple[Triangulated, ...]
-    whole: tuple[np.ndarray, np.ndarray]
     box: np.ndarray
-    triangles: np.ndarray
+    whole: Whole
+    content: bytes
+
+    @property
+    def count(self) -> int:
+        """How many triangles are seen."""
+        return sum(len(triangles) for _, triangles, _ in self.parts)
+
+    @cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """All that is seen: vertices, each used, (v, 3) [m] and triangles (t, 3)."""
+        alone = used_alone(self.parts[0][0], np.concatenate([triangles for _, triangles, _ in self.parts]))
+        for array in alone:
+            array.setflags(write=False)
+        return alone
 
 
 def seen_surface(
-    vertices: np.ndarray, triangles: np.ndarray, solids: list[np.ndarray], centre: np.ndarray, radius: float
-) -> SeenSurface:
+    whole: Whole, solids: Callable[[], list[np.ndarray]], content: bytes, centre: np.ndarray, radius: float, most: float
+) -> SeenSurface | None:
     """Find what is seen: from everywhere in the ball each solid is as far as its seen part. Small ones are seen whole.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-        solids: The triangles of each solid, or all of them.
+        whole: Makes the surface; kept with what is found.
+        solids: Makes the triangles of each solid, or all of them.
+        content: What the surface is known by; what is seen of it is kept on disk. If nothing, it is found each time.
         centre: Of the ball, shape (3,) [m].
         radius: Of the ball [m].
+        most: None is returned where a larger share of its triangles is seen.
     """
+
+    def found() -> Arrays:
+        return _found(whole(), solids(), centre, radius, most)
+
+    if not content:
+        return _restored(found(), whole, b"")
+    known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
+    own = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+    return _restored(remembered("seen", known, found), whole, own)
+
+
+def _found(
+    surface: tuple[np.ndarray, np.ndarray], solids: list[np.ndarray], centre: np.ndarray, radius: float, most: float
+) -> Arrays:
+    """What is seen as arrays, numbers of vertices in four bytes; of too much, nothing but that there are no parts."""
+    vertices, triangles = surface
     parts = [_seen_part(vertices, solid, centre, radius) for solid in solids]
-    box = np.array([vertices.min(axis=0), vertices.max(axis=0)])
-    return SeenSurface(tuple(parts), (vertices, triangles), box, np.concatenate([part[1] for part in parts]))
+    if sum(len(seen) for seen, _ in parts) > most * len(triangles):
+        return {"counts": np.empty((0, 2), np.int64)}
+    alone, numbers = used_alone(vertices, np.concatenate([one for part in parts for one in part]))
+    return {
+        "counts": np.array([[len(seen), len(beside)] for seen, beside in parts]),
+        "box": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
+        "vertices": alone,
+        "triangles": numbers.astype(np.int32),
+    }
 
 
-def _seen_part(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> Triangulated:
+def _restored(found: Arrays, whole: Whole, content: bytes) -> SeenSurface | None:
+    counts = found["counts"]
+    if not len(counts):
+        return None
+    numbers = np.split(found["triangles"].astype(np.int64), np.cumsum(counts.ravel())[:-1])
+    parts = zip(numbers[0::2], numbers[1::2], strict=True)
+    return SeenSurface(tuple((found["vertices"], *part) for part in parts), found["box"], whole, content)
+
+
+def _seen_part(
+    vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles of a solid that are seen, and others beside them."""
     wide = are_wide(vertices, triangles)  # what has no area counts for Coal alone, and hides nothing
     chosen = np.ones(len(triangles), bool)
     if is_large(int(wide.sum())):
         chosen[wide] = seen_of(vertices, triangles[wide], centre, radius)
     if chosen.all():
-        return vertices, triangles, NO_TRIANGLES
+        return triangles, NO_TRIANGLES
     marked = np.zeros(len(vertices), bool)
     marked[triangles[chosen]] = True
     a, b, c = triangles.T
     beside = (marked[a] | marked[b] | marked[c]) & ~chosen
-    return vertices, triangles[chosen], triangles[beside]
+    return triangles[chosen], triangles[beside]
 
 
 def seen_of(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from guidefield.messages import scene as messages
 
 HARDLY_METRES = 100.0
 """An obstacle that is larger was probably meant in millimetres [m]."""
 
 
-def size_warnings(message: messages.Obstacle, points: np.ndarray | None) -> tuple[str, ...]:
+def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:
     """A warning about an obstacle that is larger than `HARDLY_METRES` along one of its axes, if it is.
 
     Args:
         message: Its declaration.
-        points: Its points (n, 3) [m], where it is declared by some.
+        declared_extent: Its largest extent along an axis [m], where it is declared by points.
     """
-    if points is not None:
-        extent = float(np.ptp(points, axis=0).max())
+    if declared_extent is not None:
+        extent = declared_extent
     elif isinstance(message, messages.Box):
         extent = max(message.size)
     elif isinstance(message, messages.Sphere):

@@ -63,18 +63,22 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     centre = obstacle.placement.actInv(np.array(ball[:3]))
     if obstacle.cloud is not None:
         return _cloud_met(obstacle, obstacle.cloud, centre, ball.radius)
-    vertices, triangles = obstacle.recipe.surface(obstacle.message)
-    seen = seen_surface(vertices, triangles, [part[1] for part in obstacle.surfaces], centre, ball.radius)
-    if len(seen.triangles) > WORTH * len(triangles):
+    recipe, message = obstacle.recipe, obstacle.message
+    seen = seen_surface(
+        lambda: recipe.surface(message),
+        lambda: [part[1] for part in obstacle.surfaces],
+        recipe.content,
+        centre,
+        ball.radius,
+        WORTH,
+    )
+    if seen is None:
         return None
-    used = np.zeros(len(vertices), bool)
-    used[seen.triangles] = True
-    surface = vertices[used], np.take(np.cumsum(used) - 1, seen.triangles)
-    for array in surface:
-        array.setflags(write=False)
-    facets = Facets(len(seen.triangles), lambda: surface)
-    recipe = obstacle.recipe._replace(surface=lambda _: surface, facets=facets, body=_body_of(facets, obstacle))
-    return dataclasses.replace(obstacle, recipe=recipe, seen=seen)
+    facets = Facets(seen.count, lambda: seen.surface)
+    met = recipe._replace(
+        surface=lambda _: seen.surface, facets=facets, body=_body_of(facets, obstacle), content=seen.content
+    )
+    return dataclasses.replace(obstacle, recipe=met, seen=seen)
 
 
 def _cloud_met(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:

@@ -1,0 +1,54 @@
+"""What a scene and its obstacles are known by: hashes of what is declared, for which each number is read once."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from guidefield.messages import scene as messages
+
+
+class Content(NamedTuple):
+    """Hashes of a declared obstacle.
+
+    Attributes:
+        all: Of everything that is declared of it.
+        geometry: Of its points and triangles alone; of what isn't declared by many, none.
+    """
+
+    all: bytes
+    geometry: bytes = b""
+
+
+_GEOMETRY: dict[type[messages.Obstacle], tuple[str, ...]] = {
+    messages.Mesh: ("vertices", "triangles"),
+    messages.PointCloud: ("points",),
+}
+"""Fields that may hold a million numbers, by kind."""
+
+
+def content_of(message: messages.Obstacle) -> Content:
+    """Hash a declared obstacle."""
+    fields = _GEOMETRY.get(type(message))
+    if fields is None:
+        return Content(_hashed(message))
+    geometry = _hashed([getattr(message, field) for field in fields])
+    rest = {name: value for name, value in msgspec.structs.asdict(message).items() if name not in fields}
+    return Content(_hashed([type(message).__name__, rest, geometry]), geometry)
+
+
+def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
+    """The hash of all that is declared of a scene, and those of its meshes and clouds, by index."""
+    many = {index: content_of(one) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
+    obstacles = [many[index].all if index in many else one for index, one in enumerate(message.obstacles)]
+    return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
+
+
+def _hashed(declared: object) -> bytes:
+    return hashlib.sha256(_ENCODER.encode(declared)).digest()
