@@ -62,7 +62,7 @@ def test_of_a_wide_ground_what_is_below_the_ball_is_chosen(height: float) -> Non
     chosen = chosen_of(points, np.arange(len(points))[:, None], np.zeros(3), 1.0)
     away = np.linalg.norm(points[:, :2], axis=1)
     assert chosen[away < 1.0].all()
-    assert not chosen[away > 2.3].any()
+    assert not chosen[away > 1.3].any()
 
 
 def test_far_away_and_far_from_the_origin_something_is_chosen() -> None:

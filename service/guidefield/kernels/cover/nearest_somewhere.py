@@ -1,7 +1,8 @@
 """Which triangles or points can be the nearest to some place in a ball: all others are nearest to none of its places.
 
 Neighbours go together, in voxels. The ball is cut into cells. A place in a cell is no farther from what is nearest to
-it than from some corner in a voxel, and so no voxel that is farther from the cell than that holds it.
+it than from some corner in a voxel, and so no voxel that is farther from the cell than that holds it. Nor does one
+that is farther than the corner from each place in the cell.
 """
 
 from __future__ import annotations
@@ -68,19 +69,46 @@ def _is_outside(low: Floats, high: Floats, centre: Floats, radius: float) -> boo
 
 
 @inlined
-def _farthest_nearest(low: Floats, high: Floats, corners: Floats, some: Integers, count: int, slack: float) -> float:
-    """How far a place in a cell may be from the nearest of some corners (m, 3), at most [m]."""
-    best = math.inf
+def _nearest(low: Floats, high: Floats, corners: Floats, some: Integers, count: int) -> int:
+    """Which of some corners (m, 3) is nearest to the middle of a cell."""
+    best, nearest = math.inf, -1
     for at in range(count):
         square = 0.0
         for k in range(3):
             gap = 0.5 * (low[k] + high[k]) - corners[some[at], k]
             square += gap * gap
-        best = min(best, square)
-    half = 0.0
+        if square < best:
+            best, nearest = square, some[at]
+    return nearest
+
+
+@inlined
+def _farthest(low: Floats, high: Floats, corner: Floats, slack: float) -> float:
+    """How far a place in a cell may be from a corner (3,), at most [m]."""
+    away = half = 0.0
     for k in range(3):
+        away += (0.5 * (low[k] + high[k]) - corner[k]) ** 2
         half += 0.25 * (high[k] - low[k]) ** 2
-    return math.sqrt(best) + math.sqrt(half) + slack
+    return math.sqrt(away) + math.sqrt(half) + slack
+
+
+@inlined
+def _is_beyond(low: Floats, high: Floats, corner: Floats, box: Floats, slack: float) -> bool:
+    """Whether a box is farther than a corner (3,) from each place in a cell.
+
+    What squares of distances from a place x of the cell differ by, |x - q|^2 - |x - p|^2 for q in the box and the
+    corner p, is linear in x. Its least over the cell, of middle c and half sides h, is the sum over the axes of
+    (q - c)^2 - 2 h |q - p| - (p - c)^2, which is least at an end of the box, at p, or at c + h or c - h.
+    """
+    margin = 0.0
+    for k in range(3):
+        middle, half, p = 0.5 * (low[k] + high[k]), 0.5 * (high[k] - low[k]), corner[k]
+        least = math.inf
+        for place in (box[k], box[3 + k], p, middle + half, middle - half):
+            q = min(max(place, box[k]), box[3 + k])
+            least = min(least, (q - middle) ** 2 - 2.0 * half * abs(q - p))
+        margin += least - (p - middle) ** 2
+    return margin > slack
 
 
 @compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
@@ -193,7 +221,7 @@ def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: f
             high[k] = low[k] + coarse + 2.0 * slack
         if _is_outside(low, high, centre, radius):
             continue
-        reach, found = _farthest_nearest(low, high, ends, every, count, slack), 0
+        reach, found = _farthest(low, high, ends[_nearest(low, high, ends, every, count)], slack), 0
         for m in range(count):
             if _gap_squared(low, high, boxes[m]) <= reach * reach:
                 some[found] = m
@@ -204,8 +232,11 @@ def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: f
                 b[k] = a[k] + fine + 2.0 * slack
             if _is_outside(a, b, centre, radius):
                 continue
-            reach = _farthest_nearest(a, b, ends, some, found, slack)
+            nearest = ends[_nearest(a, b, ends, some, found)]
+            reach = _farthest(a, b, nearest, slack)
             for at in range(found):
-                if not needed[some[at]] and _gap_squared(a, b, boxes[some[at]]) <= reach * reach:
-                    needed[some[at]] = True
+                box = boxes[some[at]]
+                if needed[some[at]] or _gap_squared(a, b, box) > reach * reach:
+                    continue
+                needed[some[at]] = not _is_beyond(a, b, nearest, box, slack * reach)
     return needed
