@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import sys
 from array import array
@@ -255,16 +256,31 @@ def _packed(triangles: Iterable[Iterable[int]]) -> bytes:
     return packed.tobytes()
 
 
-def _all_below(count: int, packed: bytes) -> bool:
-    """Whether there are any, and all of some little-endian uint32 are below a count of at most 2^31.
+_SOME = 2**16
+"""So many bytes are looked at together: long integers of that length stay in the processor's cache."""
 
-    All at once, as one long integer: with 2^31 - count added to each, the highest bit is set of those that aren't.
+
+def _all_below(count: int, packed: bytes) -> bool:
+    """Whether there are any, and all of some little-endian uint32 are below a count of at most 2^31."""
+    some = (packed[begin : begin + _SOME] for begin in range(0, len(packed), _SOME))
+    return bool(packed) and all(_some_below(count, each) for each in some)
+
+
+def _some_below(count: int, packed: bytes) -> bool:
+    """The same of some, all at once, as one long integer.
+
+    With 2^31 - count added to each, the highest bit is set of those that aren't.
     """
-    if not packed or packed[3::4].translate(None, _POSITIVE):
+    if packed[3::4].translate(None, _POSITIVE):
         return False
-    added = (2**31 - count).to_bytes(4, "little") * (len(packed) // 4)
-    moved = int.from_bytes(packed, "little") + int.from_bytes(added, "little")
+    moved = int.from_bytes(packed, "little") + _added(count, len(packed))
     return not moved.to_bytes(len(packed), "little")[3::4].translate(None, _POSITIVE)
+
+
+@functools.lru_cache(maxsize=4)
+def _added(count: int, size: int) -> int:
+    """2^31 - count in each of the uint32 of so many bytes, as one long integer."""
+    return int.from_bytes((2**31 - count).to_bytes(4, "little") * (size // 4), "little")
 
 
 def _check_points(field: str, points: Points) -> int:
