@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 
 from guidefield.geometry.closed import boundary, connected_pieces
+from guidefield.geometry.edges import numbered_edges
 from guidefield.geometry.surfaces import Floats, Integers
 
 WIDEST_CRACK = 1e-3
@@ -30,7 +31,7 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
         leaves some, each is itself and the width 0.
     """
     alone = np.arange(len(vertices))
-    loose = _loose(triangles, len(vertices))
+    loose = _loose(triangles)
     if not len(loose) or widest <= 0.0:
         return alone, 0.0
     open_ = np.zeros(len(vertices), bool)
@@ -40,7 +41,7 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
         joined, widths = alone.copy(), np.zeros(1)
         joined[loose], widths = _joined(vertices[loose], loose, float(width))
         welded = joined[near]
-        if not len(_loose(welded[are_proper(welded)], len(vertices), open_)):
+        if not len(_loose(welded[are_proper(welded)], open_)):
             return joined, float(widths.max())
     return alone, 0.0
 
@@ -73,22 +74,20 @@ def are_proper(triangles: Integers) -> np.ndarray:
     return proper
 
 
-def _loose(triangles: Integers, count: int, among: np.ndarray | None = None) -> Integers:
+def _loose(triangles: Integers, among: np.ndarray | None = None) -> Integers:
     """Vertices of the edges that are one triangle's only, ascending, shape (n,).
 
     Args:
         triangles: Shape (t, 3).
-        count: How many vertices there are.
-        among: Only edges with one of these count, shape (count,), bool; None: all do.
+        among: Only edges with one of these vertices count, shape (v,), bool; None: all do.
     """
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    numbers, edges = numbered_edges(triangles)
+    sides = np.flatnonzero(np.bincount(numbers, minlength=edges)[numbers] == 1)
+    start, end = triangles.ravel()[sides], triangles[sides // 3, (sides + 1) % 3]
     if among is not None:
         counted = among[start] | among[end]
         start, end = start[counted], end[counted]
-    edges = np.sort(np.minimum(start, end) * count + np.maximum(start, end))
-    new = np.ones(len(edges) + 1, bool)
-    new[1:-1] = edges[1:] != edges[:-1]
-    return np.unique(np.divmod(edges[new[:-1] & new[1:]], count))
+    return np.unique(np.concatenate([start, end]))
 
 
 def _joined(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:

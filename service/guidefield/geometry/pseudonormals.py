@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from guidefield.geometry.edges import numbered_edges
 from guidefield.kernels.distance.pseudonormal_sums import summed_normals
 
 Floats = NDArray[np.float64]
@@ -24,17 +25,8 @@ def pseudonormals(vertices: Floats, triangles: Integers) -> Floats:
     Returns:
         Shape (t, 21): face; edges ab, bc, ca; corners a, b, c.
     """
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    edges = _numbered(np.minimum(start, end) * (int(triangles.max()) + 1) + np.maximum(start, end))
+    edges, count = numbered_edges(triangles)
     normals = np.empty((len(triangles), 21))
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    summed_normals(vertices, triangles, edges, int(edges.max()) + 1, normals)
+    summed_normals(vertices, triangles, edges, count, normals)
     return normals
-
-
-def _numbered(keys: Integers) -> Integers:
-    """Keys (n,) as numbers from 0, in their order."""
-    order = np.argsort(keys, kind="stable")
-    number = np.empty(len(keys), np.int64)
-    number[order] = np.cumsum(np.diff(keys[order], prepend=-1) != 0) - 1
-    return number

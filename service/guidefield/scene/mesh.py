@@ -15,6 +15,7 @@ from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
+from guidefield.geometry.edges import edge_counts
 from guidefield.geometry.surfaces import Surface
 from guidefield.messages import scene as messages
 from guidefield.scene.points import corners_in, count_of, points_in
@@ -252,16 +253,6 @@ def _edges(triangles: np.ndarray) -> np.ndarray:
     return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
-def _edge_counts(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How often each undirected edge is run through upwards, and downwards."""
-    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    count = int(triangles.max()) + 1
-    edges = np.sort(2 * (np.minimum(start, end) * count + np.maximum(start, end)) + (start < end))
-    first = np.flatnonzero(np.diff(edges >> 1, prepend=-1))
-    upwards = np.add.reduceat(edges & 1, first)
-    return upwards, np.diff(first, append=len(edges)) - upwards
-
-
 def _facing_outwards(
     vertices: np.ndarray, triangles: np.ndarray, joined: np.ndarray
 ) -> tuple[np.ndarray, bool, list[str]]:
@@ -272,7 +263,7 @@ def _facing_outwards(
     welded, proper = _welded(triangles, joined), np.flatnonzero(are_proper(joined[triangles]))
     if not len(welded):
         return triangles, False, ["it is as small as a crack: it is judged as a thin wall"]
-    forward, backward = _edge_counts(welded)
+    forward, backward = edge_counts(welded)
     warnings = []
     if not np.array_equal(forward, backward):
         open_edges = int(((forward + backward) == 1).sum())
@@ -353,12 +344,13 @@ def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: lis
 def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     """The hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume."""
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    forward, backward = _edge_counts(triangles)
+    if _is_dented(vertices, _first_ones(vertices, triangles), _CONVEX * size):
+        return None
+    forward, backward = edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
-    if len(np.unique(connected_pieces(len(vertices), triangles)[triangles])) > 1 or _is_dented(
-        vertices, triangles, _CONVEX * size
-    ):
+    pieces = np.unique(connected_pieces(len(vertices), triangles)[triangles])
+    if len(pieces) > 1 or _is_dented(vertices, triangles, _CONVEX * size):
         return None
     try:
         around = convex_hull(vertices)
@@ -377,19 +369,19 @@ def _as_shape(around: Surface) -> Any:
     return hull
 
 
-def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
-    """Whether an edge is dented by more than is let [m]; most surfaces with many triangles are near the first ones."""
+def _first_ones(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The first triangles and those that share a vertex with them: most surfaces of many are dented there."""
     marked = np.zeros(len(vertices), bool)
     marked[triangles[:_SOME]] = True
     a, b, c = triangles.T
-    few = triangles[marked[a] | marked[b] | marked[c]]
-    return _deepest_dent(vertices, few) > deepest or _deepest_dent(vertices, triangles) > deepest
+    few: np.ndarray = triangles[marked[a] | marked[b] | marked[c]]
+    return few
 
 
-def _deepest_dent(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    """Largest height of a triangle's far vertex over its neighbour's plane [m]: positive at a dented edge.
+def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
+    """Whether a triangle's far vertex is more than is let above its neighbour's plane [m].
 
-    Edges of one triangle only don't count; none may be one of more than two.
+    Edges of one triangle only don't count; an edge of more than two, which none of a hull is, may count or not.
     """
     edges, count = _edges(triangles), len(triangles)
     opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
@@ -402,4 +394,4 @@ def _deepest_dent(vertices: np.ndarray, triangles: np.ndarray) -> float:
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     first, second = pairs.T
     heights = np.einsum("ij,ij->i", normals[first % count], vertices[opposite[second]] - vertices[edges[first, 0]])
-    return float(heights.max(initial=-np.inf))
+    return bool(heights.max(initial=-np.inf) > deepest)
