@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 
 import pytest
 
-from guidefield.aside import StoppedError, done_aside, wait_for_others
+from guidefield.aside import StoppedError, done_aside, together, wait_for_others
 
 PATIENCE = 30.0
 
@@ -53,3 +54,19 @@ def test_only_one_works_at_a_time() -> None:
 
     done_aside(lambda: order.append("second"), opened, str)
     assert order == ["first", "second"]
+
+
+def test_parts_are_done_at_the_same_time_and_all_of_them_come_to_their_end() -> None:
+    met, done = threading.Barrier(2), []
+
+    def part(name: str, failing: str) -> None:
+        met.wait(PATIENCE)
+        done.append(name)
+        if name == failing:
+            raise KeyError(name)
+
+    together(lambda: part("first", ""), lambda: part("second", ""))
+    for failing in ("first", "second"):
+        with pytest.raises(KeyError, match=failing):
+            together(partial(part, "first", failing), partial(part, "second", failing))
+    assert sorted(done) == 3 * ["first"] + 3 * ["second"]

@@ -2,8 +2,8 @@
 
 Building a mesh or preparing a robot is some long calls into libraries, which nobody can interrupt. Where time is up in
 the middle of one, whoever waits goes on without it: the work comes to its end by itself, and what it made is kept for
-the next time. Only one thread works at any time: what is asked for meanwhile waits until it is done, or until its own
-time is up.
+the next time. Only one work is done at any time, if in parts: what is asked for meanwhile waits until it is done, or
+until its own time is up.
 """
 
 from __future__ import annotations
@@ -60,6 +60,24 @@ def wait_for_others(spent: Spent) -> None:
     _jobs.clear()
 
 
+def together(*works: Callable[[], object]) -> None:
+    """Do long work in several parts at the same time: the last one here, the others in threads of their own.
+
+    Kernels run beside each other, and most of NumPy. It is over when all parts are.
+
+    Raises:
+        Exception: what the first of them raised that did.
+    """
+    jobs = [_Job(work) for work in works]
+    for job in jobs[:-1]:
+        job.start()
+    jobs[-1].run()
+    for job in jobs:
+        job.ended.wait()
+    for job in jobs:
+        job.result()
+
+
 class _Job(Generic[T]):
     """Work in a thread. The process doesn't end before it: a thread in the middle of a library would take it down."""
 
@@ -71,7 +89,7 @@ class _Job(Generic[T]):
 
     def start(self) -> None:
         """Begin."""
-        threading.Thread(target=self._run, name="guidefield-aside").start()
+        threading.Thread(target=self.run, name="guidefield-aside").start()
 
     def result(self) -> T:
         """What was made, or raise what was raised."""
@@ -79,7 +97,8 @@ class _Job(Generic[T]):
             raise self._fault
         return self._made[0]
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Do it here."""
         try:
             self._made.append(self._work())
         except BaseException as fault:  # it is raised where it is waited for

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, Scene as Message
 from guidefield.scene import distance_tables as of_scene, obstacle
 from guidefield.scene.scene import Scene, build
+from guidefield.scene.within_ball import Ball, within_ball
 from tests.scene.test_mesh import box_mesh, room
 
 SIDE = 105
@@ -81,6 +83,13 @@ def everything(scene: Scene) -> list[Any]:
     return [told, *((np.asarray(a).dtype, np.shape(a), np.asarray(a).tobytes()) for a in arrays)]
 
 
+def met(scene: Scene) -> Scene:
+    """What is met of it in a ball above the terrain."""
+    part = within_ball(scene, Ball(0.2, 0.1, 0.5, 0.25))
+    assert part.obstacles[0].faces < 0.5 * scene.obstacles[0].faces
+    return part
+
+
 def kinds() -> set[str]:
     return {path.name.partition("-")[0] for path in cache.folder().glob("*-*")}
 
@@ -102,6 +111,62 @@ def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None
     assert any("cross" in warning for warning in new_scene().warnings)
 
 
+def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, (whole, read) = everything(met(new_scene())), (everything(new_scene()), list[str]())
+    reading = cache._read
+    monkeypatch.setattr(cache, "_write", lambda *_: pytest.fail("it is there"))
+    monkeypatch.setattr(cache, "_read", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
+    part = met(new_scene())
+    assert everything(part) == found
+    assert {"mesh", "seen"} <= set(read)
+    assert "surface" not in read, "most of it is met by nobody"
+    vertices, triangles = part.obstacles[0].whole_surface
+    assert "surface" in read
+    alone = new_scene().obstacles[0]
+    assert vertices.tobytes() == alone.whole_surface[0].tobytes()
+    assert triangles.tobytes() == alone.whole_surface[1].tobytes()
+    assert everything(new_scene()) == whole
+
+
+def test_another_ball_or_shape_sees_something_else() -> None:
+    scene = new_scene()
+    parts = [within_ball(scene, Ball(x, 0.1, 0.5, 0.25)).obstacles[0] for x in (0.2, 0.3)]
+    moved = msgspec.structs.replace(message().obstacles[0], position=[0.1, 0.1, 0.2])
+    parts.append(within_ball(build(Message(name="kept", obstacles=[moved])), Ball(0.2, 0.1, 0.5, 0.25)).obstacles[0])
+    assert len({part.recipe.content for part in parts}) == 3
+    assert len(list(cache.folder().glob("seen-*"))) == 3
+    assert len({part.recipe.surface(part.message)[0].tobytes() for part in parts}) == 3
+
+
+def test_a_full_disk_costs_time_alone(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    scene = new_scene()
+    found = everything(met(scene)), everything(scene)
+    for path in cache.folder().glob("*-*"):
+        path.unlink()
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr(cache, "write_whole", full)
+    for _ in range(2):
+        scene = new_scene()
+        assert (everything(met(scene)), everything(scene)) == found
+    assert "no space left" in caplog.text
+    assert kinds() == set()
+
+
+def test_entries_that_go_one_by_one_are_made_again() -> None:
+    scene = new_scene()
+    found = everything(met(scene)), everything(scene)
+    for kind in sorted(kinds()):
+        known = new_scene()
+        for path in cache.folder().glob(f"{kind}-*"):
+            path.unlink()
+        assert (everything(met(known)), everything(known)) == found, "it went after it was known to be there"
+        again = new_scene()
+        assert (everything(met(again)), everything(again)) == found
+
+
 def test_a_mesh_without_area_is_refused_from_disk_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "LARGE", 1)
     flat = Mesh(name="flat", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles=[[0, 1, 2]])
@@ -112,13 +177,13 @@ def test_a_mesh_without_area_is_refused_from_disk_too(monkeypatch: pytest.Monkey
 
 
 def test_damaged_entries_are_made_again(caplog: pytest.LogCaptureFixture) -> None:
-    found = everything(new_scene())
+    found = everything(met(new_scene())), everything(new_scene())
     for path in cache.folder().glob("*-*"):
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
         path.write_bytes(content)
-    assert everything(new_scene()) == found
-    assert caplog.text.count("is damaged and") == len(kinds())
+    assert (everything(met(new_scene())), everything(new_scene())) == found
+    assert caplog.text.count("is damaged and") == len(list(cache.folder().glob("*-*")))
 
 
 def test_time_that_is_up_leaves_no_half_of_a_tree() -> None:
@@ -133,8 +198,9 @@ def test_time_that_is_up_leaves_no_half_of_a_tree() -> None:
 
 OTHER = """
 import hashlib
-from tests.scene.test_large_meshes import everything, new_scene
-print(hashlib.sha256(repr(everything(new_scene())).encode()).hexdigest())
+from tests.scene.test_large_meshes import everything, met, new_scene
+scene = new_scene()
+print(hashlib.sha256(repr([everything(met(scene)), everything(scene)]).encode()).hexdigest())
 """
 """Tells what it found, in short."""
 
@@ -143,8 +209,10 @@ def test_two_processes_at_once_find_the_same() -> None:
     others = [subprocess.Popen([sys.executable, "-c", OTHER], stdout=subprocess.PIPE, text=True) for _ in range(2)]
     told = {other.communicate(timeout=600)[0] for other in others}
     assert [other.returncode for other in others] == [0, 0]
-    assert told == {hashlib.sha256(repr(everything(new_scene())).encode()).hexdigest() + "\n"}
-    assert kinds() == {"mesh", "surface", "triangles", "boxes"}
+    scene = new_scene()
+    own = repr([everything(met(scene)), everything(scene)]).encode()
+    assert told == {hashlib.sha256(own).hexdigest() + "\n"}
+    assert kinds() == {"mesh", "surface", "seen", "triangles", "boxes"}
 
 
 def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:

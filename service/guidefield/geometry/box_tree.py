@@ -38,7 +38,7 @@ def box_tree(low: Floats, high: Floats) -> BoxTree:
         low: Lower corners, shape (n, 3) [m], n >= 1, finite.
         high: Upper corners, shape (n, 3) [m].
     """
-    order = np.argsort(_morton(0.5 * (low + high)), kind="stable")
+    order = np.argsort(on_curve(0.5 * (low + high)), kind="stable")
     leaves = 1
     while leaves * LEAF < len(order):
         leaves *= 2
@@ -60,8 +60,11 @@ def _united(boxes: Floats) -> Floats:
     return np.hstack([low, high])
 
 
-def _morton(points: Floats) -> Integers:
-    """Positions (n,) of points (n, 3) on a Morton curve: the bits of their coordinates interleaved."""
+def on_curve(points: Floats) -> Integers:
+    """Positions (n,) of points (n, 3) on a Morton curve, along which neighbours are near each other.
+
+    The bits of their coordinates in turn (G. M. Morton, 1966).
+    """
     size = max(float(np.ptp(points, axis=0).max()), 1e-300)
     cells = ((points - points.min(axis=0)) / size * (2**_BITS - 1)).astype(np.int64)
     for shift, kept in _SPREAD:

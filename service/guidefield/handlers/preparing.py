@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import weakref
 
-from guidefield.aside import Spent, done_aside, wait_for_others
+from guidefield.aside import Spent, done_aside, together, wait_for_others
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.minimum.tables import prepare_obstacles
 from guidefield.collision.preparation import Told, is_prepared, prepare
@@ -44,11 +44,12 @@ def prepare_in_time(
     def work() -> None:
         if robot is not None:
             prepare(robot, spent, doing)
-        prepare_scene(scene, spent, doing)
-        if not scene.convex:
+        if scene.convex:
+            prepare_scene(scene, spent, doing)
+        else:
+            together(lambda: distance_tables(scene), lambda: prepare_scene(scene, spent, doing))
             at[0] = f"the surfaces of scene {scene.name}"
             lane_scene(scene)
-            distance_tables(scene)
             prepare_obstacles(scene)
         if field:
             at[0] = f"the field of scene {scene.name}"

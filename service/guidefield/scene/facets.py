@@ -13,11 +13,10 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.box_tree import on_curve
+
 PATCH = 8192
 """Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
-
-_CELLS = 1024
-"""Cells along each axis of the grid in whose order triangles are neighbours; a power of two."""
 
 
 def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
@@ -75,7 +74,7 @@ class Patches:
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
         self._vertices = vertices
         a, b, c = (vertices[column] for column in triangles.T)
-        order = np.argsort(_place_in_grid(a + b + c), kind="stable")
+        order = np.argsort(on_curve(a + b + c), kind="stable")
         self._triangles, starts = triangles[order], np.arange(0, len(triangles), PATCH)
         low = np.minimum(np.minimum(a, b), c)[order]
         high = np.maximum(np.maximum(a, b), c)[order]
@@ -108,18 +107,3 @@ class Patches:
         apart = self.apart(low, high)
         for index in np.argsort(apart, kind="stable").tolist():
             yield float(apart[index]), index
-
-
-def _place_in_grid(points: np.ndarray) -> np.ndarray:
-    """The place of points (n, 3) in an order in which neighbours are near each other, whole numbers (n,).
-
-    The bits of the three coordinates in turn (G. M. Morton, 1966).
-    """
-    low = points.min(axis=0)
-    scale = (_CELLS - 1) / max(float((points.max(axis=0) - low).max()), 1e-300)
-    cells = ((points - low) * scale).astype(np.int64)
-    place = np.zeros(len(points), np.int64)
-    for bit in range(_CELLS.bit_length() - 1):
-        for axis in range(3):
-            place |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return place
