@@ -7,9 +7,8 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import crossings as module
 from guidefield.geometry.crossings import crossings
-from guidefield.messages.scene import Mesh
 from guidefield.scene.mesh import crossing_warnings, joined_mesh
-from guidefield.scene.obstacle import BUILDERS
+from guidefield.scene.obstacle import build
 from tests.kernels.evaluation import rigid_motions
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, mesh_message, moebius, room
 
@@ -69,7 +68,7 @@ def test_a_sheet_through_itself_names_its_faces_as_they_were_sent():
     triangles = np.array([[0, 0, 1], [0, 1, 2], [1, 1, 2], [0, 3, 4]])
     faults = crossing_warnings(joined_mesh(vertices, triangles))
     assert faults == ("it intersects itself: 1 pair of its triangles cross, such as 1 and 3",)
-    assert any(faults[0] in warning for warning in BUILDERS[Mesh](mesh_message(vertices, triangles)).warnings)
+    assert any(faults[0] in warning for warning in build(mesh_message(vertices, triangles), 0).warnings)
 
 
 @pytest.mark.parametrize(
