@@ -13,12 +13,13 @@ import pytest
 
 from guidefield.kernels.barrier.barrier import SOFT, STEEPNESS
 from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
-from guidefield.kernels.barrier.sampled_robot import SampledRobot
+from guidefield.kernels.barrier.sampled_robot import ROWS, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.barrier.verlet_list import MARGIN, nothing_remembered
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
+from guidefield.messages import scene as messages
 from guidefield.planner.optimize.sampled_robot import sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
@@ -140,6 +141,20 @@ def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
     expected = sum(w * cost(d, reach, floor) for d, w, reach, floor in distances(made_for, one.robot, z))
     assert value == pytest.approx(expected, rel=1e-5)
     assert value > 0.0
+
+
+def test_more_bodies_than_are_known_by_their_boxes_are_all_looked_at() -> None:
+    rng, planned = np.random.default_rng(5), group("panda")
+    tip = problem(planned, scene_of(), planes=()).kinematics.tip_position(planned.q_origin)
+    places = tip + rng.uniform(-0.25, 0.25, (3 * ROWS, 3))
+    balls = [
+        messages.Sphere(name=f"o{k}", radius=0.01, position=tuple(place.tolist())) for k, place in enumerate(places)
+    ]
+    made_for, z = problem(planned, scene_of(*balls), planes=()), planned.chart(planned.q_origin)
+    value, *_ = (one := Barrier(made_for, ends=z[None]))(z)
+    here = [row for row in distances(made_for, one.robot, z) if row[3] > 0.0]  # not those between links
+    assert value == pytest.approx(sum(w * cost(d, reach, floor) for d, w, reach, floor in here), rel=1e-5)
+    assert one.near.counts.min() < 0, "about some group stand more than are remembered"
 
 
 @pytest.mark.parametrize("name", GROUPS)

@@ -23,6 +23,7 @@ from guidefield.kernels.barrier.sampled_robot import (
     SampledRobot,
     Workspace,
     lower_gaps,
+    nearest_candidate,
     place,
     workspace,
 )
@@ -63,12 +64,13 @@ def moving_barrier(
         T = work.world[joint]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            lower_gaps(robot, g, last, moved.bodies, moved.candidates[k], work)
+            lower_gaps(robot, g, last, moved.bodies, moved.candidates[k], k, work)
         for i in range(first, last):
             if work.gaps[i] >= farthest * farthest:
                 continue
-            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, nx, ny, nz, body = nearest_body(x, y, z, moved.candidates, count, moved.bodies, farthest)
+            p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            bodies = moved.bodies
+            d, nx, ny, nz, body = nearest_candidate(p, i - first, moved.candidates, count, bodies, farthest, work)
             if body < 0:
                 continue
             value, slope, curvature = barrier(d - clearance, reach)
@@ -76,7 +78,7 @@ def moving_barrier(
             w = robot.weights[i]
             total += w * (value + more)
             slope, curvature = w * (slope + more_slope), w * (curvature + more_curvature)
-            p, n = (x, y, z), (nx, ny, nz)
+            n = (nx, ny, nz)
             gather(joint, p, n, slope, curvature, work)
             _gather_by_time(joint, p, n, moved.velocities[moving.motions[body]], slope, curvature, moved)
     return total
@@ -120,15 +122,22 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
         time: When [s].
         cutoff: What is returned where nothing is nearer [m], positive.
     """
-    work = workspace(robot, moving.bodies)
+    work = workspace(robot, moving.bodies, 1)
     moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
     place(robot, z, work)
     place_moved(moving, time, moved)
     best = cutoff
     for g in range(robot.groups.shape[0]):
         count = _near_group(robot, g, max(best, 0.0), work, moved)
-        T = work.world[robot.groups[g, JOINT]]
-        for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
+        if count == 0:
+            continue
+        T, first, last = work.world[robot.groups[g, JOINT]], robot.groups[g, FIRST], robot.groups[g, PAST]
+        work.gaps[first:last] = math.inf
+        for k in range(count):
+            lower_gaps(robot, g, last, moved.bodies, moved.candidates[k], k, work)
+        for i in range(first, last):
+            if work.gaps[i] > 0.0 and (best <= 0.0 or work.gaps[i] >= best * best):
+                continue
             x, y, z_ = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             best = min(best, nearest_body(x, y, z_, moved.candidates, count, moved.bodies, best)[0])
     return best

@@ -17,6 +17,7 @@ from guidefield.kernels.barrier.sampled_robot import (
     SampledRobot,
     Workspace,
     lower_gaps,
+    nearest_candidate,
     place,
     workspace,
 )
@@ -62,19 +63,19 @@ def obstacle_barrier(
         first, last = robot.groups[g, FIRST], robot.groups[g, PAST]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            lower_gaps(robot, g, last, tables, work.candidates[k], work)
+            lower_gaps(robot, g, last, tables, work.candidates[k], k, work)
         for i in range(first, last):
             if work.gaps[i] >= farthest * farthest:
                 continue
-            x, y, z = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, nx, ny, nz, body = nearest_body(x, y, z, work.candidates, count, tables, farthest)
+            p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
+            d, nx, ny, nz, body = nearest_candidate(p, i - first, work.candidates, count, tables, farthest, work)
             if body < 0:
                 continue
             value, slope, curvature = barrier(d - clearance, reach)
             more, more_slope, more_curvature = deficit(d, floor)
             w = robot.weights[i]
             total += w * (value + more)
-            gather(joint, (x, y, z), (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
+            gather(joint, p, (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
     return total
 
 
@@ -98,7 +99,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
         z: Chart coordinates, shape (nv,).
         cutoff: What is returned where nothing is nearer [m], positive.
     """
-    work = workspace(robot, tables)
+    work = workspace(robot, tables, 1)
     place(robot, z, work)
     best = cutoff
     for g in range(robot.groups.shape[0]):
