@@ -83,10 +83,10 @@ def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest
     looks, look = list[float](), Descent.look
 
     def counted(
-        self: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, most: float = np.inf
+        self: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, *rest: float | Look
     ) -> Look:
         looks.append(stiffness)
-        return look(self, spline, passed, stiffness, most)
+        return look(self, spline, passed, stiffness, *rest)
 
     monkeypatch.setattr(Descent, "look", counted)
     made, path = over_the_wall()
@@ -100,6 +100,25 @@ def test_a_free_motion_takes_fewer_looks_to_as_good_a_motion(monkeypatch: pytest
     kept = [smallest_clearance(made, one.positions, 0.3) for one in (patient, soon)]
     assert kept[1] > kept[0] - 2e-3
     check_limits(made, soon)
+
+
+def test_a_look_leaves_the_one_beside_it_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    beside_others, look = list[int](), Descent.look
+
+    def watched(self: Descent, spline: BSpline, *given: object) -> Look:
+        beside = given[-1] if given and isinstance(given[-1], Look) else None
+        before = beside and beside.model.blocks.copy()
+        found = look(self, spline, *given)  # type: ignore[arg-type]
+        if beside is not None:
+            assert (beside.model.blocks == before).all()
+            assert not np.shares_memory(beside.model.blocks, found.model.blocks)
+            beside_others.append(id(beside))
+        return found
+
+    monkeypatch.setattr(Descent, "look", watched)
+    made, path = over_the_wall()
+    optimize(made, soonest_along(made, path), free(BALANCED))
+    assert len(beside_others) > len(set(beside_others)) > 5, "some more than once"
 
 
 def test_it_reaches_a_limit_exactly() -> None:
@@ -452,9 +471,15 @@ def test_a_look_is_given_up_where_the_clearance_is_more_than_wanted(monkeypatch:
     look = Descent.look
 
     def wholly(
-        descent: Descent, spline: BSpline, passed: tuple = (), stiffness: float = 1.0, most: float = np.inf
+        descent: Descent,
+        spline: BSpline,
+        passed: tuple = (),
+        stiffness: float = 1.0,
+        most: float = np.inf,
+        beside: Look | None = None,
     ) -> Look:
-        whole, found = look(descent, spline, passed, stiffness), look(descent, spline, passed, stiffness, most)
+        found = look(descent, spline, passed, stiffness, most, beside)
+        whole = look(descent, spline, passed, stiffness, np.inf, beside)  # the last one, as it is the one that is used
         looks.append((whole.model.value, found.model.value, most))
         return whole
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,6 +83,21 @@ class Look(ReadOnly):
     stiffness: float
 
 
+class _Memory(NamedTuple):
+    """For blocks of a Hessian, as they are written and as they are seen."""
+
+    blocks: np.ndarray
+    seen: np.ndarray
+
+    @classmethod
+    def of(cls, n: int, nv: int) -> _Memory:
+        """For n control points of nv coordinates."""
+        blocks = np.empty((n, nv, (COUPLED + 1) * nv))
+        seen = blocks.view()
+        read_only(seen)
+        return cls(blocks, seen)
+
+
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
     """The objective on the samples of the motion with which it began.
@@ -95,6 +111,7 @@ class Descent(ReadOnly):
         ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
         room: Memory for steps.
+        hessians: Memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look.
     """
 
     question: Question
@@ -105,6 +122,7 @@ class Descent(ReadOnly):
     ends: MotionEnds
     unit: float
     room: DescentRoom
+    hessians: tuple[_Memory, _Memory]
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
@@ -122,22 +140,34 @@ class Descent(ReadOnly):
         )
         read_only(*ends)
         constrained = constraint_samples(question.sections, spline.pieces, (), samples, question.settings)
-        room = room_for_descent(*spline.points.shape, question.times)
-        return cls(question, placed, near, samples, constrained, ends, question.duration / spline.pieces, room)
+        n, nv = spline.points.shape
+        room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
+        hessians = _Memory.of(n, nv), _Memory.of(n, nv)
+        return cls(question, placed, near, samples, constrained, ends, unit, room, hessians)
 
     def look(
-        self, spline: BSpline, passed: tuple[float, ...] = (), stiffness: float = 1.0, most: float = math.inf
+        self,
+        spline: BSpline,
+        passed: tuple[float, ...] = (),
+        stiffness: float = 1.0,
+        most: float = math.inf,
+        beside: Look | None = None,
     ) -> Look:
         """A look at the clearance of a motion, which costs most, and at its passages, near where they were.
+
+        Its Hessian is good until the next look, or where that is `beside` it, until the one after that.
 
         Args:
             spline: The motion.
             passed: Where it came nearest to each passage, in pieces from the start.
             stiffness: As `Look.stiffness`.
             most: Clearance from which on the motion isn't wanted: it counts as infinite then.
+            beside: A look that stays good meanwhile.
         """
         question, (n, nv) = self.question, spline.points.shape
-        gradient, blocks = np.empty((n, nv)), np.empty((n, nv, (COUPLED + 1) * nv))
+        one, other = self.hessians
+        memory = other if beside is not None and beside.model.blocks is one.seen else one
+        gradient, blocks = np.empty((n, nv)), memory.blocks
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
         value = clearance_along(
             question.robot,
@@ -166,19 +196,26 @@ class Descent(ReadOnly):
             here.append(nearest(passage.place, spline, about))
             value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, crossing, gradient, blocks)
         model = ClearanceModel(
-            value, spline.points, spline.step, spline.begin, gradient, blocks, border, by_times, corner
+            value, spline.points, spline.step, spline.begin, gradient, memory.seen, border, by_times, corner
         )
         read_only(*model)
         kept = self.constrained
-        if here:  # which hold where depends on what was passed by then
+        if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
         return Look(spline, model, kept, tuple(here), stiffness)
 
     def cost(self, look: Look, limit_weight: float) -> float:
         """The objective of a motion at a weight of the limits' barrier; infinite where it isn't strictly within."""
-        spline = look.spline
-        of_constraints = constraint_penalty(look.constrained, spline.points)
-        return self._arrival(spline) + limit_weight * self._barrier(spline) + of_constraints + look.model.value
+        return self._but_clearance(look.spline, limit_weight) + self._of_samples(look)
+
+    def _of_samples(self, look: Look) -> float:
+        """The part of the objective that samples tell."""
+        constrained = len(look.constrained.frames.kinds) > 0
+        return look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
+
+    def _but_clearance(self, spline: BSpline, limit_weight: float) -> float:
+        """The objective without what samples tell."""
+        return self._arrival(spline) + limit_weight * self._barrier(spline)
 
     def _arrival(self, spline: BSpline) -> float:
         """When it arrives, in the unit of time."""
@@ -244,9 +281,9 @@ class Descent(ReadOnly):
         for _ in range(settings.looks):
             if spline is None:
                 return None
-            left = before - self._arrival(spline) - limit_weight * self._barrier(spline)  # for the clearance
-            found = self.look(spline, look.passed, stiffness, left)
-            if (cost := self.cost(found, limit_weight)) < before:
+            rest = self._but_clearance(spline, limit_weight)
+            found = self.look(spline, look.passed, stiffness, before - rest, look)
+            if (cost := rest + self._of_samples(found)) < before:
                 return found, cost
             stiffness = min(1.0, settings.stiffer * max(stiffness, look.stiffness))
             spline = self._closer(look.spline, spline)
