@@ -86,6 +86,16 @@ def test_it_ends_after_a_step_where_it_is_told_to(rules: dict[str, float]) -> No
     assert descended(spline, limits, model, **rules)[1] == 1
 
 
+@pytest.mark.parametrize("settled", [1e-2, 1e-3, 1e-4])
+def test_what_it_leaves_undone_is_as_little_as_it_was_told(settled: float) -> None:
+    spline, limits = motion("panda", moving=False)
+    model = look("panda", spline.points)
+    (patient, most), (soon, fewer) = (descended(spline, limits, model, settled=one) for one in (1e-12, settled))
+    least, reached = (of("panda", one, limits, model)[0] for one in (patient, soon))
+    assert fewer < most
+    assert least <= reached < least + settled * abs(least)
+
+
 @pytest.mark.parametrize("rules", [{"steps": 0}, {"settled": 1e6}, {"tries": 0}], ids=["steps", "settled", "tries"])
 def test_it_stays_where_it_is_told_to(rules: dict[str, float]) -> None:
     spline, limits = motion("panda", moving=False)

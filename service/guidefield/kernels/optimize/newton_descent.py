@@ -39,7 +39,8 @@ class DescentRules(NamedTuple):
         steps: At most so many.
         tries: So often at most a step is shortened until it is within limits and brings something.
         shorter: By this factor.
-        settled: A step that promises less than this share of the objective is not taken.
+        settled: A step that promises less than this share of the objective is not taken. Nor is a further one after a
+            whole step that brought what it would of a quadratic function, up to this share: it would promise as little.
         little: After a step that brought less than this share of the objective no further one is taken.
         longest: Most that a coordinate of a control point [rad or m] and the departure [s] move in one step.
         most_stretched: Most that u changes in one step.
@@ -223,6 +224,8 @@ def newton_descent(
         step, begin = length, departure
         points_out[:, :] = trial
         if value - lower < rules.little * abs(value) or _distance(trial, model.points) > rules.trusted:
+            break
+        if stride == 1.0 and abs(value - lower - 0.5 * promised) < rules.settled * abs(value):
             break
     return step, begin, taken
 
