@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
+from guidefield.robot.model import chart
 from guidefield.robot.model.model import JointKind
 from tests.robots import box_arm, load
 
@@ -34,6 +35,24 @@ def test_chart_and_configuration_are_inverse(seed: int) -> None:
     q = group.random(np.random.default_rng(seed))
     back = group.from_chart(group.chart(q))
     assert pin.isSameConfiguration(group.space, back, q, 1e-9)
+
+
+@given(seed=st.integers(0, 10_000), angle=st.sampled_from([0.0, 1e-9, 1e-5, 1e-3, 1.0, np.pi, 4.0, 2.0 * np.pi]))
+@settings(deadline=None, max_examples=60)
+def test_a_rotation_is_the_one_of_pinocchios_matrices(seed: int, angle: float) -> None:
+    rng = np.random.default_rng(seed)
+    joint = next(j for j in planned().joints if j.kind is JointKind.FLOATING)
+    reference, vector = rng.normal(size=7), rng.normal(size=3)
+    vector *= angle / np.linalg.norm(vector)
+    got = chart.from_chart(joint, np.concatenate([reference[:3], vector]), reference)
+    begin = pin.Quaternion(reference[-4:]).normalized()
+    expected = pin.Quaternion(begin.matrix() @ pin.exp3(vector)).coeffs()
+    np.testing.assert_array_equal(got[:3], reference[:3])
+    np.testing.assert_allclose(got[3:], expected * np.sign(got[3:] @ expected), atol=1e-12)
+    leading = got[6] if abs(got[6]) > 0.5 else max(got[3:6], key=abs)
+    assert leading > 0.0
+    back = chart.to_chart(joint, got, reference)[3:]
+    np.testing.assert_allclose(back, pin.log3(pin.exp3(vector)), atol=1e-7 if abs(angle - np.pi) > 1e-3 else 7.0)
 
 
 @given(seed=st.integers(0, 10_000))

@@ -268,16 +268,23 @@ class PlanningGroup:
 
     def wire_positions(self, z: ChartPoint) -> WireRow:
         """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
-        row: WireRow = z.tolist()
+        values: WireRow = z.tolist()
         if self.is_euclidean:
-            return row
-        row = []
-        for joint in self.joints:
-            if joint.kind in chart.ROTATION:
-                row += chart.from_chart(joint, z[_at_v(joint)], self.q_origin[_at_q(joint)]).tolist()
+            return values
+        row: WireRow = []
+        for first, past, begin in self._wired:
+            if begin is None:
+                row += values[first:past]
             else:
-                row += z[_at_v(joint)].tolist()
+                row += values[first : past - 3]
+                row += chart.turned(begin, *values[past - 3 : past])
         return row
+
+    @cached_property
+    def _wired(self) -> tuple[tuple[int, int, tuple[float, float, float, float] | None], ...]:
+        """Where each joint's chart coordinates stand, and where its rotation vectors start, if it has such."""
+        starts = (chart.unit(self.q_origin[_at_q(j)][-4:]) if j.kind in chart.ROTATION else None for j in self.joints)
+        return tuple((j.idx_v, j.idx_v + j.nv, start) for j, start in zip(self.joints, starts, strict=True))
 
     def wire_path(self, zs: ChartPoints) -> list[WireRow]:
         """Chart points (n, nv), straight from each to the next, as rows of the wire's position columns.

@@ -8,6 +8,8 @@ orientation. As the exponential map never stretches, a body turns at most by the
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pinocchio as pin
 
@@ -33,6 +35,9 @@ VELOCITY_SUFFIXES = {
 }
 """The same for velocities: tangents in the moved frame."""
 
+_SMALL = 1e-4
+"""Below this angle a series stands for a sine [rad]: off by less than rounding."""
+
 ROTATION = {JointKind.SPHERICAL: slice(0, 3), JointKind.FLOATING: slice(3, 6)}
 """Which of a joint's chart coordinates are a rotation vector."""
 
@@ -57,7 +62,7 @@ def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndar
         return np.array([values[0], values[1], np.arctan2(values[3], values[2])])
     if joint.kind not in ROTATION:
         return np.array(values)
-    return np.concatenate([values[:-4], _turn(reference[-4:], values[-4:])])
+    return np.array([*values[:-4].tolist(), *_turn(reference[-4:], values[-4:])])
 
 
 def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -74,8 +79,7 @@ def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray
         return np.array([z[0], z[1], np.cos(z[2]), np.sin(z[2])])
     if joint.kind not in ROTATION:
         return np.array(z)
-    quaternion = pin.Quaternion(_matrix(reference[-4:]) @ pin.exp3(np.ascontiguousarray(z[-3:])))
-    return np.concatenate([z[:-3], quaternion.coeffs()])
+    return np.array([*z[:-3].tolist(), *turned(unit(reference[-4:]), *z[-3:].tolist())])
 
 
 def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
@@ -92,7 +96,7 @@ def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
         turned[i] += 2.0 * np.pi * np.round((near[i] - z[i]) / (2.0 * np.pi))
     if joint.kind in ROTATION:
         other = turned_otherwise(joint, z)
-        if np.linalg.norm(other - near) < np.linalg.norm(z - near):
+        if math.dist(other.tolist(), near.tolist()) < math.dist(z.tolist(), near.tolist()):
             turned = other
     return turned
 
@@ -105,7 +109,7 @@ def turned_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
         z: Its chart coordinates, shape (nv,) [rad or m]; a rotation vector of no length stays as it is.
     """
     other, at = z.copy(), ROTATION[joint.kind]
-    angle = float(np.linalg.norm(z[at]))
+    angle = math.hypot(*z[at].tolist())
     if angle > 0.0:
         other[at] *= 1.0 - 2.0 * np.pi / angle
     return other
@@ -141,17 +145,40 @@ def random_rotation(rng: np.random.Generator) -> np.ndarray:
     return vector
 
 
-def _turn(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> np.ndarray:
-    """Rotation vector, shape (3,), from one orientation to another, by at most half a turn; quaternions of shape (4,).
+def unit(quaternion_xyzw: np.ndarray) -> tuple[float, float, float, float]:
+    """A quaternion of shape (4,), normalised; in plain numbers, as it takes a tenth of NumPy's time."""
+    x, y, z, w = quaternion_xyzw.tolist()
+    over = 1.0 / math.hypot(x, y, z, w)
+    return over * x, over * y, over * z, over * w
+
+
+def turned(begin: tuple[float, float, float, float], a: float, b: float, c: float) -> tuple[float, float, float, float]:
+    """The orientation (x, y, z, w) that a rotation vector (a, b, c) leads to from another, a unit quaternion like it.
+
+    Of the two quaternions that mean it, it is that of which w is positive, or where that is below a half the largest
+    of the others.
+    """
+    x, y, z, w = begin
+    angle = math.hypot(a, b, c)
+    scale = math.sin(0.5 * angle) / angle if angle > _SMALL else 0.5 - angle * angle / 48.0
+    a, b, c, d = scale * a, scale * b, scale * c, math.cos(0.5 * angle)
+    i, j, k = w * a + x * d + y * c - z * b, w * b - x * c + y * d + z * a, w * c + x * b - y * a + z * d
+    r = w * d - x * a - y * b - z * c
+    leading = r if abs(r) > 0.5 else max(i, j, k, key=abs)
+    return (i, j, k, r) if leading > 0.0 else (-i, -j, -k, -r)
+
+
+def _turn(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> tuple[float, float, float]:
+    """Rotation vector from one orientation to another, by at most half a turn; quaternions of shape (4,).
 
     From the quaternions themselves: towards half a turn Pinocchio's logarithm of a matrix is off by up to 6e-11.
     """
-    begin, end = (pin.Quaternion(np.asarray(one, float)).normalized() for one in (begin_xyzw, end_xyzw))
-    coefficients = (begin.conjugate() * end).coeffs()
-    vector = np.copysign(1.0, coefficients[3]) * coefficients[:3]
-    sine = float(np.linalg.norm(vector))
-    turn: np.ndarray = vector * (2.0 * np.arctan2(sine, abs(coefficients[3])) / sine) if sine > 0.0 else vector
-    return turn
+    x, y, z, w = unit(begin_xyzw)
+    a, b, c, d = unit(end_xyzw)
+    i, j, k = w * a - x * d - y * c + z * b, w * b + x * c - y * d - z * a, w * c - x * b + y * a - z * d
+    cosine, sine = w * d + x * a + y * b + z * c, math.hypot(i, j, k)
+    over = math.copysign(2.0 * math.atan2(sine, abs(cosine)) / sine, cosine) if sine > 0.0 else 2.0
+    return over * i, over * j, over * k
 
 
 def _matrix(quaternion_xyzw: np.ndarray) -> np.ndarray:
