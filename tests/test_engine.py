@@ -413,3 +413,14 @@ def test_nothing_is_recorded_where_nobody_wants_it(
 def test_only_plans_are_recorded(engine: Engine, tmp_path: Path) -> None:
     with pytest.raises(MalformedRequest, match="only a plan or a judgement can be recorded"):
         engine.answer(requests.ReadScenes(), record_to=tmp_path / "run.rrd")
+
+
+def test_two_of_one_name_in_a_change_of_a_stored_scene_are_refused(tmp_path: Path) -> None:
+    store = SceneStore(tmp_path)
+    keeps = Engine(scenes=store)
+    keeps.answer({"type": "store_scene", "name": "cell", "scene": {"name": "cell", "obstacles": []}})
+    twin = {"type": "sphere", "name": "a", "radius": 0.1}
+    with pytest.raises(SceneInvalid, match="two obstacles 'a'") as refused:
+        keeps.answer({"type": "change_scene", "name": "cell", "diff": {"type": "scene_diff", "add": [twin, twin]}})
+    assert refused.value.details["path"] == "add[1].name"
+    assert store.read("cell") == (Scene("cell"), 1)

@@ -39,7 +39,7 @@ from guidefield.messages.replies import (
     error_reply,
 )
 from guidefield.messages.scene import Scene as SceneMessage
-from guidefield.messages.scene_changes import RequestScene, changed
+from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
@@ -416,7 +416,7 @@ class Engine:
         return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings), version=version)
 
     def _change_scene(self, request: requests.ChangeScene) -> Done:
-        added = self._scene(SceneMessage(request.name, obstacles=request.diff.add))
+        added = self._scene(changed(SceneMessage(request.name), SceneDiff(add=request.diff.add)))
         _, version = self._scenes.change(request.name, request.diff)
         return Done(done=f"scene {request.name!r} is changed", warnings=list(added.warnings), version=version)
 

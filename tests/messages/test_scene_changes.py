@@ -124,3 +124,10 @@ def test_a_scene_that_is_neither_is_refused(scene, fault):
     with pytest.raises(MalformedRequest, match=fault) as refused:
         codec.decode_request({**PLAN, "scene": scene})
     assert refused.value.details["path"].startswith("$.scene")
+
+
+def test_two_of_one_name_in_a_change_are_refused_with_their_path():
+    twins = [Sphere(name="a", radius=0.1), Sphere(name="a", radius=0.2)]
+    with pytest.raises(SceneInvalid, match="two obstacles 'a'") as refused:
+        changed(HALL, SceneDiff(add=twins))
+    assert refused.value.details == {"obstacle": "a", "path": "add[1].name"}

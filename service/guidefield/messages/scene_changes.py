@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import operator
 from collections.abc import Mapping, Sequence
+from itertools import compress, count
 from typing import Annotated, Any, Protocol
 
 import msgspec
@@ -116,28 +119,64 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
         name: Its name from now on; empty: the one that it had.
 
     Raises:
-        SceneInvalid: if an obstacle is named that isn't there, comes under a name that is taken, or has no placement
-            that could be changed; `details` hold its name (as `obstacle`) and the `path` in the change.
+        SceneInvalid: if an obstacle is named that isn't there, comes under a name that is taken, comes twice, or has no
+            placement that could be changed; `details` hold its name (as `obstacle`) and the `path` in the change.
     """
-    obstacles = {one.name: one for one in scene.obstacles}
-    for index, gone in enumerate(change.remove):
-        if gone not in obstacles:
-            raise _absent(scene.name, gone, list(obstacles), f"remove[{index}]")
-        del obstacles[gone]
-    for moving, placement in change.move.items():
-        if moving not in obstacles:
-            raise _absent(scene.name, moving, list(obstacles), f"move.{moving}")
-        obstacles[moving] = _moved(obstacles[moving], placement)
-    for index, coming in enumerate(change.add):
-        if coming.name in obstacles:
+    obstacles = _removed(scene, change.remove)
+    _move(scene.name, obstacles, change.move)
+    _add(scene.name, obstacles, change.add)
+    after = copy.copy(scene)  # what a change leaves is not checked again
+    msgspec.structs.force_setattr(after, "name", name or scene.name)
+    msgspec.structs.force_setattr(after, "obstacles", obstacles)
+    return after
+
+
+_NAME = operator.attrgetter("name")
+
+
+def _removed(scene: Scene, gone: Sequence[str]) -> list[Obstacle]:
+    """The obstacles of a scene but for those that go, in a list of their own."""
+    if not gone:
+        return list(scene.obstacles)
+    left = {one.name: one for one in scene.obstacles}
+    for index, name in enumerate(gone):
+        if name not in left:
+            raise _absent(scene.name, name, list(left), f"remove[{index}]")
+        del left[name]
+    return list(left.values())
+
+
+def _move(scene: str, obstacles: list[Obstacle], moves: Mapping[str, Placement]) -> None:
+    """Put those that move where they are from now on; nothing is done for the others but to look at their names."""
+    if not moves:
+        return
+    places = list(compress(count(), map(moves.__contains__, map(_NAME, obstacles))))
+    if len(places) < len(moves):
+        names = [*map(_NAME, obstacles)]
+        there = set(names)
+        absent = next(name for name in moves if name not in there)
+        raise _absent(scene, absent, names, f"move.{absent}")
+    for place in places:
+        obstacles[place] = _moved(obstacles[place], moves[obstacles[place].name])
+
+
+def _add(scene: str, obstacles: list[Obstacle], coming: Sequence[Obstacle]) -> None:
+    """Put those that come behind the others."""
+    if not coming:
+        return
+    there, added = set(map(_NAME, obstacles)), set[str]()
+    for index, one in enumerate(coming):
+        path = f"add[{index}].name"
+        if one.name in added:
+            raise _refused(f"two obstacles {one.name!r} are to be added to scene {scene!r}", one.name, path)
+        if one.name in there:
             raise _refused(
-                f"scene {scene.name!r} has an obstacle {coming.name!r} already; `remove` it in the same change to "
-                "replace it",
-                coming.name,
-                f"add[{index}].name",
+                f"scene {scene!r} has an obstacle {one.name!r} already; `remove` it in the same change to replace it",
+                one.name,
+                path,
             )
-        obstacles[coming.name] = coming
-    return Scene(name or scene.name, scene.schema, scene.frame, list(obstacles.values()), scene.guide_planes)
+        added.add(one.name)
+        obstacles.append(one)
 
 
 def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
