@@ -64,11 +64,16 @@ class Service:
 
 
 @contextlib.contextmanager
-def running_service(data: Path, *options: str, at: str = f"tcp/{LOOPBACK}") -> Iterator[Service]:
-    """A service on a free loopback port; ends with the block by itself when it is told to, if it hasn't ended."""
+def running_service(
+    data: Path, *options: str, at: str = f"tcp/{LOOPBACK}", port_of: Service | None = None
+) -> Iterator[Service]:
+    """A service on a free loopback port, or on that of one that was killed.
+
+    It ends with the block by itself when it is told to, if it hasn't ended.
+    """
     command = [sys.executable, "-m", "guidefield", "serve", "--data", str(data), *options]
     with (
-        free_port() as port,
+        free_port() if port_of is None else contextlib.nullcontext(int(port_of.endpoint.rpartition(":")[2])) as port,
         subprocess.Popen([*command, "--listen", f"{at}:{port}"], stdout=subprocess.PIPE, text=True) as process,
     ):
         assert process.stdout is not None

@@ -31,6 +31,7 @@ from guidefield import (
     Client,
     GuidefieldError,
     MalformedRequest,
+    NoService,
     NotAllowed,
     Piece,
     QuotaExceeded,
@@ -311,6 +312,54 @@ def test_a_worker_that_dies_says_so_and_a_client_that_comes_back_goes_on(service
         assert stream.stream_id != first
         assert stream.ended is None
         arrive(stream, clock, judge, 20.0)
+
+
+def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_goes_on(tmp_path: Path) -> None:
+    clock, judge = Clock(), Judge()
+    with (
+        running_service(tmp_path) as service,
+        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+        client.stream({**ASKED, "goal": GOAL}, clock=clock) as stream,
+    ):
+        for _ in range(8):
+            step(stream, clock, judge)
+        service.process.kill()
+        await_that(lambda: stream.ended is not None)
+        assert stream.ended is not None
+        assert stream.ended.reason == "ended"
+        assert stream.answer(0.0) == stream.ended
+        with pytest.raises(NoService, match="is gone"):
+            stream.update(obstacles=seen(clock.now))
+        judge.look(stream, clock.now, stream.ended.stops)
+        clock.now = stream.ended.stops + PERIOD
+        stands = stream.at(clock.now)
+        assert stands.velocities == (0.0,) * 6
+        with running_service(tmp_path, port_of=service):
+            await_that(client.alive)
+            stream.reopen(dict(zip(stream.position_names, stands.positions, strict=True)))
+            assert stream.ended is None
+            arrive(stream, clock, judge, 20.0)
+
+
+def test_an_asyncio_client_hears_that_its_service_was_killed(tmp_path: Path) -> None:
+    async def go(service: Service) -> None:
+        asked = {**ASKED, "obstacles": [], "goal": GOAL}
+        async with (
+            await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+            client.stream(asked, clock=Clock()) as stream,
+        ):
+            await stream.update()
+            assert await stream.answer(ANSWERED_WITHIN) is not None
+            service.process.kill()
+            async with asyncio.timeout(ANSWERED_WITHIN):
+                async for _ in stream:  # waits until the stream has ended
+                    pass
+            assert stream.ended is not None
+            with pytest.raises(NoService, match="is gone"):
+                await stream.update()
+
+    with running_service(tmp_path) as service:
+        asyncio.run(go(service))
 
 
 @contextlib.contextmanager

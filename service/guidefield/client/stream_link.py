@@ -16,17 +16,21 @@ from guidefield.client import questions
 from guidefield.client.exchange import Exchange
 from guidefield.client.execution import Execution, Motion
 from guidefield.client.questions import Question
-from guidefield.errors import GuidefieldError, StreamUnknown
+from guidefield.errors import GuidefieldError, NoService, StreamUnknown
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.goals import Positions
 from guidefield.messages.identities import base_key
-from guidefield.messages.replies import error_of
+from guidefield.messages.replies import error_of, error_reply
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
 from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 
 KEPT = 64
 """So many pieces wait to be asked for; the oldest are forgotten."""
+
+GONE_WITHIN = 6.0
+"""So long a service may be out of sight before its streams have ended, which it ends itself after that time without the
+client: a link may be cut for a moment [s]."""
 
 Answer = Piece | StreamState
 
@@ -59,6 +63,8 @@ class StreamLink:
         self._exchange, self._changed = exchange, changed
         self._obstacles = {one.obstacle.name: one for one in self.request.obstacles}
         self._subscribers: list[zenoh.Subscriber] = []
+        self._token: zenoh.Subscriber | None = None
+        self._looking: threading.Timer | None = None
         self._lock = threading.Lock()
         self.reply: StreamReply | None = None
         self._base = ""
@@ -89,6 +95,7 @@ class StreamLink:
         self._base = f"{base_key(self._exchange.instance_of(self.stream_id), self._exchange.user)}/streams"
         with self._lock:
             self.execution = Execution(reply.start)
+        self._watch(self._exchange.instance_of(self.stream_id))
 
     def reopening(self, start: Positions) -> Question[StreamReply]:
         """The question that opens it again, where it has ended; what was declared is declared again."""
@@ -101,9 +108,11 @@ class StreamLink:
 
     def silence(self) -> None:
         """Listen no more."""
-        for subscriber in self._subscribers:
+        token, self._token = self._token, None
+        for subscriber in (*self._subscribers, *(() if token is None else (token,))):
             subscriber.undeclare()
         self._subscribers = []
+        self._look(None)
 
     def aim(self, goal: StreamGoal | dict[str, Any] | None) -> tuple[Question[StreamAimed], StreamGoal | None]:
         """The question for another goal, and that goal."""
@@ -191,4 +200,68 @@ class StreamLink:
             self.latest = self.state = state
             if state.reason == "ended":
                 self.ended = state
+        self._changed()
+
+    def _watch(self, instance: str) -> None:
+        """End the stream when its service is gone, or is another one that knows nothing of it."""
+        stream_id, gone = self.stream_id, False
+
+        def heard(token: zenoh.Sample) -> None:
+            nonlocal gone
+            if token.kind == zenoh.SampleKind.DELETE:
+                gone = True
+                self._look(GONE_WITHIN, self._lost, stream_id, instance)
+            elif gone:
+                gone = False
+                self._look(0.0, self._ask_again, stream_id, instance)
+
+        key = f"guidefield/{instance}/alive"
+        self._token = self._exchange.session.liveliness().declare_subscriber(key, heard, history=True)
+        if not self._exchange.is_there(instance):  # it went while it was answering
+            gone = True
+            self._look(GONE_WITHIN, self._lost, stream_id, instance)
+
+    def _look(self, after: float | None, call: Callable[..., None] = lambda: None, *given: str) -> None:
+        """Have something called in a thread after a time [s], instead of what was to be; None: nothing."""
+        looking = None if after is None else threading.Timer(after, call, given)
+        with self._lock:
+            before, self._looking = self._looking, looking
+        if before is not None:
+            before.cancel()
+        if looking is not None:
+            looking.daemon = True
+            looking.start()
+
+    def _lost(self, stream_id: str, instance: str) -> None:
+        """The service of a stream was out of sight for too long."""
+        told = f"service {instance!r} is gone, and stream {stream_id!r} with it: the robot stands at its last stop"
+        self._over(stream_id, NoService(told, instance=instance, stream=stream_id))
+
+    def _ask_again(self, stream_id: str, instance: str) -> None:
+        """A service is in sight again: the same, or one that was started anew."""
+        try:
+            self._exchange.ask(questions.read_stream(stream_id)).result()
+        except StreamUnknown:
+            told = f"service {instance!r} was gone, and knows nothing of stream {stream_id!r} any more"
+            self._over(stream_id, StreamUnknown(told, instance=instance, stream=stream_id))
+        except GuidefieldError:
+            if not self._exchange.is_there(instance):
+                self._look(GONE_WITHIN, self._lost, stream_id, instance)
+
+    def _over(self, stream_id: str, error: GuidefieldError) -> None:
+        """Nobody says that a stream has ended, but it has."""
+        with self._lock:
+            if self.ended is not None or self.stream_id != stream_id:
+                return
+            now = self.clock()
+            executing, stops = self.execution.executing(now), self.execution.stops()
+            self.ended = self.latest = self.state = StreamState(
+                update=None,
+                reason="ended",
+                pair=None,
+                time=None,
+                executing=executing,
+                stops=now if stops is None else stops,
+                error=error_reply(error),
+            )
         self._changed()
