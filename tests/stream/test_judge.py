@@ -75,7 +75,7 @@ class Judged:
         self.judge = Judge(tables, self.group.nv, self.opened.bounds, tolerances)
         self.obstacles = Obstacles(self.scene, self.opened.assumption, self.opened.bodies_met)
         for one in obstacles:
-            self.obstacles.declare(one, "$.obstacles[0]", ())
+            self.obstacles.take(self.obstacles.prepared(one, "$.obstacles[0]", ()))
 
     def random_commit(self, rng: np.random.Generator, begins: float = 0.0) -> Commit:
         """A commit at speed."""
@@ -136,7 +136,7 @@ def test_what_is_proven_holds_densely_and_what_is_not_close_to_failing_is_proven
             if isinstance(message, Sphere):
                 quaternion = (0.0, 0.0, 0.0, 1.0)
             seen = Observation(message.name, -0.02, Placement(tuple(where.tolist()), quaternion), velocity)
-            judged.obstacles.observe(seen, "$.obstacles[0]", 0.0)
+            judged.obstacles.observe(seen)
             commit = judged.random_commit(rng)
             verdict = judged.told(commit)
             room = judged.least_room(commit, seen, shape, speed if assume == "largest_speed" else 0.2, 24)
@@ -172,7 +172,7 @@ def test_a_cloud_a_mesh_and_a_half_space_are_judged_as_what_they_are() -> None:
         far = tip + np.array([1.0, 0.0, 0.0])
         for where, free in ((tip, False), (far, True)):
             seen = Observation(message.name, 0.0, Placement(tuple(where.tolist())))
-            judged.obstacles.observe(seen, "$.obstacles[0]", 0.0)
+            judged.obstacles.observe(seen)
             assert (judged.told(commit) is Judgement.FREE) == free, message.name
 
 
@@ -185,7 +185,7 @@ def test_a_robot_wholly_inside_a_closed_mesh_is_not_free() -> None:
     dented = [one for one in sides if one not in ((4, 6, 7), (4, 7, 5))]
     dented += [(4, 6, 8), (6, 7, 8), (7, 5, 8), (5, 4, 8)]
     judged = Judged("ur5", [StreamObstacle(Mesh(name="room", vertices=vertices, triangles=dented), 0.0)])
-    judged.obstacles.observe(Observation("room", 0.0, Placement((-0.5, 0.0, 0.0))), "$.obstacles[0]", 0.0)
+    judged.obstacles.observe(Observation("room", 0.0, Placement((-0.5, 0.0, 0.0))))
     assert judged.told(Commit.standing(judged.opened.start, 0.0)) is Judgement.OBSTACLE
 
 

@@ -20,15 +20,15 @@ def known(deviation: Deviation | None = None) -> Obstacles:
     obstacles = Obstacles(scene, Assumption(deviation, 0.01, 0.1), lambda _: np.array([0, 1]))
     for name, speed in (("a", 0.2), ("b", 0.4)):
         shape = Box(name=name, size=(0.2, 0.4, 0.6))
-        obstacles.declare(StreamObstacle(shape, speed, 0.5, uncertainty=0.003), "$", ())
+        obstacles.take(obstacles.prepared(StreamObstacle(shape, speed, 0.5, uncertainty=0.003), "$", ()))
     return obstacles
 
 
 def test_only_what_is_seen_anew_moves_and_what_is_gone_stands_nowhere() -> None:
     obstacles = known()
     assert obstacles.boxes([0.0]).shape == (0, 16)
-    obstacles.observe(Observation("a", 1.0, Placement((1.0, 2.0, 3.0), TURNED), (0.1, 0.0, 0.0)), "$", 2.0)
-    obstacles.observe(Observation("b", 2.0), "$", 2.0)
+    obstacles.observe(Observation("a", 1.0, Placement((1.0, 2.0, 3.0), TURNED), (0.1, 0.0, 0.0)))
+    obstacles.observe(Observation("b", 2.0))
     _, places, reserved = obstacles.judged(0.5)
     before = places.poses.copy()
     placed = se3((1.0, 2.0, 3.0), TURNED)
@@ -41,24 +41,24 @@ def test_only_what_is_seen_anew_moves_and_what_is_gone_stands_nowhere() -> None:
     assert places.times.tolist() == [0.0, 1.0, 2.0]
     boxes = obstacles.boxes([1.0, 3.0])
     assert boxes[:, [3, 7, 11]].tolist() == [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0], [1.2, 2.0, 3.0], [0.0, 0.0, 0.0]]
-    obstacles.observe(Observation("b", 2.5, Placement((5.0, 0.0, 0.0))), "$", 3.0)
+    obstacles.observe(Observation("b", 2.5, Placement((5.0, 0.0, 0.0))))
     _, places, _ = obstacles.judged(0.5)
     assert np.array_equal(places.poses[:2], before[:2])
     assert places.poses[2, 3] == 5.0
     assert len(places.met) == 6
-    obstacles.lose("a", "$")
+    obstacles.lose("a")
     _, places, _ = obstacles.judged(0.5)
     assert places.met[:, 1].tolist() == [0, 0, 2, 2]
     assert obstacles.boxes([2.5])[:, 3].tolist() == [5.0]
     # what is declared anew, in another shape, is where it was seen
-    obstacles.declare(StreamObstacle(Box(name="b", size=(1.0, 1.0, 1.0)), 0.4), "$", ())
+    obstacles.take(obstacles.prepared(StreamObstacle(Box(name="b", size=(1.0, 1.0, 1.0)), 0.4), "$", ()))
     assert obstacles.boxes([2.5])[0, [3, 12]].tolist() == [5.0, 0.5]
 
 
 def test_deviations_take_the_place_of_largest_speeds() -> None:
     obstacles = known(Deviation(0.1, 0.2))
     seen = Observation("a", 1.0, Placement(), (0.3, 0.0, 0.4), (0.0, 1.0, 0.0))
-    obstacles.observe(seen, "$", 1.0)
+    obstacles.observe(seen)
     _, places, _ = obstacles.judged(0.0)
     reach = 0.5 * np.sqrt(0.2**2 + 0.4**2 + 0.6**2)
     assert places.rates[1] == pytest.approx(0.1 + 1.2 * reach, abs=1e-9)

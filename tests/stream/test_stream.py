@@ -255,6 +255,127 @@ def test_what_appears_in_the_way_of_what_is_executed_is_told() -> None:
     assert answer.pair[1] == "ball"
 
 
+def on_the_way(stream: CertifiedStream, time: float) -> Observation:
+    """A ball where the last frame is at a time, by the pieces that were sent, each of which is taken."""
+    commits = [one for one in stream._commits.values() if one.begins <= time]
+    z = max(commits, key=lambda one: one.begins).state(time)[:, 0]
+    data = stream.group.model.createData()
+    pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_chart(z))
+    return Observation("ball", time, Placement(tuple(data.oMf[stream.group.tip_id].translation.tolist())))
+
+
+@pytest.mark.parametrize("latency", [0.02, 0.04, 0.1])
+def test_what_appears_before_the_last_piece_begins_is_told(latency: float) -> None:
+    """Nothing that is executed is left out where pieces are on their way."""
+    with opened(ball(speed=0.0), goal=JointsGoal({"shoulder_pan_joint": 3.0}), latency=latency) as stream:
+        told(stream, 40)
+        now = 0.8
+        assert stream.judged(now).free
+        seen = at(on_the_way(stream, now + 0.25 * latency), now)
+        answer = stream.update(time=now, obstacles=[seen])
+        assert isinstance(answer, StreamState)
+        assert (answer.reason, (answer.pair or ("", ""))[1]) == ("appeared", "ball")
+        assert not stream.judged(now).free
+
+
+@pytest.mark.parametrize("how", ["stopped", "tracking"])
+def test_what_appears_is_told_before_why_there_is_no_piece(how: str) -> None:
+    with opened(ball(speed=0.0), goal=JointsGoal({"shoulder_pan_joint": 3.0})) as stream:
+        told(stream, 30)
+        joints = None
+        if how == "stopped":
+            stream.stop()
+        else:
+            z = stream.executing.state(0.6)[:, 0] + 0.05
+            joints = dict(zip(stream.group.position_names, z.tolist(), strict=True))
+        quiet = stream.update(time=0.6, joints=joints)
+        assert isinstance(quiet, StreamState)
+        assert quiet.reason == how
+        joints = None if joints is None else {name: value + 0.05 for name, value in joints.items()}
+        answer = stream.update(time=0.61, joints=joints, obstacles=[at(on_the_way(stream, 0.65), 0.61)])
+    assert isinstance(answer, StreamState)
+    assert (answer.reason, (answer.pair or ("", ""))[1]) == ("appeared", "ball")
+
+
+@pytest.mark.parametrize("wrong", ["ghost", "gone", "declare", "executing", "future"])
+def test_of_an_update_that_is_refused_nothing_is_taken(wrong: str) -> None:
+    with opened(ball(speed=0.0), goal=JointsGoal({"shoulder_pan_joint": 3.0})) as stream:
+        told(stream, 40)
+        seen = at(on_the_way(stream, 0.84), 0.8)
+        fields: dict[str, Any] = {
+            "ghost": {"obstacles": [seen, Observation("ghost", 0.8)]},
+            "gone": {"obstacles": [seen], "gone": ["ball", "ghost"]},
+            "declare": {"obstacles": [seen], "declare": [ball(speed=0.9), ball("forearm_link")]},
+            "executing": {"obstacles": [seen], "executing": 999},
+            "future": {"obstacles": [seen, at(seen, 0.9)]},
+        }[wrong]
+        with pytest.raises(GuidefieldError):
+            stream.update(time=0.8, **fields)
+        known = stream._obstacles.known["ball"]
+        assert (known.seen, known.gone, known.declared.largest_speed) == (None, False, 0.0)
+        answer = stream.update(time=0.8, obstacles=[seen])
+    assert isinstance(answer, StreamState)
+    assert answer.reason == "appeared"
+
+
+@pytest.mark.parametrize("latency", [0.02, 0.05, 0.1, 0.2])
+def test_pieces_that_are_on_their_way_are_followed(latency: float) -> None:
+    """A client that says what it executes, while several pieces haven't begun, isn't held up."""
+    with opened(goal=GOAL, latency=latency) as stream:
+        taken, executed, now = [], 0, 0.0
+        while now < 4.0 and not (taken and taken[-1].reaches_goal):
+            begun = [one for one in taken if one.begins <= now]
+            executed = begun[-1].number if begun else 0
+            answer = stream.update(time=now, executing=executed)
+            if isinstance(answer, Piece):
+                assert answer.follows == (taken[-1].number if taken else 0)
+                taken.append(answer)
+            now += 0.02
+    assert taken[-1].reaches_goal
+    assert taken[-1].stops < 2.0 + 2.0 * latency
+
+
+def test_what_the_robot_may_be_off_by_counts_before_what_appears() -> None:
+    lasting = []
+    for tolerance in (0.0, 0.05):
+        fields = {"appear_distance": 0.08, "appear_speed": 0.0, "tracking_tolerance": tolerance}
+        goal = JointsGoal({"shoulder_pan_joint": 1.5})
+        with opened(goal=goal, start={"shoulder_lift_joint": -0.3, "elbow_joint": 0.2}, **fields) as stream:
+            group, model, longest = stream.group, stream.group.model, 0.0
+            data, off = model.createData(), np.eye(group.nv)[0] * tolerance
+            for cycle in range(60):
+                answer = stream.update(time=0.02 * cycle)
+                if not isinstance(answer, Piece):
+                    continue
+                base, places = stream._commits[answer.follows], []
+                for z in (base.state(0.02 * cycle)[:, 0] - off, stream.executing.ends + off):
+                    pin.framesForwardKinematics(model, data, group.expand_from_chart(z))
+                    places.append(np.array(data.oMf[group.tip_id].translation))
+                longest = max(longest, float(np.linalg.norm(places[1] - places[0])))
+            assert longest < 0.08
+            lasting.append(longest)
+    assert lasting[0] > 0.0
+
+
+@pytest.mark.parametrize("clock", [0.0, 9e8])
+def test_the_cubic_that_is_told_keeps_the_jerk_by_any_clock(clock: float) -> None:
+    with opened(goal=GOAL) as stream:
+        rates = stream._opened.bounds.rates
+        for cycle in range(60):
+            answer = stream.update(time=clock + 0.02 * cycle)
+            if not isinstance(answer, Piece):
+                continue
+            times, q, v = (
+                np.array(rows)
+                for rows in (answer.trajectory.times, answer.trajectory.positions, answer.trajectory.velocities)
+            )
+            spans = np.diff(times)[:, None]
+            assert (spans > 0.0).all()
+            jerks = 6.0 * ((v[1:] + v[:-1]) - 2.0 * np.diff(q, axis=0) / spans) / spans**2
+            rounded = 24.0 * np.spacing(np.abs(q).max()) / spans**3
+            assert (np.abs(jerks) <= rates[:, 2] * (1.0 + 1e-5) + rounded).all()
+
+
 def test_who_states_how_near_things_appear_goes_more_slowly() -> None:
     fastest = []
     for distance in (None, 0.05):

@@ -85,7 +85,7 @@ class Judge:
         return Told(Judgement(verdict), int(looked), int(pair), time)
 
     def travelled(self, commit: Commit, since: float, until: float, parts: int = 16) -> float:
-        """How far any point of the robot goes within a time by a commit, at most [m].
+        """How far any point of the robot comes within a time by a commit, at most [m]; off by its tolerances or not.
 
         Args:
             commit: The commit.
@@ -95,7 +95,8 @@ class Judge:
         """
         begin = max(0.0, since - commit.begins)
         end = max(begin, until - commit.begins)
-        return float(judge.travelled(self._robot, commit.phases, commit.counts, begin, end, parts, self._memory))
+        robot, tolerances = self._robot, self._tolerances
+        return float(judge.travelled(robot, commit.phases, commit.counts, begin, end, tolerances, parts, self._memory))
 
     def _of_pairs(self, pairs: int) -> JudgeMemory:
         pairs = max(pairs, len(self._robot.own))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -79,13 +80,39 @@ class Commit(ReadOnly):
         apart, last = max(SAME_TIME, ROUNDED * float(np.spacing(abs(self.stops)))), begins[-1]
         begins = begins[np.concatenate([[True], np.diff(begins) > apart])]
         begins[-1] = last  # the motion ends at rest, and not a moment before
-        states = self._states(begins)
+        times = self.begins + begins
+        states = self._states(times - self.begins)  # where it is at the times as they are told: they are rounded
+        states[0, :, :3], states[-1, :, 0], states[-1, :, 1:3] = self.start, self.ends, 0.0
         return PieceTrajectory(
-            times=(self.begins + begins).tolist(),
+            times=times.tolist(),
             positions=states[:, :, 0].tolist(),
             velocities=states[:, :, 1].tolist(),
             accelerations=states[:, :, 2].tolist(),
         )
+
+
+def one_after_another(commits: Sequence[Commit]) -> Commit:
+    """The motion of commits each of which is left for the next one when that begins; all of the last one."""
+    first, last = commits[0], commits[-1]
+    if first is last:
+        return first
+    lists: list[list[np.ndarray]] = [[] for _ in first.counts]
+    for at, one in enumerate(commits):
+        until = commits[at + 1].begins if one is not last else np.inf
+        for k, count in enumerate(one.counts.tolist()):
+            rows = one.phases[k, :count].copy()
+            rows = rows[one.begins + rows[:, 0] < until]
+            rows[:, 0] += one.begins - first.begins
+            lists[k].append(rows)
+    joined = [np.concatenate(rows) for rows in lists]
+    phases = np.zeros((len(joined), max(len(rows) for rows in joined), 5))
+    for k, rows in enumerate(joined):
+        phases[k, : len(rows)] = rows
+    counts = np.array([len(rows) for rows in joined], np.int64)
+    return Commit(
+        last.number, first.begins, last.brakes, last.stops, first.start, phases, counts, last.ends, first.follows,
+        last.goal, last.at_goal,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid, U
 from guidefield.geometry.placements import frames
 from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
-from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle
+from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
 from guidefield.read_only import ReadOnly
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import posed
@@ -102,8 +102,8 @@ class Obstacles:
         self._remade = True
         self._met_changed = True
 
-    def declare(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> None:
-        """Take a shape, in place of the one of the same name.
+    def prepared(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> Known:
+        """A shape that may be taken; nothing is by now.
 
         Args:
             declared: The shape.
@@ -112,7 +112,6 @@ class Obstacles:
 
         Raises:
             SceneInvalid: if it can't be used, or the name is taken.
-            RequestTooLarge: if too many are known already, and none of them is gone.
         """
         message = declared.obstacle
         if message.name in self.scene.names or message.name in set(links):
@@ -129,49 +128,61 @@ class Obstacles:
         shape = shape_of(built)
         if shape.plane is not None and declared.largest_angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)
-        before = self.known.get(message.name)
-        if before is None:
-            self._make_room(path)
-        self.known[message.name] = Known(declared, shape, None if before is None else before.seen)
-        self._remade = True
+        return Known(declared, shape)
 
-    def _make_room(self, path: str) -> None:
-        """Forget one that is gone, if as many as may be are known."""
-        if len(self.known) < MOST_OBSTACLES:
-            return
-        name = next((name for name, one in self.known.items() if one.gone), None)
-        if name is None:
+    def require(self, declared: Sequence[Known], update: StreamUpdate) -> None:
+        """Refuse an update that can't be taken as a whole.
+
+        Args:
+            declared: The shapes that it declares.
+            update: The update.
+
+        Raises:
+            RequestTooLarge: if too many are known then, and too few of them are gone.
+            UnknownObject: if an obstacle isn't declared.
+            MalformedRequest: if an observation is of the future.
+        """
+        names = [one.name for one in declared]
+        room = MOST_OBSTACLES - len(self.known) + sum(one.gone for one in self.known.values())
+        added = [index for index, name in enumerate(names) if name not in self.known]
+        if len(added) > room:
+            path = f"$.declare[{added[room]}]"
             raise RequestTooLarge(
                 f"`{path}`: a stream knows {MOST_OBSTACLES} obstacles at most, and none of these is gone",
                 path=path,
                 limit=MOST_OBSTACLES,
             )
-        del self.known[name]
+        for index, name in enumerate(update.gone):
+            if name not in self.known and name not in names:
+                path = f"$.gone[{index}]"
+                raise UnknownObject(f"`{path}`: no obstacle {name!r} is declared", object=name, path=path)
+        for index, seen in enumerate(update.obstacles):
+            if seen.name not in self.known and seen.name not in names:
+                path, known = f"$.obstacles[{index}].name", list(self.known)
+                raise UnknownObject(
+                    f"`{path}`: no obstacle {seen.name!r} is declared; declared are {', '.join(known) or 'none'}",
+                    object=seen.name,
+                    available=known,
+                    path=path,
+                )
+            if seen.time > update.time:
+                path = f"$.obstacles[{index}].time"
+                raise MalformedRequest(
+                    f"`{path}` must not be after the update's `time` ({update.time} s), got {seen.time} s", path=path
+                )
 
-    def observe(self, seen: Observation, path: str, now: float) -> bool:
-        """Take an observation; whether the obstacle wasn't there before.
+    def take(self, prepared: Known) -> None:
+        """Take a shape, in place of the one of the same name; one that is gone is forgotten for it, if need be."""
+        before = self.known.get(prepared.name)
+        if before is None and len(self.known) >= MOST_OBSTACLES:
+            del self.known[next(name for name, one in self.known.items() if one.gone)]
+        prepared.seen = None if before is None else before.seen
+        self.known[prepared.name] = prepared
+        self._remade = True
 
-        Args:
-            seen: The observation; left aside where it is older than what is known.
-            path: Where it stands in the message.
-            now: The client's time [s].
-
-        Raises:
-            UnknownObject: if no such obstacle is declared.
-            MalformedRequest: if it is of the future.
-        """
-        one = self.known.get(seen.name)
-        if one is None:
-            raise UnknownObject(
-                f"`{path}.name`: no obstacle {seen.name!r} is declared; declared are {', '.join(self.known) or 'none'}",
-                object=seen.name,
-                available=list(self.known),
-                path=f"{path}.name",
-            )
-        if seen.time > now:
-            raise MalformedRequest(
-                f"`{path}.time` must not be after the update's `time` ({now} s), got {seen.time} s", path=f"{path}.time"
-            )
+    def observe(self, seen: Observation) -> bool:
+        """Take an observation of one that is declared, unless a later one is known; whether it wasn't there before."""
+        one = self.known[seen.name]
         if one.seen is not None and seen.time < one.seen.time:
             return False
         fresh = one.seen is None
@@ -179,15 +190,9 @@ class Obstacles:
         self._met_changed |= fresh
         return fresh
 
-    def lose(self, name: str, path: str) -> None:
-        """Take it that an obstacle is gone.
-
-        Raises:
-            UnknownObject: if no such obstacle is declared.
-        """
-        one = self.known.get(name)
-        if one is None:
-            raise UnknownObject(f"`{path}`: no obstacle {name!r} is declared", object=name, path=path)
+    def lose(self, name: str) -> None:
+        """Take it that an obstacle that is declared is gone."""
+        one = self.known[name]
         self._met_changed |= one.seen is not None
         one.seen, one.gone = None, True
 

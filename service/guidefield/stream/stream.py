@@ -23,7 +23,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import Scene
 from guidefield.stream.certificate import Judge, Judgement, Told
-from guidefield.stream.commit import Commit, towards
+from guidefield.stream.commit import Commit, one_after_another, towards
 from guidefield.stream.flight import flights, pressure_at
 from guidefield.stream.follow import Way
 from guidefield.stream.goals import goals_of
@@ -43,6 +43,9 @@ KEPT = 64
 
 AT = 1e-6
 """Who stands as close to a goal is there [rad or m]."""
+
+TRAVELLED_IN = 20
+"""In so many parts it is added up how far the robot goes before what appears can have come."""
 
 SLACK = 1e-6
 """Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
@@ -100,14 +103,14 @@ class CertifiedStream:
         self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):
-            self._obstacles.declare(one, f"$.obstacles[{index}]", asked.group.robot.links)
+            self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
         robot_tables = judged_robot(asked.group, asked.joints, asked.world.pairs.own)
         self._judge = Judge(robot_tables, asked.group.nv, asked.bounds, tolerances)
         self._rng = np.random.default_rng(request.seed)
         self._now = -np.inf
         self._commits = {0: Commit.standing(asked.start, 0.0)}
-        self._last = 0
+        self._last = self._current = 0
         self._pieces: deque[Piece] = deque()
         self._halted = False
         self._fresh = self._took = False
@@ -234,29 +237,48 @@ class CertifiedStream:
         if update.time <= self._now:
             return self._state(update.time, "late")
         measured = None if update.joints is None else self._measured(update)
+        self._require_known(update.executing)
         self._fresh |= self._seen(update)
         self._begin(update.time)
         now = update.time
         base = self._base(update)
-        fresh, self._fresh = self._fresh, False
+        self._current = base.number
+        broken = self._broken_by_new(now)
         off = 0.0
         if measured is not None:
+            executed = self._executed_from(now)[0]
             if now >= base.stops:
                 measured = self.group.unwrapped(measured, base.ends)
-            off = float(np.abs(measured - base.state(now)[:, 0]).max())
+            off = float(np.abs(measured - executed.state(now)[:, 0]).max())
         if off > self.request.tracking_tolerance + SLACK:
             if measured is None or now < base.stops:
-                return self._state(now, "tracking", base=base)
+                return self._none(now, "tracking", broken, base)
             base = self._stood_elsewhere(measured, base)
         if now - self._obstacles.oldest > self.request.age_limit:
-            return self._state(now, "stale", base=base)
-        shapes, places, reserved = self._obstacles.judged(STREAM.reserve)
-        cycle = _Cycle(now, now + self.request.latency, base, shapes, places, reserved)
-        if fresh and now < base.stops:
-            told = self._judge.told(base, shapes, places, STREAM.evaluations, since=now)
-            if not told.free:
-                cycle.broken = told
-        return self._answered(cycle)
+            return self._none(now, "stale", broken, base)
+        executed, judged = self._executed_from(now), self._obstacles.judged(STREAM.reserve)
+        return self._answered(_Cycle(now, now + self.request.latency, executed, broken, judged))
+
+    def _broken_by_new(self, now: float) -> Told | None:
+        """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
+        fresh, self._fresh = self._fresh, False
+        if not fresh or now >= self._commits[self._current].stops:
+            return None
+        told = self.judged(now)
+        return None if told.free else told
+
+    def _none(self, now: float, reason: Reason, broken: Told | None, base: Commit) -> StreamState:
+        """The state where there is no piece: what came into the way of what is executed is told before all else."""
+        if broken is not None:
+            return self._state(now, "appeared", broken, base)
+        return self._state(now, reason, base=base)
+
+    def _executed_from(self, now: float) -> list[Commit]:
+        """The commits that are executed from now on, in order, the last of them to its stop."""
+        found = [self._commits[self._current]]
+        while found[0].begins > now and found[0].follows != found[0].number and found[0].follows in self._commits:
+            found.insert(0, self._commits[found[0].follows])
+        return found
 
     def note(self, update: StreamUpdate) -> StreamState | None:
         """Take what an update says of obstacles and answer nothing, for a newer one is there already.
@@ -313,6 +335,7 @@ class CertifiedStream:
         self._now = -np.inf if kept.now is None else kept.now
         self._commits = {one.number: one.commit() for one in kept.commits}
         self._last, self._halted, self._fresh = kept.last, kept.halted, kept.fresh
+        self._current = kept.last
         self._sought, self._goal_number = kept.sought, kept.goal
         self._goals = None if kept.goals is None else kept.goals.array()
         speeds = self._opened.bounds.rates[:, 0]
@@ -325,10 +348,10 @@ class CertifiedStream:
         restore_random(self._rng, kept.random)
         self._obstacles.known.clear()
         for index, one in enumerate(kept.obstacles):
-            path = f"$.obstacles[{index}]"
-            self._obstacles.declare(one.declared, path, self.group.robot.links)
+            links = self.group.robot.links
+            self._obstacles.take(self._obstacles.prepared(one.declared, f"$.obstacles[{index}]", links))
             if one.seen is not None:
-                self._obstacles.observe(one.seen, path, one.seen.time)
+                self._obstacles.observe(one.seen)
             self._obstacles.known[one.declared.obstacle.name].gone = one.gone
 
     def _begin(self, now: float) -> None:
@@ -338,19 +361,32 @@ class CertifiedStream:
         self._now = now
 
     def judged(self, time: float) -> Told:
-        """Whether what is executed is still proven from a time on [s], by what was seen last."""
+        """Whether what is executed is still proven from a time on [s], by what was seen last.
+
+        That is what the last update said, with the piece that answered it, if there was one.
+        """
         shapes, places, _ = self._obstacles.judged(STREAM.reserve)
-        return self._judge.told(self.executing, shapes, places, STREAM.evaluations, since=time)
+        executed = one_after_another(self._executed_from(time))
+        return self._judge.told(executed, shapes, places, STREAM.evaluations, since=time)
 
     def _seen(self, update: StreamUpdate) -> bool:
-        """Take what an update says of obstacles; whether one is new."""
-        for index, declared in enumerate(update.declare):
-            self._obstacles.declare(declared, f"$.declare[{index}]", self.group.robot.links)
-        for index, name in enumerate(update.gone):
-            self._obstacles.lose(name, f"$.gone[{index}]")
+        """Take what an update says of obstacles; whether one is new.
+
+        Raises:
+            GuidefieldError: if anything in it can't be used; then nothing of it is taken.
+        """
+        declared = [
+            self._obstacles.prepared(one, f"$.declare[{index}]", self.group.robot.links)
+            for index, one in enumerate(update.declare)
+        ]
+        self._obstacles.require(declared, update)
+        for one in declared:
+            self._obstacles.take(one)
+        for name in update.gone:
+            self._obstacles.lose(name)
         fresh = False
-        for index, seen in enumerate(update.obstacles):
-            fresh |= self._obstacles.observe(seen, f"$.obstacles[{index}]", update.time)
+        for seen in update.obstacles:
+            fresh |= self._obstacles.observe(seen)
         return fresh or bool(update.declare)
 
     def _measured(self, update: StreamUpdate) -> ChartPoint:
@@ -368,34 +404,42 @@ class CertifiedStream:
         return group.unwrapped(group.chart(group.part_of(q)), self.executing.state(update.time)[:, 0])
 
     def _base(self, update: StreamUpdate) -> Commit:
-        """The commit that the next piece follows.
-
-        Raises:
-            MalformedRequest: if the client executes a piece that nobody remembers.
-        """
+        """The commit that the next piece follows: what is executed, or the last of those that are on their way."""
         last, number = self._commits[self._last], update.executing
         if number is None or number == self._last:
             return last
-        if number not in self._commits:
+        before = last
+        while before.begins > update.time and before.follows != before.number and before.follows in self._commits:
+            if before.follows == number:
+                return last  # what is on its way is taken when it begins
+            before = self._commits[before.follows]
+        return self._commits[number]
+
+    def _require_known(self, number: int | None) -> None:
+        """Refuse a piece that nobody remembers as the one that is executed.
+
+        Raises:
+            MalformedRequest: if it is none of those that are kept.
+        """
+        if number is not None and number not in self._commits:
             raise MalformedRequest(
                 f"`executing` must be the number of one of the last {KEPT} pieces, got {number}; the last is"
                 f" {self._last}",
                 path="$.executing",
             )
-        return last if last.begins > update.time and last.follows == number else self._commits[number]
 
     def _stood_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
         """The robot stands, and not where its piece had it: it goes on from there, z of shape (nv,)."""
         stood = Commit.standing(z, self._now, base.number, self._goal_number)
         self._commits[base.number] = stood
-        self._last = base.number
+        self._last = self._current = base.number
         self._way = None
         return stood
 
     def _answered(self, cycle: _Cycle) -> Piece | StreamState:
         """The answer to an update."""
         if self._halted:
-            return self._state(cycle.now, "stopped", base=cycle.base)
+            return self._none(cycle.now, "stopped", cycle.broken, cycle.base)
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
         still = self._towards(cycle, state, np.zeros(self.group.nv), None)
         found = self._followed(cycle, state, still)
@@ -410,7 +454,7 @@ class CertifiedStream:
             return self._sent(cycle, *found)
         self._refused += 1
         if cycle.broken is not None:
-            return self._state(cycle.now, "appeared", cycle.broken, cycle.base)
+            return self._none(cycle.now, "appeared", cycle.broken, cycle.base)
         return self._state(cycle.now, cycle.reason, cycle.told, cycle.base)
 
     def _towards(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
@@ -515,8 +559,8 @@ class CertifiedStream:
         asked = self.request
         if asked.appear_distance is None:
             return True
-        gone = self._judge.travelled(cycle.base, cycle.now, cycle.begins, 4)
-        gone += self._judge.travelled(commit, commit.begins, commit.stops)
+        until = one_after_another([*cycle.executed, commit])
+        gone = self._judge.travelled(until, cycle.now, commit.stops, TRAVELLED_IN)
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
@@ -594,7 +638,7 @@ class CertifiedStream:
             commit.ends, cycle.base.number, self._goal_number, at_goal and leads_to == "goal",
         )  # fmt: skip
         self._commits[number] = sent
-        self._last = number
+        self._last = self._current = number
         while len(self._commits) > KEPT:  # what is executed is never forgotten
             del self._commits[min(self._commits.keys() - {cycle.base.number})]
         piece = Piece(
@@ -649,11 +693,13 @@ def _sought(
 class _Cycle:
     """What an update is answered from, and what comes of it."""
 
-    def __init__(self, now: float, begins: float, base: Commit, shapes: Any, places: Any, reserved: Any) -> None:
-        self.now, self.begins, self.base = now, begins, base
-        self.shapes, self.places, self.reserved = shapes, places, reserved
+    def __init__(
+        self, now: float, begins: float, executed: list[Commit], broken: Told | None, judged: tuple[Any, Any, Any]
+    ) -> None:
+        self.now, self.begins, self.executed, self.base = now, begins, executed, executed[-1]
+        self.broken = broken
+        self.shapes, self.places, self.reserved = judged
         self.reason: Reason = "too_close"
         self.told: Told | None = None
-        self.broken: Told | None = None
         self.threatened = False
         self.evaluations = 0

@@ -669,17 +669,18 @@ def judged(
         index += 1
 
 
-@lane_kernel(float64(ROBOT, BLOCKS, INDICES, SCALAR, SCALAR, int64, MEMORY))
+@lane_kernel(float64(ROBOT, BLOCKS, INDICES, SCALAR, SCALAR, VECTOR, int64, MEMORY))
 def travelled(
     robot: JudgedRobot,
     phases: Floats,
     counts: Integers,
     since: float,
     until: float,
+    tolerances: Floats,
     parts: int,
     memory: JudgeMemory,
 ) -> float:
-    """A bound of the way that any point of the robot goes within a time [m].
+    """A bound of how far any point of the robot comes from where it is at first, by a time [m].
 
     Args:
         robot: The robot.
@@ -687,20 +688,27 @@ def travelled(
         counts: How many each has, shape (nv,).
         since: From when, from the motion's beginning [s].
         until: Until when [s].
+        tolerances: How far the robot may be off, at first and later, by coordinate, shape (nv,) [rad or m].
         parts: In so many parts it is added up.
         memory: To work in.
     """
     ways, joints, exact = memory.ways, robot.parents.shape[0], np.zeros(counts.shape[0])
+    bodies = robot.carriers.shape[0]
+    within, off, most = np.zeros(bodies), np.zeros(bodies), 0.0
     ways[:] = 0.0
     for part in range(parts):
         a = since + (until - since) * part / parts
         b = since + (until - since) * (part + 1) / parts
         _enclose(robot, phases, counts, exact, a, b, joints, memory)
         _place(robot, memory.middle, joints, memory)
-        for body in range(robot.carriers.shape[0]):
+        for body in range(bodies):
             # from one end of the part to any place in it, both within the box about the middle
-            ways[body] += 2.0 * _swept_by(robot, body, memory)
-    most = 0.0
-    for body in range(robot.carriers.shape[0]):
-        most = max(most, ways[body])
+            within[body] = _swept_by(robot, body, memory)
+            ways[body] += 2.0 * within[body]
+        _enclose(robot, phases, counts, tolerances, a, b, joints, memory)
+        for body in range(bodies):
+            more = _swept_by(robot, body, memory) - within[body]
+            if part == 0:
+                off[body] = more
+            most = max(most, ways[body] + off[body] + more)
     return most
