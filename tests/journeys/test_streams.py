@@ -206,6 +206,8 @@ def test_pieces_lead_to_goals_that_change_and_what_is_wrong_is_told(
     assert client.streams() == []
     with pytest.raises(StreamUnknown):
         stream.read()
+    with pytest.raises(GuidefieldError):
+        stream.update()
     _has_a_recording(service, client, stream, tmp_path)
     _is_repeated(service, stream, client.info().version)
 

@@ -66,12 +66,12 @@ class StreamLink:
         self._token: zenoh.Subscriber | None = None
         self._looking: threading.Timer | None = None
         self._lock = threading.Lock()
-        self.reply: StreamReply | None = None
         self._base = ""
         self._forget()
 
     def _forget(self) -> None:
         """Begin with nothing."""
+        self.reply: StreamReply | None = None
         self.stream_id = self.request.stream_id or uuid.uuid4().hex
         self.execution = Execution(())
         self.latest: Answer | None = None
@@ -128,9 +128,13 @@ class StreamLink:
         Raises:
             MalformedRequest: if that is no update.
             GuidefieldError: why the stream has ended, if it has.
+            StreamUnknown: if it isn't open, or closed.
         """
         if self.ended is not None:
             raise self.reason()
+        self._require_opened()
+        if not self._subscribers:
+            raise StreamUnknown(f"stream {self.stream_id!r} is closed", stream=self.stream_id)
         if isinstance(update, StreamUpdate):
             return update
         given = {**(update or {}), **codec.plain_fields(fields)}
@@ -169,16 +173,33 @@ class StreamLink:
         return latest if latest.update is not None and latest.update >= self.asked else None
 
     def pieces(self) -> list[Piece]:
-        """The pieces that the robot takes, of those that came since they were asked for last."""
+        """The pieces that the robot takes, of those that came since they were asked for last.
+
+        Raises:
+            StreamUnknown: if it isn't open yet.
+        """
+        self._require_opened()
         with self._lock:
             found = list(self._pieces)
             self._pieces.clear()
         return found
 
     def at(self, now: float) -> Motion:
-        """Where a robot that takes the pieces is at a time [s]."""
+        """Where a robot that takes the pieces is at a time [s].
+
+        Raises:
+            StreamUnknown: if it isn't open yet.
+        """
+        self._require_opened()
         with self._lock:
             return self.execution.at(now)
+
+    def _require_opened(self) -> None:
+        if self.reply is None:
+            raise StreamUnknown(
+                f"stream {self.stream_id!r} isn't open yet: `with` opens it, for asyncio `async with`",
+                stream=self.stream_id,
+            )
 
     def reason(self) -> GuidefieldError:
         """Why it has ended."""

@@ -62,6 +62,18 @@ class StreamObstacle(Message):
             raise ValueError("`obstacle.trajectory` has no meaning in a stream: send observations")
 
 
+def require_own_names(field: str, declared: list[StreamObstacle]) -> None:
+    """Raise ValueError, which names the place, if two of the shapes that are declared at once have the same name."""
+    first: dict[str, int] = {}
+    for index, one in enumerate(declared):
+        name = one.obstacle.name
+        if first.setdefault(name, index) != index:
+            raise ValueError(
+                f"`{field}[{index}].obstacle.name`: {name!r} is the name of `{field}[{first[name]}]` already:"
+                " give it another"
+            )
+
+
 class Deviation(Message):
     """How far an obstacle's velocity may be from the one observed, in place of its largest speed.
 
@@ -91,7 +103,8 @@ class StreamOpen(Message):
         tip: Frame that goals are about; null: the robot's own.
         start: Where the robot stands, at rest; joints left out are as the robot has it.
         attached_objects: What links hold.
-        allowed_collisions: Pairs of links and obstacles that may touch.
+        allowed_collisions: Pairs of links and obstacles that may touch; what is to be seen later is declared in
+            `obstacles` for that.
         limits: Of joints, by name. A jerk limit that isn't given lets the acceleration's limit be reached in 0.05 s.
         max_velocity_scaling_factor: Share of the velocity limits that is used.
         max_acceleration_scaling_factor: Share of the acceleration limits that is used.
@@ -152,6 +165,7 @@ class StreamOpen(Message):
 
     def __post_init__(self) -> None:
         settle_scene(self)
+        require_own_names("obstacles", self.obstacles)
         require_finite_positions("start", self.start)
         for field in ("age_limit", "min_clearance", "tracking_tolerance", "clock_error", "appear_speed"):
             require_finite_number(field, getattr(self, field))
@@ -208,6 +222,7 @@ class StreamUpdate(Message):
 
     def __post_init__(self) -> None:
         require_finite_number("time", self.time)
+        require_own_names("declare", self.declare)
         if self.joints is not None:
             require_finite_positions("joints", self.joints)
 

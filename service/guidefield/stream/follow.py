@@ -102,11 +102,12 @@ class Way:
         """The place [s] of a stretch of the way that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
-        a = self.points[first:last] / self._speeds
-        d = self.points[first + 1 : last + 1] / self._speeds - a
+        shares = self._speeds.min() / self._speeds  # at most 1: however slow joints are, nothing overflows
+        a = self.points[first:last] * shares
+        d = self.points[first + 1 : last + 1] * shares - a
         squares = np.maximum((d * d).sum(axis=1), 1e-300)
-        share = np.clip((d * (z / self._speeds - a)).sum(axis=1) / squares, 0.0, 1.0)
-        away = ((a + share[:, None] * d - z / self._speeds) ** 2).sum(axis=1)
+        share = np.clip((d * (z * shares - a)).sum(axis=1) / squares, 0.0, 1.0)
+        away = ((a + share[:, None] * d - z * shares) ** 2).sum(axis=1)
         spans = self.begins[first + 1 : last + 1] - self.begins[first:last]
         places = self.begins[first:last] + share * spans
         return max(since, float(places[np.argmin(away)]))

@@ -23,6 +23,10 @@ from guidefield.stream.views import read_only_views
 
 HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"
 
+HALF_SPACE_MAY_TURN = "a half-space that turns sweeps everything: `assume.angular_speed` must be 0 where there is one"
+
+HALF_SPACE_SEEN_TURNING = "a half-space that turns sweeps everything: its `angular_velocity` must be 0"
+
 
 @dataclass
 class Known:
@@ -31,6 +35,7 @@ class Known:
     Attributes:
         declared: What it was declared as.
         shape: Its shape.
+        warnings: What was odd about the shape but harmless.
         seen: Its last observation; None: not yet, or gone.
         gone: Whether it was there, and isn't any more.
         written: Whether what was seen last is in the arrays that are judged.
@@ -38,6 +43,7 @@ class Known:
 
     declared: StreamObstacle
     shape: JudgedShape
+    warnings: tuple[str, ...] = ()
     seen: Observation | None = None
     gone: bool = False
     written: bool = False
@@ -128,7 +134,10 @@ class Obstacles:
         shape = shape_of(built)
         if shape.plane is not None and declared.largest_angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)
-        return Known(declared, shape)
+        deviation = self.assumption.deviation
+        if shape.plane is not None and deviation is not None and deviation.angular_speed > 0.0:
+            raise SceneInvalid(f"`{path}`: {HALF_SPACE_MAY_TURN}", obstacle=message.name, path=path)
+        return Known(declared, shape, built.warnings)
 
     def require(self, declared: Sequence[Known], update: StreamUpdate) -> None:
         """Refuse an update that can't be taken as a whole.
@@ -140,7 +149,7 @@ class Obstacles:
         Raises:
             RequestTooLarge: if too many are known then, and too few of them are gone.
             UnknownObject: if an obstacle isn't declared.
-            MalformedRequest: if an observation is of the future.
+            MalformedRequest: if an observation is of the future, or has a half-space turn where that counts.
         """
         names = [one.name for one in declared]
         room = MOST_OBSTACLES - len(self.known) + sum(one.gone for one in self.known.values())
@@ -170,6 +179,11 @@ class Obstacles:
                 raise MalformedRequest(
                     f"`{path}` must not be after the update's `time` ({update.time} s), got {seen.time} s", path=path
                 )
+            if self.assumption.deviation is not None and any(seen.angular_velocity):
+                shapes = [one.shape for one in declared if one.name == seen.name] or [self.known[seen.name].shape]
+                if shapes[0].plane is not None:
+                    path = f"$.obstacles[{index}].angular_velocity"
+                    raise MalformedRequest(f"`{path}`: {HALF_SPACE_SEEN_TURNING}", object=seen.name, path=path)
 
     def take(self, prepared: Known) -> None:
         """Take a shape, in place of the one of the same name; one that is gone is forgotten for it, if need be."""
@@ -200,6 +214,11 @@ class Obstacles:
     def oldest(self) -> float:
         """Time of the oldest observation that counts [s]; infinite without any."""
         return min((one.seen.time for one in self.known.values() if one.seen is not None), default=np.inf)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd about shapes but harmless; each names its obstacle."""
+        return tuple(warning for one in self.known.values() for warning in one.warnings)
 
     @property
     def names(self) -> list[str]:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
-from guidefield.errors import InvalidConfiguration, MalformedRequest
+from guidefield.errors import InvalidConfiguration, MalformedRequest, UnknownObject
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
@@ -16,7 +17,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import limit_faults
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartPoint, ModelConfiguration
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.obstacles import Assumption
@@ -37,6 +38,7 @@ class Opened:
         start: Where it stands, shape (nv,).
         assumption: How obstacles move.
         warnings: What was odd but harmless.
+        touching: What touches at the start; a sentence for each pair, which is among the warnings too.
     """
 
     request: StreamOpen
@@ -47,6 +49,7 @@ class Opened:
     start: ChartPoint
     assumption: Assumption
     warnings: tuple[str, ...]
+    touching: tuple[str, ...]
 
     def bodies_met(self, name: str) -> np.ndarray:
         """The bodies that must not touch an obstacle of a name, shape (k,)."""
@@ -91,6 +94,7 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
             path=f"$.start.{fault.joint}",
         )
     names = {one.obstacle.name for one in request.obstacles}
+    _require_known(request, group.robot, scene, names)
     allowed = [pair for pair in request.allowed_collisions if names.isdisjoint(pair)]
     jerks = jerk_limits(group, request)
     own = group.acceleration_limits / RISE
@@ -101,13 +105,40 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
         np.column_stack([group.velocity_limits, group.acceleration_limits, jerks]),
     )
     deviation = request.assume if isinstance(request.assume, Deviation) else None
+    world = World.build(group, scene, allowed)
+    touching = _touching(world, group.expand(q_start))
     return Opened(
         request=request,
         group=group,
         joints=joints,
-        world=World.build(group, scene, allowed),
+        world=world,
         bounds=bounds,
         start=group.chart(q_start),
         assumption=Assumption(deviation, request.min_clearance, request.clock_error),
-        warnings=(*robot.warnings, *scene.warnings, *warnings),
+        warnings=(*robot.warnings, *scene.warnings, *warnings, *touching),
+        touching=touching,
     )
+
+
+def _require_known(request: StreamOpen, robot: RobotModel, scene: Scene, declared: set[str]) -> None:
+    """Raise UnknownObject if an allowed name is neither a link nor an obstacle, of the scene or declared."""
+    obstacles = [*scene.names, *sorted(declared)]
+    known = {*robot.links, *obstacles}
+    for index, pair in enumerate(request.allowed_collisions):
+        for name in pair:
+            if name not in known:
+                raise UnknownObject(
+                    f"`allowed_collisions[{index}]` names {name!r}, which is neither a link nor an obstacle;"
+                    f" links: {', '.join(robot.links)}; obstacles: {', '.join(obstacles) or 'none'}; what is to be"
+                    " seen later is declared in `obstacles`, and counts once it is observed",
+                    object=name,
+                    links=list(robot.links),
+                    obstacles=obstacles,
+                    path=f"$.allowed_collisions[{index}]",
+                )
+
+
+def _touching(world: World, q: ModelConfiguration) -> tuple[str, ...]:
+    """What touches where the robot stands, shape (model.nq,): a sentence for each pair."""
+    pairs = dict.fromkeys(contact.pair for contact in contacts_at(world, q))
+    return tuple(f"at the start {one!r} touches {other!r}" for one, other in pairs)

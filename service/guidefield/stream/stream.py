@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from guidefield.errors import GuidefieldError, InvalidConfiguration, MalformedRequest
+from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, StreamUnknown
 from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages import codec
@@ -95,7 +95,6 @@ class CertifiedStream:
         self._opened = asked = opened(request, robot, scene)
         self.request = request
         self.group, self.scene = asked.group, scene
-        self.warnings = asked.warnings
         keeping = (request.min_clearance, request.tracking_tolerance)
         self._room = Room(asked.group, asked.joints, asked.world, asked.bounds, *keeping)
         self._taking: TakeOver = taking or Counted()
@@ -112,7 +111,7 @@ class CertifiedStream:
         self._commits = {0: Commit.standing(asked.start, 0.0)}
         self._last = self._current = 0
         self._pieces: deque[Piece] = deque()
-        self._halted = False
+        self._halted = self._closed = False
         self._fresh = self._took = False
         self._sought = self._seeking = 0
         self._watching: Watching = Unwatched()
@@ -127,6 +126,9 @@ class CertifiedStream:
         if request.goal is not None:
             try:
                 self.aim_for(request.goal)
+            except InvalidGoal as error:
+                self.close()
+                raise InvalidGoal("; ".join([error.message, *asked.touching]), **error.details) from None
             except BaseException:
                 self.close()
                 raise
@@ -135,7 +137,17 @@ class CertifiedStream:
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""
+        self._closed = True
         self._planner.close()
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise StreamUnknown("the stream is closed: what was sent last is executed to its end; open another")
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was odd about the request, and about shapes that were declared since, but harmless."""
+        return (*self._opened.warnings, *self._obstacles.warnings)
 
     def __enter__(self) -> CertifiedStream:
         return self
@@ -176,6 +188,7 @@ class CertifiedStream:
 
         What is given back has to be taken, in the order in which it was asked for, also where it failed.
         """
+        self._require_open()
         asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
         self._sought, self._seeking = self._sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, self._sought])
@@ -214,7 +227,9 @@ class CertifiedStream:
 
         Raises:
             GuidefieldError: if the update is ill-posed. What was sent before holds.
+            StreamUnknown: if the stream is closed.
         """
+        self._require_open()
         if not isinstance(update, StreamUpdate):
             update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
         return self._heard(update, self._answer, noted=False)
@@ -455,7 +470,8 @@ class CertifiedStream:
         self._refused += 1
         if cycle.broken is not None:
             return self._none(cycle.now, "appeared", cycle.broken, cycle.base)
-        return self._state(cycle.now, cycle.reason, cycle.told, cycle.base)
+        told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
+        return self._state(cycle.now, cycle.reason, told, cycle.base)
 
     def _towards(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
         """The commit of a piece in this cycle; see `towards`."""
