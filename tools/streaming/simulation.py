@@ -40,6 +40,8 @@ class Faults:
         clock: Times of observations are off by at most this [s].
         silent: Beginning and end of a silence [s].
         epoch: What the client's clock shows at the beginning [s]; the larger, the coarser.
+        drift: Times of observations go wrong by so much a second, from one end of what `clock` allows [s/s].
+        astray: So far is each joint from its piece at most [rad or m].
     """
 
     lost: float = 0.0
@@ -48,6 +50,8 @@ class Faults:
     clock: float = 0.0
     silent: tuple[float, float] = (np.inf, np.inf)
     epoch: float = 0.0
+    drift: float = 0.0
+    astray: float = 0.0
 
 
 @dataclass
@@ -226,7 +230,7 @@ def simulate(
     outcome, bodies = Outcome(), Bodies(stream, own)
     request = stream.request
     executed = Executed(stream.executing.ends.copy())
-    limits = stream._opened.bounds.rates
+    limits = _limits(stream)
     steps, every = round(duration / dt), max(1, round(request.period / dt))
     seen: deque[tuple[float, list[Observation]]] = deque(maxlen=KEPT)
     gc.collect()
@@ -235,6 +239,7 @@ def simulate(
         now = step * dt
         clock = faults.epoch + now
         z, v, a = executed.at(clock)
+        z = z + faults.astray * np.sin(40.0 * z + np.arange(len(z)))  # who stands stays where it is
         places = bodies.place(z)
         moving = bool(np.abs(v).max() > STILL)
         outcome.lasted, outcome.moved = now + dt, outcome.moved + dt * moving
@@ -261,6 +266,16 @@ def simulate(
     return outcome
 
 
+def _limits(stream: CertifiedStream) -> np.ndarray:
+    """Velocity, acceleration and jerk limits, shape (nv, 3): the stream's, and the jerks that were asked for."""
+    limits: np.ndarray = stream._opened.bounds.rates.copy()
+    names = stream.group.position_names
+    for joint, asked in stream.request.limits.items():
+        if asked.jerk is not None:
+            limits[names.index(joint), 2] = asked.jerk
+    return limits
+
+
 def _observed(mover: Mover, now: float, deviating: bool) -> Observation:
     velocity = tuple(mover.velocity.tolist()) if deviating else (0.0, 0.0, 0.0)
     return Observation(mover.name, now, Placement(tuple(mover.position.tolist()), mover.quaternion), velocity)
@@ -274,7 +289,11 @@ def _exchange(stream, executed, seen, now, z, rng, faults, charged, outcome, lim
     observed = [one for one in seen if one[0] <= old] or [seen[0]]
     at, obstacles = observed[-1]
     if faults.clock > 0.0:
-        off = min(rng.uniform(-faults.clock, faults.clock), now - at)
+        off = rng.uniform(-faults.clock, faults.clock)
+        if faults.drift:
+            gone = faults.drift * (at - faults.epoch)
+            off = np.clip(gone - np.sign(faults.drift) * faults.clock, -faults.clock, faults.clock)
+        off = min(float(off), now - at)
         obstacles = [Observation(o.name, o.time + off, o.placement, o.velocity) for o in obstacles]
     names = stream.group.position_names
     update = StreamUpdate(now, obstacles, dict(zip(names, z.tolist(), strict=True)), executed.number)

@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import coal
+import msgspec
 import numpy as np
 
+from guidefield.messages.conditions import AttachedObject, JointLimits
 from guidefield.messages.goals import JointsGoal
-from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Scene, Sphere
+from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, StreamObstacle, StreamOpen
+from guidefield.messages.values import Placement
 from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
 from streaming.movers import Mover, hunting, reflected
 from streaming.simulation import Faults, Outcome, simulate
 
 ROBOTS = ("ur5", "panda", "xarm7")
+
+SLIDING = "tiago"
+"""Its torso slides; the arm's joints turn."""
+
+SLIDES = ["torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8))]
+
+HELD = 100
+"""So often are configurations that are free with what is held looked for, before nothing is."""
 
 LONGEST = 8.0
 """A unit lasts so long [s]."""
@@ -28,11 +41,20 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
     """One stream, judged from outside; it lasts so long at most [s]."""
     rng = np.random.default_rng([19, seed])
     name = ROBOTS[int(rng.integers(len(ROBOTS)))]
+    more = np.random.default_rng([20, seed])  # what was drawn before stays as it was
+    group = None
+    if more.random() < 0.1:
+        name, group = SLIDING, SLIDES
     robot = _CATALOG.load(name)
     scene = build(Scene("floor", obstacles=[HalfSpace(name="floor", normal=(0.0, 0.0, 1.0), offset=-0.05)]))
-    with CertifiedStream(StreamOpen(name, "floor"), robot, scene) as stream:
+    plain = StreamOpen(name, "floor", group=group)
+    with CertifiedStream(plain, robot, scene) as stream:
         free = _free(stream, rng)
     names = stream.group.position_names
+    held = _held(plain, robot, scene, stream.group.tip, more)
+    if held:
+        with CertifiedStream(msgspec.structs.replace(plain, attached_objects=held), robot, scene) as stream:
+            free = _free(stream, more)
     start, *goals = (dict(zip(names, z.tolist(), strict=True)) for z in free)
     movers = [_mover(k, rng) for k in range(int(rng.integers(1, 6)))]
     deviating = bool(rng.random() < 0.2) and not any(one.steer is hunting for one in movers)
@@ -44,8 +66,13 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
         clock=clock,
         silent=(2.0, 2.3) if rng.random() < 0.3 else (np.inf, np.inf),
     )
+    movers = [_disguised(one, more) for one in movers]
+    faults.drift = float(more.choice([0.0, -2.0, 2.0])) * clock / LONGEST
     request = StreamOpen(
         robot=name,
+        group=group,
+        attached_objects=held,
+        limits={one: JointLimits(jerk=float(more.uniform(5.0, 500.0))) for one in names if more.random() < 0.1},
         scene="floor",
         goal=JointsGoal(goals[0]),
         start=start,
@@ -63,6 +90,9 @@ def unit(seed: int, longest: float = LONGEST) -> Outcome:
         seed=seed,
     )
     faults.epoch = float(rng.choice([0.0, 9e8]))
+    if more.random() < 0.3:
+        request = msgspec.structs.replace(request, tracking_tolerance=float(more.choice([0.002, 0.01])))
+        faults.astray = request.tracking_tolerance
     changes = [(LONGEST / 3.0 * (k + 1), JointsGoal(goal)) for k, goal in enumerate(goals[1:])]
     place = coal.Transform3s(np.eye(3), np.zeros(3))
     resting = [("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), -0.05), place)]
@@ -110,3 +140,54 @@ def _mover(index: int, rng: np.random.Generator) -> Mover:
         spin=rng.normal(size=3) if turns else np.zeros(3),
         steer=hunting if hunts else reflected(np.array([0.0, 0.0, 0.5]), 1.3, 0.3),
     )
+
+
+def _disguised(mover: Mover, rng: np.random.Generator) -> Mover:
+    """The same, or a mesh or a cloud in its place; it moves as before."""
+    drawn = rng.random()
+    if drawn > 0.3:
+        return mover
+    size = float(rng.uniform(0.05, 0.12))
+    if drawn > 0.15:
+        vertices, triangles = OCTAHEDRON[0] * rng.uniform(0.5, 1.0, 3) * size, OCTAHEDRON[1]
+        message: Any = Mesh(name=mover.name, vertices=vertices.tolist(), triangles=triangles.tolist())
+        return replace(mover, message=message, shape=_surface(vertices, triangles))
+    points, radius = rng.uniform(-size, size, (40, 3)), 0.02
+    message = PointCloud(name=mover.name, points=points.tolist(), radius=radius)
+    vertices = (points[:, None] + radius * OCTAHEDRON[0]).reshape(-1, 3)  # within the balls
+    triangles = (6 * np.arange(len(points))[:, None, None] + OCTAHEDRON[1]).reshape(-1, 3)
+    return replace(mover, message=message, shape=_surface(vertices, triangles))
+
+
+OCTAHEDRON = (
+    np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]),
+    np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]]),
+)
+"""Vertices (6, 3) and triangles (8, 3), counter-clockwise from outside."""
+
+
+def _surface(vertices: np.ndarray, triangles: np.ndarray) -> coal.CollisionGeometry:
+    """Triangles for Coal."""
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(triangles), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices))
+    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
+    tree.endModel()
+    return tree
+
+
+def _held(
+    plain: StreamOpen, robot: RobotModel, scene: Any, link: str, rng: np.random.Generator
+) -> list[AttachedObject]:
+    """A ball or a box that the tip holds, or nothing; the robot has room for it."""
+    if rng.random() > 0.3:
+        return []
+    direction = rng.normal(size=3)
+    place = Placement(tuple((0.15 * direction / np.linalg.norm(direction)).tolist()))
+    size = float(rng.uniform(0.03, 0.08))
+    shape = Sphere(name="held", radius=size) if rng.random() < 0.5 else Box(name="held", size=(size, size, 2.0 * size))
+    held = [AttachedObject(shape, link, place)]
+    with CertifiedStream(msgspec.structs.replace(plain, attached_objects=held), robot, scene) as stream:
+        zs = [stream.group.random(rng) for _ in range(HELD)]
+        fits = sum(bool(stream._room.resting_free(z[None])[0]) for z in zs) >= 3
+    return held if fits else []
