@@ -17,7 +17,7 @@ import pytest
 import guidefield
 from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, UnknownObject
 from guidefield.messages.goals import JointSetGoal, JointsGoal
-from guidefield.messages.scene import Box, Scene, Sphere
+from guidefield.messages.scene import Box, Mesh, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint
@@ -28,7 +28,7 @@ from tests.robots import robot
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 from streaming.movers import Mover, hunting, reflected
 from streaming.simulation import Faults, simulate
-from streaming.units import unit
+from streaming.units import disguised, unit
 
 EMPTY = build(Scene("empty"))
 GOAL = JointsGoal({"shoulder_pan_joint": 1.0, "elbow_joint": 1.0})
@@ -453,13 +453,31 @@ def test_what_is_not_served_or_out_of_limits_is_refused_by_name() -> None:
         )
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, 2, 7, 31], ids=["plain", "plain_too", "held_and_cloud", "mesh_and_drift"])
 def test_a_unit_of_doubt_finds_nothing(seed: int) -> None:
     outcome = unit(seed, 1.2)
     assert not outcome.at_speed
     assert outcome.excess.max() <= 1e-7
     assert outcome.pieces > 0
     assert outcome.moved > 0.2
+
+
+def test_shapes_in_disguise_are_within_what_is_declared() -> None:
+    """So whatever the outside judge calls a contact is one."""
+    plain = Mover("m", Sphere(name="m", radius=0.1), coal.Sphere(0.1), 0.5, np.zeros(3), np.zeros(3))
+    kinds = set()
+    for seed in range(20):
+        mover = disguised(plain, np.random.default_rng(seed))
+        kinds.add(type(mover.message))
+        if isinstance(mover.message, PointCloud):
+            points, radius = np.array(mover.message.points), mover.message.radius
+            corners = np.array(mover.shape.vertices())
+            away = np.linalg.norm(corners[:, None] - points, axis=2).min(axis=1)
+            assert away.max() <= radius + 1e-12  # and each octahedron is convex, as its ball is
+        elif isinstance(mover.message, Mesh):
+            assert np.allclose(mover.shape.vertices(), mover.message.vertices, atol=1e-12)
+            assert build(Scene("one", obstacles=[mover.message])).warnings == ()
+    assert kinds == {Sphere, Mesh, PointCloud}
 
 
 def test_drifting_boxes_are_reflected_and_never_faster_than_declared() -> None:
