@@ -261,10 +261,10 @@ class CertifiedStream:
         broken = self._broken_by_new(now)
         off = 0.0
         if measured is not None:
-            executed = self._executed_from(now)[0]
+            begun = self._executed_from(now)[0]
             if now >= base.stops:
                 measured = self.group.unwrapped(measured, base.ends)
-            off = float(np.abs(measured - executed.state(now)[:, 0]).max())
+            off = float(np.abs(measured - begun.state(now)[:, 0]).max())
         if off > self.request.tracking_tolerance + SLACK:
             if measured is None or now < base.stops:
                 return self._none(now, "tracking", broken, base)

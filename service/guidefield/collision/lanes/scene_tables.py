@@ -105,7 +105,7 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 
 def primitive_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
-    """The parts of those obstacles of a scene that are primitives, in the world, and the root of each, in order."""
+    """The parts of those obstacles of a scene that are primitives, in the world, and the root of each, shape (k,)."""
     placed = [one.placed for one in scene.obstacles if one.placed]
     alone = len(placed) == len(scene.obstacles)
     made = lane_scene(scene) if alone else _primitives(b"".join(placed), np.arange(len(placed)))
