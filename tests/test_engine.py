@@ -182,7 +182,7 @@ def test_unknown_names_are_answered_with_those_there_are(engine: Engine) -> None
 def test_a_bug_is_named_and_logged_with_its_trace(
     engine: Engine, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def bug(_message: Scene) -> None:
+    def bug(*_: object) -> None:
         raise ZeroDivisionError("there is a bug here")
 
     monkeypatch.setattr("guidefield.scene.scene.build", bug)
@@ -198,9 +198,9 @@ def test_a_scene_is_built_once_for_its_content(engine: Engine, monkeypatch: pyte
 
     built: list[str] = []
 
-    def build(message: Scene) -> scenes.Scene:
+    def build(message: Scene, *contents: Any) -> scenes.Scene:
         built.append(message.name)
-        return original(message)
+        return original(message, *contents)
 
     original = scenes.build
     monkeypatch.setattr(scenes, "build", build)
