@@ -335,6 +335,21 @@ def test_pieces_that_are_on_their_way_are_followed(latency: float) -> None:
     assert taken[-1].stops < 2.0 + 2.0 * latency
 
 
+def test_what_is_on_its_way_is_never_forgotten() -> None:
+    """Updates that come too fast for that are refused: else nobody would look at what is executed meanwhile."""
+    refused = 0
+    with opened(goal=JointsGoal({"shoulder_pan_joint": 3.0}), latency=0.5, period=0.005) as stream:
+        for cycle in range(160):
+            now = 0.005 * cycle
+            begun = [one for one in stream._commits.values() if one.begins <= now]
+            try:
+                stream.update(time=now, executing=max(one.number for one in begun) if begun else 0)
+            except MalformedRequest as error:
+                refused += "63 pieces haven't begun yet" in error.message
+            assert stream._executed_from(now)[0].begins <= max(now, 0.0)
+    assert refused > 10
+
+
 def test_what_the_robot_may_be_off_by_counts_before_what_appears() -> None:
     lasting = []
     for tolerance in (0.0, 0.05):

@@ -106,3 +106,8 @@ def test_a_stream_knows_so_many_obstacles_and_forgets_those_that_are_gone(monkey
         stream.update(StreamUpdate(0.04, [seen(0.04, far)], gone=["b"]))
         stream.update(StreamUpdate(0.06, [seen(0.06, far)], declare=[ball("d")]))
         assert stream._obstacles.names == ["ball", "c", "d"]
+        stream.update(StreamUpdate(0.08, [seen(0.08, far)], gone=["c"]))
+        with pytest.raises(RequestTooLarge, match=r"declare\[1\]`"):  # who is declared again makes no room
+            stream.update(StreamUpdate(0.1, declare=[ball("c"), ball("e")]))
+        assert stream._obstacles.known["c"].gone
+        assert stream._obstacles.names == ["ball", "c", "d"]

@@ -151,10 +151,10 @@ class Obstacles:
             UnknownObject: if an obstacle isn't declared.
             MalformedRequest: if an observation is of the future, or has a half-space turn where that counts.
         """
-        names = [one.name for one in declared]
-        room = MOST_OBSTACLES - len(self.known) + sum(one.gone for one in self.known.values())
-        added = [index for index, name in enumerate(names) if name not in self.known]
-        if len(added) > room:
+        shapes = {one.name: one.shape for one in declared}
+        added = [index for index, one in enumerate(declared) if one.name not in self.known]
+        gone = sum(one.gone and one.name not in shapes for one in self.known.values())
+        if len(added) > (room := MOST_OBSTACLES - len(self.known) + gone):
             path = f"$.declare[{added[room]}]"
             raise RequestTooLarge(
                 f"`{path}`: a stream knows {MOST_OBSTACLES} obstacles at most, and none of these is gone",
@@ -162,11 +162,11 @@ class Obstacles:
                 limit=MOST_OBSTACLES,
             )
         for index, name in enumerate(update.gone):
-            if name not in self.known and name not in names:
+            if name not in self.known and name not in shapes:
                 path = f"$.gone[{index}]"
                 raise UnknownObject(f"`{path}`: no obstacle {name!r} is declared", object=name, path=path)
         for index, seen in enumerate(update.obstacles):
-            if seen.name not in self.known and seen.name not in names:
+            if seen.name not in self.known and seen.name not in shapes:
                 path, known = f"$.obstacles[{index}].name", list(self.known)
                 raise UnknownObject(
                     f"`{path}`: no obstacle {seen.name!r} is declared; declared are {', '.join(known) or 'none'}",
@@ -180,8 +180,8 @@ class Obstacles:
                     f"`{path}` must not be after the update's `time` ({update.time} s), got {seen.time} s", path=path
                 )
             if self.assumption.deviation is not None and any(seen.angular_velocity):
-                shapes = [one.shape for one in declared if one.name == seen.name] or [self.known[seen.name].shape]
-                if shapes[0].plane is not None:
+                shape = shapes[seen.name] if seen.name in shapes else self.known[seen.name].shape
+                if shape.plane is not None:
                     path = f"$.obstacles[{index}].angular_velocity"
                     raise MalformedRequest(f"`{path}`: {HALF_SPACE_SEEN_TURNING}", object=seen.name, path=path)
 

@@ -252,7 +252,7 @@ class CertifiedStream:
         if update.time <= self._now:
             return self._state(update.time, "late")
         measured = None if update.joints is None else self._measured(update)
-        self._require_known(update.executing)
+        self._require_followed(update)
         self._fresh |= self._seen(update)
         self._begin(update.time)
         now = update.time
@@ -282,17 +282,23 @@ class CertifiedStream:
         told = self.judged(now)
         return None if told.free else told
 
-    def _none(self, now: float, reason: Reason, broken: Told | None, base: Commit) -> StreamState:
+    def _none(
+        self, now: float, reason: Reason, broken: Told | None, base: Commit, told: Told | None = None
+    ) -> StreamState:
         """The state where there is no piece: what came into the way of what is executed is told before all else."""
         if broken is not None:
             return self._state(now, "appeared", broken, base)
-        return self._state(now, reason, base=base)
+        return self._state(now, reason, told, base)
 
     def _executed_from(self, now: float) -> list[Commit]:
         """The commits that are executed from now on, in order, the last of them to its stop."""
-        found = [self._commits[self._current]]
-        while found[0].begins > now and found[0].follows != found[0].number and found[0].follows in self._commits:
-            found.insert(0, self._commits[found[0].follows])
+        return self._back_from(self._current, now)[::-1]
+
+    def _back_from(self, number: int, now: float) -> list[Commit]:
+        """The commit of a number, what it follows, and so on back to the one that is executed now."""
+        found = [self._commits[number]]
+        while (last := found[-1]).begins > now and last.follows != last.number and last.follows in self._commits:
+            found.append(self._commits[last.follows])
         return found
 
     def note(self, update: StreamUpdate) -> StreamState | None:
@@ -420,27 +426,28 @@ class CertifiedStream:
 
     def _base(self, update: StreamUpdate) -> Commit:
         """The commit that the next piece follows: what is executed, or the last of those that are on their way."""
-        last, number = self._commits[self._last], update.executing
-        if number is None or number == self._last:
-            return last
-        before = last
-        while before.begins > update.time and before.follows != before.number and before.follows in self._commits:
-            if before.follows == number:
-                return last  # what is on its way is taken when it begins
-            before = self._commits[before.follows]
-        return self._commits[number]
+        number = self._last if update.executing is None else update.executing
+        on_their_way = any(one.number == number for one in self._back_from(self._last, update.time))
+        return self._commits[self._last if on_their_way else number]
 
-    def _require_known(self, number: int | None) -> None:
-        """Refuse a piece that nobody remembers as the one that is executed.
+    def _require_followed(self, update: StreamUpdate) -> None:
+        """Refuse an update that no piece could follow.
 
         Raises:
-            MalformedRequest: if it is none of those that are kept.
+            MalformedRequest: if nobody remembers the piece that is executed, or as many as can be are on their way.
         """
+        number = update.executing
         if number is not None and number not in self._commits:
             raise MalformedRequest(
                 f"`executing` must be the number of one of the last {KEPT} pieces, got {number}; the last is"
                 f" {self._last}",
                 path="$.executing",
+            )
+        if len(self._back_from(self._last, update.time)) >= KEPT:
+            raise MalformedRequest(
+                f"{KEPT - 1} pieces haven't begun yet, and more can't be remembered: send updates further apart, or"
+                " ask for less `latency`",
+                path="$.time",
             )
 
     def _stood_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
@@ -468,10 +475,8 @@ class CertifiedStream:
             self._refused = 0
             return self._sent(cycle, *found)
         self._refused += 1
-        if cycle.broken is not None:
-            return self._none(cycle.now, "appeared", cycle.broken, cycle.base)
         told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
-        return self._state(cycle.now, cycle.reason, told, cycle.base)
+        return self._none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
 
     def _towards(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
         """The commit of a piece in this cycle; see `towards`."""
@@ -655,8 +660,8 @@ class CertifiedStream:
         )  # fmt: skip
         self._commits[number] = sent
         self._last = self._current = number
-        while len(self._commits) > KEPT:  # what is executed is never forgotten
-            del self._commits[min(self._commits.keys() - {cycle.base.number})]
+        while len(self._commits) > KEPT:  # what is executed, and what is on its way, is never forgotten
+            del self._commits[min(self._commits.keys() - {one.number for one in cycle.executed})]
         piece = Piece(
             number=number,
             update=cycle.now,
