@@ -52,6 +52,21 @@ def _fill(blocks: Floats, damping: float, strips_out: Floats) -> None:
 
 
 @uncounted
+def _store_tile(  # type: ignore[no-untyped-def]  # vectors have no type in Python
+    c: Floats, r0, r1, r2, r3, r4, r5, r6, r7
+) -> None:
+    """Write the rows of a tile c."""
+    store(c, 0, r0)
+    store(c, TILE, r1)
+    store(c, 2 * TILE, r2)
+    store(c, 3 * TILE, r3)
+    store(c, 4 * TILE, r4)
+    store(c, 5 * TILE, r5)
+    store(c, 6 * TILE, r6)
+    store(c, 7 * TILE, r7)
+
+
+@uncounted
 def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
     """Subtract a^T b from a tile c, of two strips of so many rows."""
     c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
@@ -67,14 +82,7 @@ def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
         c5 -= a[at + 5] * row
         c6 -= a[at + 6] * row
         c7 -= a[at + 7] * row
-    store(c, 0, c0)
-    store(c, TILE, c1)
-    store(c, 2 * TILE, c2)
-    store(c, 3 * TILE, c3)
-    store(c, 4 * TILE, c4)
-    store(c, 5 * TILE, c5)
-    store(c, 6 * TILE, c6)
-    store(c, 7 * TILE, c7)
+    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
 
 
 @uncounted
@@ -106,22 +114,8 @@ def _take_products(a: Floats, b: Floats, b_: Floats, rows: int, c: Floats, c_: F
         d6 -= a6 * other
         c7 -= a7 * row
         d7 -= a7 * other
-    store(c, 0, c0)
-    store(c, TILE, c1)
-    store(c, 2 * TILE, c2)
-    store(c, 3 * TILE, c3)
-    store(c, 4 * TILE, c4)
-    store(c, 5 * TILE, c5)
-    store(c, 6 * TILE, c6)
-    store(c, 7 * TILE, c7)
-    store(c_, 0, d0)
-    store(c_, TILE, d1)
-    store(c_, 2 * TILE, d2)
-    store(c_, 3 * TILE, d3)
-    store(c_, 4 * TILE, d4)
-    store(c_, 5 * TILE, d5)
-    store(c_, 6 * TILE, d6)
-    store(c_, 7 * TILE, d7)
+    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
+    _store_tile(c_, d0, d1, d2, d3, d4, d5, d6, d7)
 
 
 @uncounted
