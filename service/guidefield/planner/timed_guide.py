@@ -180,7 +180,7 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
         )
         return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
     waiting = path.extended([path.points[-1]], [path.time + WAIT])
-    verdict = _judged(problem, path, waiting, MARGIN)
+    verdict = _judged(problem, waiting.trajectory(since=-2), MARGIN)
     if verdict.free:
         return waiting
     if (gave_way := _giving_way(problem, path, index, attempt)) is not None:
@@ -233,7 +233,7 @@ def _in_comfort(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedP
         if (longer := _along(problem, path, guided, COMFORT)) is not None:
             return longer
         waiting = path.extended([path.points[-1]], [path.time + WAIT])
-        if not _judged(problem, path, waiting, MARGIN).free:
+        if not _judged(problem, waiting.trajectory(since=-2), MARGIN).free:
             return None
         path = waiting
         problem.tell(Note(f"waits at {path.time:.2f} s"))
@@ -253,12 +253,11 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
     way = longer.trajectory(since=len(path.points) - 1)
     if not keeps_aside(problem, way, problem.min_clearance + margin):
         return None  # a certificate takes longer to refuse it
-    return longer if _judged(problem, path, longer, margin).free else None
+    return longer if _judged(problem, way, margin).free else None
 
 
-def _judged(problem: Problem, path: TimedPath, longer: TimedPath, margin: float) -> Verdict:
-    """Whether a longer path keeps a margin [m] from what moves, beyond what is asked for, from where a path ends."""
-    way = longer.trajectory(since=len(path.points) - 1)
+def _judged(problem: Problem, way: Trajectory, margin: float) -> Verdict:
+    """Whether a way keeps a margin [m] from what moves, beyond what is asked for."""
     verdict = certify_moving(problem.timed_world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
