@@ -424,8 +424,14 @@ def test_of_a_set_of_configurations_the_nearest_that_nothing_is_on_is_the_goal(t
 
 def tip_at(stream: CertifiedStream, pan: float) -> Placement:
     """Where the tip is with the shoulder turned so far [rad], by Pinocchio."""
-    z, model = stream.executing.ends.copy(), stream.group.model
+    z = stream.executing.ends.copy()
     z[0] = pan
+    return tip_with(stream, z)
+
+
+def tip_with(stream: CertifiedStream, z: ChartPoint) -> Placement:
+    """Where the tip is with coordinates (nv,), by Pinocchio."""
+    model = stream.group.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, stream.group.expand_from_chart(z))
     x, y, height = data.oMf[stream.group.tip_id].translation.tolist()
@@ -504,3 +510,20 @@ def test_drifting_boxes_are_reflected_and_never_faster_than_declared() -> None:
         mover.step(0.0, 0.01, rng.normal(size=(1, 3)))
         assert np.linalg.norm(mover.position - before) <= 0.5 * 0.01 + 1e-12
     assert np.linalg.norm(mover.position - [0.0, 0.0, 0.4]) <= 1.0
+
+
+@pytest.mark.parametrize("gap", [0.05, 0.08])
+def test_a_goal_that_something_stands_near_is_reached(gap: float) -> None:
+    """Closer than ways keep elsewhere, and further than what has to be kept while the robot comes to it."""
+    with opened(ball(speed=0.3)) as stream:
+        goal = stream.executing.ends.copy()
+        for name, value in GOAL.positions.items():
+            goal[stream.group.position_names.index(name)] = value
+        x, y, height = tip_with(stream, goal).position
+        low, high = 0.0, 0.6
+        for _ in range(30):
+            middle = 0.5 * (low + high)
+            gaps = gaps_at(stream, goal, coal.Sphere(0.1), np.array([x, y, height + middle]))
+            low, high = (middle, high) if min(gaps.values()) < gap else (low, middle)
+        answers = told(stream, 100, Observation("ball", 0.0, Placement((x, y, height + high))))
+    assert any(isinstance(one, Piece) and one.reaches_goal for one in answers)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import coal
@@ -11,14 +11,15 @@ import pinocchio as pin
 import pytest
 from numba import njit
 
-from guidefield.kernels.stream.dodge import ASIDE, FADING, STRETCHED as LONGER, Tube, dodged
+from guidefield.kernels.stream.dodge import ASIDE, FADING, STRETCHED as LONGER, Tube, Wanted, dodged
 from guidefield.kernels.stream.room import blocked, nearest
 from guidefield.messages.goals import JointsGoal
 from guidefield.messages.scene import Box, HalfSpace, Scene
 from guidefield.messages.streams import Observation, Piece, StreamObstacle, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import build
+from guidefield.stream.dodging import _along, tube_about
 from guidefield.stream.follow import Way
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
@@ -187,24 +188,35 @@ def later(drifting: Drifting, time: float) -> np.ndarray:
 STRETCHED = {"shoulder_lift_joint": -0.6, "elbow_joint": 0.6}
 
 
+WIDENING = 0.4
+"""So much more is kept for each second from a close end [m/s]."""
+
+ALL = 10.0
+"""Where a way ends so much would have to be kept before less is enough there: never [m]."""
+
+
 def searched(
     room: Any, drifting: Drifting, kept: np.ndarray, tube: Tube, foreseen: int, dear: float, width: int
 ) -> tuple[float, np.ndarray]:
     """What the cheapest way in a tube costs, and where it is at each step."""
-    timed, found = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(2)
+    timed, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     tube = read_only_views(tube._replace(speeds=np.ascontiguousarray(tube.speeds)))
-    rows = dodged(room.robot, drifting.boxes, drifting.drifts, kept, tube, dear, width, timed, found)
-    return float(found[0]), timed[:rows]
+    wanted = read_only_views(Wanted(kept, WIDENING, dear))
+    rows, cost = dodged(room.robot, drifting.boxes, drifting.drifts, wanted, tube, width, timed, reached)
+    columns = reached[:rows] % tube.taken.shape[1]
+    assert (timed[:rows][columns == 0] == tube.places[reached[:rows] // tube.taken.shape[1]][columns == 0]).all()
+    return cost, timed[:rows]
 
 
-def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait() -> None:
+@pytest.mark.parametrize("ending", [0.02, ALL])
+def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait(ending: float) -> None:
     """Against all of them, one after the other."""
     with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
         room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
     step, steps, dear, stays = 0.1, 8, 60.0, 1
     places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 3, 3)])
     tube = Tube(places, np.empty((0, 6)), np.zeros((5, 1), np.int64), speeds, step, stays)
-    kept = np.array([[0.25], [0.15]])
+    kept = np.array([[0.25], [0.15], [ending]])
     costs = []
     for start in (0.2, 0.5, 0.8):
         drifting = ball((0.6, start, 0.5), (0.0, -0.5, 0.0))
@@ -222,7 +234,10 @@ def test_what_a_way_costs_is_the_least_of_all_ways_to_go_on_or_wait() -> None:
                     break
                 waits = on == 0 or min(place, place + on) >= len(places) - 1 - stays
                 place += on
-                lack = max(0.0, kept[1 if waits else 0, 0] - least[i, place])
+                left = max(0, len(places) - 1 - stays - place)
+                there = least[min(steps, i + left), -1]
+                enough = there + WIDENING * step * left if there >= ending else np.inf
+                lack = max(0.0, min(kept[1 if waits else 0, 0], enough) - least[i, place])
                 cost += step * (1.0 + dear * lack / (1.0 + step * i / FADING))
             best = min(best, cost + step * (len(places) - 1 - place))
         found, _ = searched(room, drifting, kept, tube, steps, dear, 0)
@@ -239,7 +254,7 @@ def test_beside_a_way_is_what_is_free_and_costs_what_it_says() -> None:
     step, foreseen, dear, levels = 0.1, 10, 60.0, 3
     places = np.array([z0 + k * np.array([0.3, 0.0, 0.0, 0.0, 0.0, 0.0]) for k in (0, 1, 2, 2, 2)])
     sides = np.array([[0.0, -0.3, 0.0, 0.0, 0.0, 0.0], [0.0, 0.3, 0.0, 0.0, 0.0, 0.0]])
-    kept = np.array([[0.25], [0.15]])
+    kept = np.array([[0.25], [0.15], [ALL]])
     drifting = ball((0.6, 0.6, 0.5), (0.0, -0.6, 0.0))
     free = np.zeros((5, 1 + 2 * levels), np.int64)
     tube = Tube(places, sides, free, speeds, step, 2)
@@ -305,3 +320,42 @@ def test_ways_are_planned_to_where_obstacles_will_be() -> None:
         )
     }
     assert free == {"rests there": False, "leaves": True, "comes": False, "rests below": True}
+
+
+def test_a_way_with_times_keeps_its_corners() -> None:
+    """Straight from one place of its tube to the next isn't free of what rests; turning back neither."""
+    with CertifiedStream(StreamOpen("ur5", "empty", start=STRETCHED), robot("ur5"), build(Scene("empty"))) as stream:
+        room, z0, speeds = stream._room, stream.executing.ends, stream._opened.bounds.rates[:, 0]
+    rng, beside = np.random.default_rng(0), 0
+    for k in range(30):
+        corners = z0 + np.concatenate([np.zeros((1, 6)), rng.uniform(-0.4, 0.4, (6, 6))]).cumsum(axis=0)
+        far = k == 0
+        centre = np.full(3, 9.0) if far else rng.uniform((0.3, -0.8, 0.2), (0.9, 0.8, 0.8))
+        timed = room.timed(ball(tuple(centre), tuple(rng.uniform(-0.8, 0.8, 3))), corners)
+        assert np.array_equal(timed.points[[0, -1]], corners[[0, -1]])
+        assert (np.diff(timed.times) >= 0.0).all()
+        places = require_no_corner_passed(Way(corners, speeds), timed.points)
+        beside += None in places
+        if far:
+            assert timed.times == pytest.approx(places, abs=1e-9), "nothing is in the way"
+    assert beside > 0
+    way, step = Way(corners, speeds), STREAM.step
+    tube = tube_about(way, np.full((1, 6), 0.01), speeds, lambda zs: np.zeros(len(zs), bool), 10)
+    reached = np.array([0, 1, 2, 3, 3, 2, 1, 2])
+    points, times = _along(way, tube, tube.places[reached], reached * tube.taken.shape[1])
+    assert way.length > 4.0 * step
+    places = require_no_corner_passed(way, points)
+    wanted = np.interp(times[times <= 7.0 * step], step * np.arange(8), step * reached)
+    assert places[: len(wanted)] == pytest.approx(wanted), "there and back"
+    assert np.array_equal(points[-1], corners[-1])
+
+
+def require_no_corner_passed(way: Way, points: ChartPoints) -> list[float | None]:
+    """Where on a way each of some points (m, nv) is; None: beside it. No corner is between two that follow."""
+    nearest_places = [way.nearest(point, 0.0, np.inf) for point in points]
+    off = [float(np.abs(way.at(a) - point).max()) for a, point in zip(nearest_places, points, strict=True)]
+    places = [a if one < 1e-9 else None for a, one in zip(nearest_places, off, strict=True)]
+    for a, b in pairwise(places):
+        if a is not None and b is not None:
+            assert not ((way.begins > min(a, b) + 1e-9) & (way.begins < max(a, b) - 1e-9)).any()
+    return places

@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.stream.dodge import Tube, dodged
+from guidefield.kernels.stream.dodge import Tube, Wanted, dodged
 from guidefield.kernels.stream.room import RoomRobot
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
@@ -60,8 +60,7 @@ def sides_of(robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray,
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
     for after, place in STREAM.aside:
-        boxes = drifting.boxes.copy()
-        boxes[:, [3, 7, 11]] += after * drifting.drifts
+        boxes = drifting.after(after)
         directions.append(-speeds * pressure_at(robot, boxes, way.at(place), STREAM.pressed)[1])
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
@@ -91,25 +90,60 @@ def tube_about(
     return read_only_views(Tube(rows, sides, blocked, speeds, STREAM.step, STREAM.stays))
 
 
-def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, foreseen: int) -> Timed:
+def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int) -> Timed:
     """The cheapest way in a tube, and the rest of its way.
 
     Args:
         robot: The robot.
         drifting: What moves.
-        kept: What to keep from each on the move, and where the robot waits, shape (2, k) [m].
+        kept: What to keep from each on the move, where the robot waits, and at the end at least; shape (3, k) [m].
         tube: The tube.
+        way: The way that it is about.
         foreseen: So many steps are foreseen.
     """
-    steps, found = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(2)
+    steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     width = STREAM.beside * STREAM.few // max(STREAM.few, len(drifting.boxes))
-    rows = dodged(robot, drifting.boxes, drifting.drifts, kept, tube, STREAM.dear, width, steps, found)
-    points = cast(ChartPoints, np.concatenate([steps[:rows], tube.places[int(found[1]) + 1 :]]))
+    wanted = read_only_views(Wanted(kept, STREAM.widening, STREAM.dear))
+    rows, cost = dodged(robot, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
+    points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
-        points = points[:-1]
-    times = tube.step * np.arange(len(points))
+        points, times = points[:-1], times[:-1]
     times[-1] = times[-2] + _lasts(points[-2], points[-1], tube.speeds)
-    return Timed(float(found[0]), points, times)
+    return Timed(float(cost), points, times)
+
+
+def _along(way: Way, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
+    """Where to be when, with the corners of the way between its places: straight past them isn't free.
+
+    Args:
+        way: The way.
+        tube: The tube about it.
+        steps: Where to be at each step, shape (n, nv).
+        reached: The state at each, shape (n,).
+
+    Returns:
+        Points (m, nv), to the way's end, and when to be there [s], shape (m,).
+    """
+    places, columns = np.divmod(reached, tube.taken.shape[1])
+    at = np.minimum(tube.step * places, way.length)
+    points, times = [steps[:1]], [np.zeros(1)]
+    for i in range(1, len(steps)):
+        if columns[i - 1] == columns[i] == 0 and at[i - 1] != at[i]:
+            passed = np.flatnonzero((way.begins > min(at[i - 1], at[i])) & (way.begins < max(at[i - 1], at[i])))
+            passed = passed if at[i - 1] < at[i] else passed[::-1]
+            points.append(way.points[passed])
+            times.append(tube.step * (i - 1 + (way.begins[passed] - at[i - 1]) / (at[i] - at[i - 1])))
+        points.append(steps[i : i + 1])
+        times.append(np.array([tube.step * i]))
+    since, now = float(at[-1]), tube.step * (len(steps) - 1)
+    if columns[-1] > 0:  # from beside the way to its next place
+        now, since = now + tube.step, min(since + tube.step, way.length)
+        points.append(way.at(since)[None])
+        times.append(np.array([now]))
+    ahead = way.begins > since
+    points.append(way.points[ahead])
+    times.append(now + way.begins[ahead] - since)
+    return cast(ChartPoints, np.concatenate(points)), np.concatenate(times)
 
 
 def _lasts(z0: ChartPoint, z1: ChartPoint, speeds: np.ndarray) -> float:

@@ -58,7 +58,9 @@ class Way:
         return float(self.begins[-1])
 
     def at(self, place: float) -> ChartPoint:
-        """The point (nv,) at a place [s]."""
+        """The point (nv,) at a place [s]; the goal itself, to the last bit, at the end."""
+        if place >= self.length:
+            return self.goal
         index = int(np.clip(np.searchsorted(self.begins, place, side="right") - 1, 0, len(self.points) - 2))
         span = self.begins[index + 1] - self.begins[index]
         share = min(1.0, (place - self.begins[index]) / span) if span > 0.0 else 1.0

@@ -85,6 +85,12 @@ class Drifting(ReadOnly):
     rates: np.ndarray
     margins: np.ndarray
 
+    def after(self, time: float) -> np.ndarray:
+        """Where the boxes are after a time [s], shape (k, 16)."""
+        boxes = self.boxes.copy()
+        boxes[:, [3, 7, 11]] += time * self.drifts
+        return boxes
+
 
 @dataclass(eq=False)
 class Obstacles:

@@ -502,9 +502,11 @@ class CertifiedStream:
             commit = self._towards(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
                 break
-            arrives = bool((np.abs(commit.ends - way.goal) <= AT).all())  # then there is nothing to go on to
-            if self._proven(cycle, commit, reserved=not arrives):
-                cycle.threatened = share <= STREAM.threatened and self._is_threatened(cycle, commit.ends, way, share)
+            closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
+            if self._proven(cycle, commit, reserved=not closing):
+                flees = share <= STREAM.threatened and self._is_threatened(cycle, commit.ends, way, share)
+                stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
+                cycle.threatened = flees and not stays
                 return commit, "goal"
         if cycle.told is None or self._unfound:
             cycle.reason = "no_way"
@@ -608,7 +610,8 @@ class CertifiedStream:
     def _order_if_due(self, cycle: _Cycle, stand: ChartPoint, goal: ChartPoint) -> None:
         """Have a way planned where the one that is followed isn't free of what rests, or something moves.
 
-        It begins where the robot could stand, on the way that is followed, when it is taken over.
+        It begins on the way that is followed, where the robot could stand when it is taken over; or where it could
+        stand now, if it isn't on its way.
         """
         assert self._way is not None, "there is a way"
         due = cycle.now + self.request.planning_time
@@ -619,9 +622,13 @@ class CertifiedStream:
             return
         start, followed = stand, None
         if goes:
+            speeds = self._opened.bounds.rates[:, 0]
             place = self._way.nearest(stand, self._place, self._place + STREAM.looked_at)
-            place = max(place, min(place + self.request.planning_time, self._way.due(due + STREAM.early)))
-            start = self._way.at(place)
+            share = float((np.abs(cycle.base.state(cycle.begins)[:, 1]) / speeds).max())
+            goes_on = self.request.planning_time * min(1.0, share)
+            then = max(place, min(place + goes_on, self._way.due(due + STREAM.early)))
+            if (np.abs(self._way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
+                start, place = self._way.at(then), then
             followed = self._way.rest(start, place)
         self._planned = cycle.now
         self._ordered = self._planner.order(due, start, goal, drifting, followed, self._rng)

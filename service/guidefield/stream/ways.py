@@ -74,6 +74,12 @@ class Room:
         """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
         return nearest(self.robot, boxes, z, FAR) - INSIDE
 
+    def stays_free(self, drifting: Drifting, z: ChartPoint) -> bool:
+        """Whether coordinates (nv,) keep from what moves what an end has to, now and as far as flights are foreseen."""
+        kept = STREAM.ending.from_each(drifting.rates) + drifting.margins
+        soon = (drifting.boxes, drifting.after(STREAM.foreseen))
+        return all(bool((nearest(self.robot, boxes, z, FAR) >= kept).all()) for boxes in soon)
+
     def clearance(self, most: float, ends: list[ChartPoint]) -> float:
         """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer.
 
@@ -150,16 +156,15 @@ class Room:
             return np.asarray(out | self._lanes.touching(zs, clearance))
 
         wanted, foreseen = drifting.margins + self.swept(ends), math.ceil(STREAM.arriving / STREAM.step)
-        kept = np.array([kept.from_each(drifting.rates) + wanted for kept in (STREAM.going, STREAM.waiting)])
+        kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
+        kept = np.array([kept.from_each(drifting.rates) + wanted for kept in kinds])
         sides = sides_of(self.robot, drifting, way, self._speeds, self._sides)
         tube = tube_about(way, sides, self._speeds, taken, foreseen)
-        return timed(self.robot, drifting, kept, tube, foreseen)
+        return timed(self.robot, drifting, kept, tube, way, foreseen)
 
     def _among(self, drifting: Drifting, kept: Kept, clearance: float, z0: ChartPoint, z1: ChartPoint) -> Surroundings:
         """The robot among what rests, with a clearance [m], and what moves, on ways between two points (nv,)."""
         later = float(min(np.max(np.abs(z1 - z0) / self._speeds), STREAM.planned))
-        then = drifting.boxes.copy()
-        then[:, [3, 7, 11]] += later * drifting.drifts
         among = Surroundings(
             robot=self.robot,
             words=self._lanes.words,
@@ -168,7 +173,7 @@ class Room:
             drifts=drifting.drifts,
             grown=kept.from_each(drifting.rates) + drifting.margins + self.swept([z0, z1]),
             ends=np.array([z0, z1]),
-            gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(then, z1)]),
+            gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(drifting.after(later), z1)]),
             speeds=self._speeds,
             horizon=STREAM.planned,
             widening=STREAM.widening,

@@ -9,14 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import int64
+from numba import float64, int64, types
 
 from guidefield.kernels.jit.fields import IndexRows, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import (
+    INDICES_OUT,
     MATRIX,
     MATRIX_OUT,
-    SCALAR,
-    VECTOR_OUT,
     Floats,
     Integers,
     compiled,
@@ -58,6 +57,25 @@ class Tube(NamedTuple):
 
 
 TUBE = numba_type(Tube)
+
+
+class Wanted(NamedTuple):
+    """What is wanted of a way among what moves.
+
+    Attributes:
+        kept: What to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k)
+            [m].
+        widening: Who comes to an end that is closer to something than the first two is to keep so much more for each
+            second from there [m/s].
+        dear: What a lack of 1 m for 1 s costs [s].
+    """
+
+    kept: Rows
+    widening: float
+    dear: float
+
+
+WANTED = numba_type(Wanted)
 
 
 @inlined
@@ -127,30 +145,59 @@ def _waits(tube: Tube, old: int, new: int, columns: int) -> bool:
 
 
 @inlined
+def _all_kept(wanted: Wanted) -> float:
+    """The most that is kept from anything [m]."""
+    most = 0.0
+    for k in range(wanted.kept.shape[1]):
+        most = max(most, wanted.kept[0, k], wanted.kept[1, k])
+    return most
+
+
+@inlined
+def _move(boxes: Floats, drifts: Floats, time: float, moved: Floats) -> None:
+    """Write where what moves is after a time [s] to boxes that are otherwise the same, shape (k, 16)."""
+    for k in range(boxes.shape[0]):
+        for r in range(3):
+            moved[k, 4 * r + 3] = boxes[k, 4 * r + 3] + time * drifts[k, r]
+
+
+@inlined
+def _kept_at_the_end(
+    robot: RoomRobot, boxes: Floats, drifts: Floats, wanted: Wanted, tube: Tube, moved: Floats, ends: Floats
+) -> None:
+    """Write what is kept of each at the way's end after each step, shape (n, k) [m].
+
+    That is how far it will be from there. All is kept where that is less than what has to be: nobody goes there then.
+    """
+    most = _all_kept(wanted)
+    for i in range(ends.shape[0]):
+        _move(boxes, drifts, i * tube.step, moved)
+        distances(robot, moved, tube.places[tube.places.shape[0] - 1], most, ends[i])
+        for k in range(boxes.shape[0]):
+            if ends[i, k] < wanted.kept[2, k]:
+                ends[i, k] = most
+
+
+@inlined
 def _lacks(
-    robot: RoomRobot, boxes: Floats, drifts: Floats, kept: Floats, z: Floats, now: float, moved: Floats, least: Floats
+    robot: RoomRobot, moved: Floats, wanted: Wanted, z: Floats, enough: Floats, more: float, least: Floats
 ) -> tuple[float, float]:
-    """What lacks at coordinates z (nv,) after a time now [s], on the move and where the robot waits [m].
+    """What lacks at coordinates z (nv,), on the move and where the robot waits [m].
 
     Args:
         robot: The robot.
-        boxes: As in `dodged`.
-        drifts: As there.
-        kept: As there.
+        moved: What moves, where it is by then, shape (k, 16).
+        wanted: What is wanted.
         z: The coordinates.
-        now: The time.
-        moved: Memory: the boxes then, shape (k, 16), with what never changes in it.
+        enough: What is kept of each at the way's end when the robot can be there, shape (k,) [m].
+        more: So much more is enough here [m].
         least: Memory: how far each is, shape (k,).
     """
-    cut, going, waiting = 0.0, 0.0, 0.0
-    for k in range(boxes.shape[0]):
-        cut = max(cut, kept[0, k], kept[1, k])
-        for r in range(3):
-            moved[k, 4 * r + 3] = boxes[k, 4 * r + 3] + now * drifts[k, r]
-    distances(robot, moved, z, cut, least)
-    for k in range(boxes.shape[0]):
-        going = max(going, kept[0, k] - least[k])
-        waiting = max(waiting, kept[1, k] - least[k])
+    going, waiting = 0.0, 0.0
+    distances(robot, moved, z, _all_kept(wanted), least)
+    for k in range(moved.shape[0]):
+        going = max(going, min(wanted.kept[0, k], enough[k] + more) - least[k])
+        waiting = max(waiting, min(wanted.kept[1, k], enough[k] + more) - least[k])
     return going, waiting
 
 
@@ -183,12 +230,15 @@ def _most_promising(tube: Tube, coming: Integers, count: int, width: int, values
 
 
 @inlined
-def _written(tube: Tube, before: Integers, end: int, steps: int, columns: int, timed: Floats) -> None:
-    """Write where the robot is at each step, shape (steps + 1, nv), until the state at the end."""
+def _written(
+    tube: Tube, before: Integers, end: int, steps: int, columns: int, timed: Floats, reached: Integers
+) -> None:
+    """Write where the robot is at each step, shape (steps + 1, nv), and its states, until the one at the end."""
     levels = (columns - 1) // max(1, tube.sides.shape[0])
     at = end
     for i in range(steps, -1, -1):
         _put(tube, at, columns, levels, timed[i])
+        reached[i] = at
         at = before[i, at]
 
 
@@ -239,33 +289,32 @@ def _come(
     return arriving
 
 
-@compiled(int64(ROOM_ROBOT, MATRIX, MATRIX, MATRIX, TUBE, SCALAR, int64, MATRIX_OUT, VECTOR_OUT))
+@compiled(types.Tuple((int64, float64))(ROOM_ROBOT, MATRIX, MATRIX, WANTED, TUBE, int64, MATRIX_OUT, INDICES_OUT))
 def dodged(
     robot: RoomRobot,
     boxes: Floats,
     drifts: Floats,
-    kept: Floats,
+    wanted: Wanted,
     tube: Tube,
-    dear: float,
     width: int,
     timed: Floats,
-    found: Floats,
-) -> int:
+    reached: Integers,
+) -> tuple[int, float]:
     """Where to be at each step so that arriving costs least.
 
     Args:
         robot: The robot.
         boxes: What moves, now, shape (k, 16) [m, world].
         drifts: How fast each goes straight on, shape (k, 3) [m/s].
-        kept: What to keep from each on the move, and where the robot waits, shape (2, k) [m].
+        wanted: What is wanted of it.
         tube: Where it may be.
-        dear: What a lack of 1 m for 1 s costs [s].
         width: Beside the way so many states are looked at for each step at most; 0: none.
         timed: Out: where to be at each step, shape (n, nv); n - 1 steps are foreseen.
-        found: Out: time of arrival and what lacks on the way, together [s]; and the place that is reached, shape (2,).
+        reached: Out: the state at each step, shape (n,).
 
     Returns:
-        How many rows of `timed` there are. From the place that is reached the rest of the way costs its time.
+        How many rows of `timed` there are, and time of arrival and what lacks on the way, together [s]. From the last
+        state on the rest of the way costs its time.
     """
     count, columns = tube.places.shape[0], tube.taken.shape[1]
     levels = (columns - 1) // max(1, tube.sides.shape[0])
@@ -274,6 +323,8 @@ def dodged(
     z, y = np.empty(tube.places.shape[1]), np.empty(tube.places.shape[1])
     costs, before = np.empty(states), np.full((times, states), -1)
     values, origins = np.full((states, 2), np.inf), np.empty((states, 2), np.int64)
+    ends = np.empty((times, boxes.shape[0]))
+    _kept_at_the_end(robot, boxes, drifts, wanted, tube, moved, ends)
     active, coming = np.empty(states, np.int64), np.empty(states, np.int64)
     best, rows = np.inf, 0
     for beside in range(2):
@@ -285,16 +336,19 @@ def dodged(
         for i in range(1, times):
             arriving = _come(tube, active, size, costs, reach, best, values, origins, coming, z, y)
             chosen = _most_promising(tube, coming, arriving, most, values, columns)
-            price, size = dear * tube.step / (1.0 + i * tube.step / FADING), 0
+            price, size = wanted.dear * tube.step / (1.0 + i * tube.step / FADING), 0
+            _move(boxes, drifts, i * tube.step, moved)
             for c in range(chosen):
                 state = coming[c]
                 _put(tube, state, columns, levels, z)
-                lacks = _lacks(robot, boxes, drifts, kept, z, i * tube.step, moved, least)
+                left = _left(tube, state, columns, levels)
+                to_end = max(0.0, left - tube.stays * tube.step)
+                arrives = min(times - 1, i + round(to_end / tube.step))
+                lacks = _lacks(robot, moved, wanted, z, ends[arrives], wanted.widening * to_end, least)
                 going, waiting = values[state, 0] + price * lacks[0], values[state, 1] + price * lacks[1]
                 value = min(going, waiting)
                 before[i, state] = origins[state, 1] if waiting < going else origins[state, 0]
                 values[state] = np.inf
-                left = _left(tube, state, columns, levels)
                 if value + left >= best:
                     continue
                 if i == times - 1 or left == 0.0:
@@ -303,6 +357,6 @@ def dodged(
                 costs[state], active[size] = value, state
                 size += 1
         if end >= 0:
-            _written(tube, before, end, last, columns, timed)
-            found[0], found[1], rows = best, end // columns, last + 1
-    return rows
+            _written(tube, before, end, last, columns, timed, reached)
+            rows = last + 1
+    return rows, best
