@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from guidefield.kernels.minimum.smallest import (
     ENDS,
     INTERVAL,
     NEARLY,
+    OWN,
     PAIR,
     SINCE,
     TIME,
@@ -36,10 +36,20 @@ from guidefield.kernels.minimum.tables import MovingRobot
 from guidefield.read_only import ReadOnly
 
 AT_ONCE = 2000
-"""So many intervals are judged before it is asked whether to stop: a few milliseconds."""
+"""So many stretches are judged before it is asked whether to stop: a few milliseconds."""
 
 FEWER = 2
-"""The smallest distance of the robot to itself is looked for from every so manieth of the times."""
+"""Coal looks for the smallest distance of the robot to itself from every so manieth of the times."""
+
+FEW = 8
+"""Kernels do from every so manieth: with more it takes longer to look there than it saves. Unrecorded."""
+
+LOOKED = 1 / 15
+"""In stretches longer than this share of the motion balls and boxes alone tell, as other looks mostly fail there: twice
+or half of it takes a UR5 and a Baxter longer. Unrecorded."""
+
+STOPPED = 1 / 32
+"""A search that is stopped tells what is kept in stretches no longer than this share of the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +82,13 @@ def smallest_along(
         spans: Within which the smallest distance from obstacles is asked for, the whole motion first [s].
         stopped: Asked now and then; anything true ends the search.
     """
+    if is_served(surveyor.worlds.moving):
+        found = _Search(surveyor, stopped).found(times, spans)
+        if found is not None:
+            return found
     breaks = surveyor.breaks[(surveyor.breaks > times[0]) & (surveyor.breaks < times[-1])]
     every = np.unique(np.concatenate([times, breaks, *spans[1:]]))
     few = np.unique(np.concatenate([times[::FEWER], times[-1:], breaks]))
-    if is_served(surveyor.worlds.moving):
-        search = _Search(surveyor, stopped)
-        first = search.found(every, spans, of_obstacles=True)
-        if first is not None:
-            own = search.found(few, spans[:1], of_obstacles=False)
-            if own is not None:
-                return Along(first[0], own[0][0], first[1][np.searchsorted(every, times)])
     return _by_coal(surveyor, times, every, few, spans, stopped)
 
 
@@ -94,45 +101,45 @@ class _Search:
     """
 
     def __init__(self, surveyor: Surveyor, stopped: Callable[[], object]) -> None:
-        self._surveyor, self._stopped = surveyor, stopped
+        self._stopped = stopped
+        world = surveyor.worlds.moving
+        self._own, self._every = world.pairs.n_self, len(world.pairs)
+        curve = bezier_curve(surveyor.curve)
+        self._moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), curve)
 
-    @cached_property
-    def _moving(self) -> MovingRobot:
-        world = self._surveyor.worlds.moving
-        curve = bezier_curve(self._surveyor.curve)
-        return MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), curve)
-
-    def found(
-        self, times: np.ndarray, spans: Sequence[tuple[float, float]], *, of_obstacles: bool
-    ) -> tuple[list[Smallest], np.ndarray] | None:
-        """The smallest distances within spans, and at times (p,), shape (p,) [m]; None where bodies touch, or nearly.
+    def found(self, times: np.ndarray, spans: Sequence[tuple[float, float]]) -> Along | None:
+        """What `smallest_along` finds; None where bodies touch, or nearly.
 
         Args:
-            times: From one to the next of which is looked: ends of spans and where rates jump are among them [s].
-            spans: The spans [s].
-            of_obstacles: Whether from obstacles, else of the robot to itself.
+            times: See there [s].
+            spans: See `smallest_along` [s].
         """
-        world = self._surveyor.worlds.moving
-        own, every = world.pairs.n_self, len(world.pairs)
-        pairs = (own, every) if of_obstacles else (0, own)
-        answers, distances = np.full((len(spans), ANSWER), np.inf), np.full(len(times), np.inf)
-        answers[:, [SINCE, UNTIL]], answers[:, PAIR], answers[:, TIME] = spans, -1.0, np.nan
-        if pairs[0] < pairs[1]:
-            smallest_at(self._moving, pairs[0], pairs[1], times, answers, distances)
-            if (answers[:, DISTANCE] <= NEARLY).any() or not self._between(times, distances, pairs, answers):
-                return None
+        answers, distances = np.full((len(spans) + 1, ANSWER), np.inf), np.full(len(times), np.inf)
+        answers[:, [SINCE, UNTIL]], answers[:, PAIR], answers[:, TIME] = [*spans, spans[0]], -1.0, np.nan
+        answers[:, OWN] = 0.0
+        answers[-1, OWN] = 1.0
+        ends = np.array([time for span in spans[1:] for time in span])
+        smallest_at(self._moving, self._own, self._every, times, answers, distances)
+        smallest_at(self._moving, self._own, self._every, ends, answers, np.empty(len(ends)))
+        few = np.append(times[:-1:FEW], times[-1])
+        smallest_at(self._moving, 0, self._own, few, answers, np.empty(len(few)))
+        if (answers[:, DISTANCE] <= NEARLY).any() or not self._between(times, answers):
+            return None
         answers[:, BOUND] = np.minimum(answers[:, BOUND], answers[:, DISTANCE] - TOLERANCE)
-        return [_answer(row) for row in answers], distances
+        *obstacle, own = map(_answer, answers)
+        return Along(obstacle, own, distances)
 
-    def _between(self, times: np.ndarray, distances: np.ndarray, pairs: tuple[int, int], answers: np.ndarray) -> bool:
+    def _between(self, times: np.ndarray, answers: np.ndarray) -> bool:
         """Write the answers of a whole motion; whether nothing touches, nor nearly."""
-        order = np.argsort(-np.minimum(distances[:-1], distances[1:]), kind="stable")
-        waiting = np.zeros((len(order) + 3 * DEEPEST, INTERVAL))
-        waiting[: len(order), BEGINS], waiting[: len(order), ENDS] = times[order], times[order + 1]
-        count, (first, past) = len(order), pairs
+        whole, waiting = float(times[-1] - times[0]), np.zeros((1 + 3 * DEEPEST, INTERVAL))
+        waiting[0, BEGINS], waiting[0, ENDS] = times[0], times[-1]
+        count, stride = int(len(times) > 1), whole / max(len(times) - 1, 1)
         while count > 0:
-            closing = bool(self._stopped())
-            count = smallest_between(self._moving, first, past, TOLERANCE, AT_ONCE, closing, answers, waiting, count)
+            shortest = STOPPED * whole if self._stopped() else 0.0
+            count = smallest_between(
+                self._moving, TOLERANCE, stride, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count
+            )
+            stride = 0.0
         return count != TOUCHING
 
 

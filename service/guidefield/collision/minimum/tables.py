@@ -83,6 +83,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         centres=np.ascontiguousarray(about.centres, float).reshape(-1, 3),
         radii=np.array(about.radii, float),
         moved_by=_chosen(about.moved_by, np.arange(group.model.nv), group.model.nv),
+        moves=np.where(about.moved_by, 1.0, -1.0),
         roots=roots,
         parts=parts,
     )
@@ -144,8 +145,7 @@ def _chosen(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
 
 def bezier_curve(curve: Curve) -> BezierCurve:
     """A motion."""
-    arrays = (curve.times, curve.pieces, curve.velocities, curve.accelerations)
-    made = BezierCurve(*(np.array(one, float, order="C") for one in arrays))
+    made = BezierCurve(*(np.array(one, float, order="C") for one in (curve.times, curve.pieces)))
     read_only(*made)
     return made
 

@@ -1,14 +1,14 @@
-"""Whether two bodies keep a distance for a while, from where they are in the middle of it: by trees of balls.
+"""Whether two bodies keep a distance as both move straight, from where they are in the middle: by trees of balls.
 
-Let n be a direction along which the nearest points of two convex parts A and B are apart in the middle, v and w the
-velocities there of their points, and b a bound of how fast the rates of these change. For s seconds before and after,
-|s| <= h, the parts are apart along n by
+Let n be a direction along which two convex parts A and B are apart in the middle, and v and w how far their points move
+by the whole of a twist each. Where both have moved by the share s of it, |s| <= h, the parts are apart along n by
 
-    min over x in A of n.(x + s v(x))  -  max over y in B of n.(y + s w(y))  -  b s^2 / 2
+    min over x in A of n.(x + s v(x))  -  max over y in B of n.(y + s w(y))
 
 at least, and so in space. Bodies are rigid: v(x) = v + omega x x. So n.(x + s v(x)) = (n + s n x omega).x + s n.v, and
-the farthest points along two turned directions tell. What is left is concave in s, and least at one of both ends. A
-ball about a node needs no direction: it moves no faster than its centre and its own turning together.
+the farthest points along two turned directions tell. It is concave in s, and least at one of both ends. Any direction
+will do: the last one is tried before the nearest points are looked for. A ball about a node needs no direction: it
+moves no farther than its centre and its own turning together.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part,
 from guidefield.kernels.minimum.gjk_distance import ROUNDS, parts_distance
 
 FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
-"""Numbers of how two bodies move: the twist of each, velocity at the world's origin and angular velocity, and the
-lengths of the latter; then how many there are."""
+"""Numbers of how two bodies move: the twist of each, how far the world's origin would move with it and how far it
+turns, and the lengths of the latter; then how many there are."""
 
 NODE_ROUNDS = 8
 """After how many rounds of GJK two nodes are divided: with 5 a UR5's own pairs take a fifth longer, and with 12 a
@@ -64,8 +64,8 @@ NODE_A, NODE_B, ENTRY = range(3)
 
 
 @lane_part
-def _centres_speed(twists: Floats, work: Floats) -> float:
-    """How fast the origins of the two poses in the scratch space move relative to each other [m/s]."""
+def _centres_move(twists: Floats, work: Floats) -> float:
+    """How far the origins of the two poses in the scratch space move relative to each other by both twists [m]."""
     x, y, z = work[POSE_A + X], work[POSE_A + Y], work[POSE_A + Z]
     u, v, w = work[POSE_B + X], work[POSE_B + Y], work[POSE_B + Z]
     dx = twists[0] + twists[4] * z - twists[5] * y - (twists[6] + twists[10] * w - twists[11] * v)
@@ -109,7 +109,7 @@ def _farthest(
         DOUBLE_POINTER,
     )
 )
-def _apart_for_a_while(
+def _apart_all_along(
     a: Parts,
     part_a: int,
     radius_a: float,
@@ -117,16 +117,16 @@ def _apart_for_a_while(
     part_b: int,
     radius_b: float,
     twists: Floats,
-    half: float,
+    share: float,
     work: Floats,
 ) -> float:
-    """How far two parts are apart along the axis at least, as long as their velocities are what they are [m]."""
+    """How far two parts are apart along the axis at least, as both move by up to a share of their twists [m]."""
     x, y, z = axis_in(work)
     length = axis_length(work)
     n, back = (x / length, y / length, z / length), (-x / length, -y / length, -z / length)
     apart = math.inf
     for side in range(2):
-        s = half if side == 0 else -half
+        s = share if side == 0 else -share
         near = -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work)
         if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
             far = b.numbers[PART * part_b + PLANE_OFFSET]
@@ -145,7 +145,7 @@ def _nodes_keep(
     node_b: int,
     pose_b: Floats,
     twists: Floats,
-    half: float,
+    share: float,
     asked: float,
     work: Floats,
 ) -> float:
@@ -158,19 +158,23 @@ def _nodes_keep(
     if radius_b < math.inf:
         apart = math.sqrt(origins_apart(work)) - float(radius_a + radius_b)
         turning = twists[FIRST_TURNS] * radius_a + twists[SECOND_TURNS] * radius_b
-        travel = half * float(_centres_speed(twists, work) + turning)
+        travel = share * float(_centres_move(twists, work) + turning)
         if apart >= asked + travel:
             return math.inf
         if part_a < 0 and part_b < 0:
             return -math.inf
     rounds_a = place_part_of(a, node_a, pose_a, work, POSE_A)
     rounds_b = place_part_of(b, node_b, pose_b, work, POSE_B)
+    if axis_length(work) > 0.0:  # the axis of what was looked at last often tells
+        kept = _apart_all_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, work)
+        if kept >= asked:
+            return math.inf
     most, rounds = asked + travel, ROUNDS if leaves else NODE_ROUNDS
     apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, most, rounds, work)
     if apart >= most:
         return math.inf
     if apart > asked:
-        kept = _apart_for_a_while(a, part_a, rounds_a, b, part_b, rounds_b, twists, half, work)
+        kept = _apart_all_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, work)
         if kept >= asked:
             return math.inf
     return float(apart) if leaves else -math.inf
@@ -185,11 +189,11 @@ def bodies_keep(
     root_b: int,
     pose_b: Floats,
     twists: Floats,
-    half: float,
+    share: float,
     asked: float,
     work: Floats,
 ) -> float:
-    """Whether two bodies would keep a distance if their velocities stayed what they are.
+    """Whether two bodies keep a distance as both move by the same share of their twists.
 
     Args:
         a: Tables that the first body is in.
@@ -198,9 +202,9 @@ def bodies_keep(
         b: Tables that the second is in; only it may be a half-space, and that rests.
         root_b: Its root.
         pose_b: Its placement, (12,).
-        twists: How both move in the middle, shape (TWISTS,) [m/s and rad/s, world].
-        half: For how long before and after [s].
-        asked: The distance, above 0 [m]; what velocities change by in that time is added to it.
+        twists: How both move, shape (TWISTS,) [m and rad, world].
+        share: The most of these that they move by, there and back.
+        asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
         work: Scratch, shape (WORK,); the search begins with the axis and the leaves in it, and leaves its last axis,
             and the leaves that didn't keep it.
 
@@ -211,13 +215,13 @@ def bodies_keep(
     work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b
     if work[LEAF_A] > 0.0:
         node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, half, asked, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, work)
         if kept < math.inf or (node_a == root_a and node_b == root_b):
             return kept
     while top > STACK:
         top -= ENTRY
         node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, half, asked, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, work)
         if kept == math.inf:
             continue
         if is_leaf(a, node_a) and is_leaf(b, node_b):

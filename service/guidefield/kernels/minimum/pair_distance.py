@@ -91,16 +91,16 @@ def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask
 
 @uncounted
 def pair_keeps(
-    moving: MovingRobot, pair: int, place: Place, known: Floats, half: float, asked: float, ask: Ask
+    moving: MovingRobot, pair: int, place: Place, known: Floats, share: float, asked: float, ask: Ask
 ) -> float:
-    """Whether a pair would keep a distance about a place if all velocities stayed what they are.
+    """Whether a pair would keep a distance about a place if its bodies moved straight by shares of their twists.
 
     Args:
         moving: The robot and the pairs.
         pair: Which of them.
         place: The place.
         known: What is known of its mover; it begins with the twists of its bodies.
-        half: For how long before and after [s].
+        share: How much of these at most, there and back.
         asked: The distance, above 0 [m].
         ask: Where the search begins, and its scratch; changed.
 
@@ -112,10 +112,10 @@ def pair_keeps(
     pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
     twists = pointers(known)
     if pair < moving.pairs.first_by.shape[0]:
-        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, half, asked, scratch)
+        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, share, asked, scratch)
     else:
         scene = pointers(obstacles.parts)
-        found = bodies_keep(own, root, pose_a, scene, obstacles.roots[second], rests, twists, half, asked, scratch)
+        found = bodies_keep(own, root, pose_a, scene, obstacles.roots[second], rests, twists, share, asked, scratch)
     _remember(pair, ask)
     return float(found)
 

@@ -9,7 +9,7 @@ from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.minimum.curve_rates import piece_at, point_of, share_at
+from guidefield.kernels.minimum.curve_ways import piece_at, point_of, share_at
 from guidefield.kernels.minimum.tables import MovingRobot
 
 TWIST = 6
@@ -23,7 +23,7 @@ class Place(NamedTuple):
         poses: Of the joints, shape (joints, 3, 4) [m].
         centres: Of the balls about bodies, shape (r, 3) [m, world].
         subspaces: The joints' motion subspaces, shape (n, TWIST).
-        twists: How each coordinate of the model moves what it moves, shape (n, TWIST) [m/s and rad/s, world].
+        twists: How each coordinate of the model moves what it moves as it changes, shape (n, TWIST) [m and rad, world].
     """
 
     poses: Floats
@@ -37,14 +37,14 @@ class Room(NamedTuple):
 
     Attributes:
         row: Shape (MOST_ORDER,).
-        z, rates: Of the group, shape (nv,).
+        z, straight: Of the group, where it is and how far it goes, shape (nv,).
         values, changes: The same of the model, shape (n,).
         q: Configuration of the model, shape (nq,).
     """
 
     row: Floats
     z: Floats
-    rates: Floats
+    straight: Floats
     values: Floats
     changes: Floats
     q: Floats
@@ -64,13 +64,11 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
     piece = piece_at(curve, time)
     share = share_at(curve, piece, time)
     point_of(curve.positions, piece, share, room.row, room.z)
-    point_of(curve.velocities, piece, share, room.row, room.rates)
     for i in range(robot.offset.shape[0]):
-        value, change = robot.offset[i], 0.0
+        value = robot.offset[i]
         for j in range(room.z.shape[0]):
             value += robot.expand[i, j] * room.z[j]
-            change += robot.expand[i, j] * room.rates[j]
-        room.values[i], room.changes[i] = value, change
+        room.values[i] = value
     configuration(joints, room.values, robot.origin, room.q)
     poses = place.poses
     joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, room.q, poses)
@@ -81,7 +79,7 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
 
 @uncounted
 def find_twists(moving: MovingRobot, place: Place, room: Room) -> None:
-    """Write how the coordinates move the robot where it was placed last, with that scratch."""
+    """Write how the coordinates move the robot where it was placed last, with that scratch, as they change by it."""
     joints = moving.robot.joints
     motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, place.poses, place.subspaces)
     for i in range(room.changes.shape[0]):

@@ -1,12 +1,13 @@
 """The smallest distances of some pairs along a motion, exact to a tolerance, by branch and bound over its time.
 
-First the smallest distance at some places is found; then the intervals between them are judged, those with the smallest
-ends first. Of an interval only the place in its middle is looked at. A pair is done with there
+First the smallest distance at some places is found, and then, about the smallest of them, where it is smaller still.
+Then stretches of the motion are judged, all of it first. Of a stretch only the place in its middle is looked at. A pair
+is done with there
 
-- if balls and boxes tell that it is farther apart than it can move in half of the interval, or
+- if balls and boxes tell that it is farther apart than it can move in half of the stretch, or
 - by `kept_distance`, which looks at where each part of its bodies is going, and how that may change.
 
-An interval is halved for the pairs that are left.
+A stretch is halved for the pairs that are left: what is far apart all along is done with in long ones.
 """
 
 from __future__ import annotations
@@ -18,31 +19,38 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled
-from guidefield.kernels.minimum.closing import ACCELERATION, BOUNDS, TRAVEL, Rates, closing_of, find_rates
-from guidefield.kernels.minimum.curve_rates import MOST_ORDER
+from guidefield.kernels.minimum.closing import BENT, BOUNDS, TRAVEL, Ways, body_closing, closing_of, find_moves
+from guidefield.kernels.minimum.curve_ways import MOST_ORDER
 from guidefield.kernels.minimum.pair_distance import Ask, least_distance, new_ask, pair_distance, pair_keeps
 from guidefield.kernels.minimum.places import TWIST, Place, Room, find_twists, place_at
 from guidefield.kernels.minimum.tables import MOVING_ROBOT, BodyPairs, MovingRobot, RobotBodies
 
 DEEPEST = 48
-"""How often an interval is halved at most: no number is between its ends after that."""
+"""How often a stretch is halved at most: no number is between its ends after that."""
 
 ERROR = 8e-6
 """How much smaller a distance may be than it was found, vertices in single precision counted [m]."""
 
-SINCE, UNTIL, DISTANCE, TIME, PAIR, BOUND, ANSWER = range(7)
-"""Numbers of a question, from when until when [s], and its answer: the smallest distance [m], when [s], which pair, and
-what all keep at least [m]; then how many numbers there are."""
+SINCE, UNTIL, OWN, DISTANCE, TIME, PAIR, BOUND, ANSWER = range(8)
+"""Numbers of a question, from when until when [s] and whether about own pairs, 1, or others, 0; and of its answer: the
+smallest distance [m], when [s], which pair, and what all keep at least [m]; then how many numbers there are."""
+
+APART, WHEN = range(2)
+"""Numbers of what was told of a pair last: how far it was apart at most [m], and when [s]."""
 
 BEGINS, ENDS, INTERVAL = range(3)
-"""Numbers of an interval that waits: from when until when [s]; then how many there are."""
+"""Numbers of a stretch that waits: from when until when [s]; then how many there are."""
 
 SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
-"""Numbers of an interval on the way down: from when until when [s], where its pairs begin and how many there are; then
+"""Numbers of a stretch on the way down: from when until when [s], where its pairs begin and how many there are; then
 how many numbers there are."""
 
+STEPS = 3
+"""So often it is looked where about the smallest of some places its pair is nearer still, each time half as far away.
+Unrecorded."""
+
 MOST_LEFT = 20_000
-"""An interval in which more pairs are left is halved before it is looked at closely."""
+"""A stretch in which more pairs are left is halved before it is looked at closely."""
 
 TOUCHING = -1
 """What is returned where two bodies touch, or nearly: how deep isn't known here."""
@@ -52,7 +60,7 @@ NEARLY = 1e-5
 
 
 class _Left(NamedTuple):
-    """Intervals on the way down, and what is left in them.
+    """Stretches on the way down, and what is left in them.
 
     Attributes:
         stack: Shape (DEEPEST + 3, LEVEL).
@@ -64,12 +72,19 @@ class _Left(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """What a search holds: the robot at a time, rates about it, and what was asked last."""
+    """What a search holds.
+
+    Attributes:
+        place, room, ways: The robot at a time, scratch, and how far it goes about it.
+        ask: What was asked last.
+        told: A distance that each pair had no more than, and when, shape (m, 2) [m, s].
+    """
 
     place: Place
     room: Room
-    rates: Rates
+    ways: Ways
     ask: Ask
+    told: Floats
 
 
 @counted
@@ -97,11 +112,12 @@ def _room(robot: RobotBodies) -> Room:
 
 
 @counted
-def _rates(robot: RobotBodies, pairs: BodyPairs) -> Rates:
-    n, movers = robot.offset.shape[0], robot.carriers.shape[0] + pairs.first_by.shape[0]
-    return Rates(
-        np.empty(MOST_ORDER),
-        np.empty(robot.expand.shape[1]),
+def _ways(robot: RobotBodies, pairs: BodyPairs) -> Ways:
+    n, nv, movers = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.first_by.shape[0]
+    return Ways(
+        np.empty((MOST_ORDER, nv)),
+        np.empty(nv),
+        np.empty(nv),
         np.empty(n),
         np.empty(n),
         np.empty(n),
@@ -113,12 +129,12 @@ def _rates(robot: RobotBodies, pairs: BodyPairs) -> Rates:
 
 
 @counted
-def _left(first: int, past: int) -> _Left:
-    """Nothing is on the way down; some pairs are looked at in a new interval."""
-    count, levels = past - first, DEEPEST + 3
+def _left(count: int) -> _Left:
+    """Nothing is on the way down; all of so many pairs are looked at in a new stretch."""
+    levels = DEEPEST + 3
     pairs = np.empty(count + levels * min(count, MOST_LEFT), np.int64)
     for k in range(count):
-        pairs[k] = first + k
+        pairs[k] = k
     return _Left(np.empty((levels, LEVEL)), pairs)
 
 
@@ -126,25 +142,42 @@ def _left(first: int, past: int) -> _Left:
 def new_search(moving: MovingRobot) -> _Search:
     """The robot is nowhere yet, and nothing is known."""
     robot, pairs = moving.robot, moving.pairs
-    return _Search(_place(robot), _room(robot), _rates(robot, pairs), new_ask(moving))
+    told = np.full((pairs.first.shape[0], 2), np.inf)
+    told[:, WHEN] = 0.0
+    return _Search(_place(robot), _room(robot), _ways(robot, pairs), new_ask(moving), told)
 
 
 @uncounted
-def _least_asked(answers: Floats, since: float, until: float, tolerance: float) -> float:
-    """What has to be kept between two times, so that no answer is more than the tolerance too large."""
+def _least_asked(answers: Floats, own: int, since: float, until: float, tolerance: float) -> float:
+    """What pairs, own ones or not, have to keep between two times so that no answer is more than a tolerance too large.
+
+    Minus infinity where nothing is asked; else no less than 0: what overlaps isn't told from what touches.
+    """
     least = -np.inf
     for q in range(answers.shape[0]):
-        if since >= answers[q, SINCE] and until <= answers[q, UNTIL]:
-            least = max(least, answers[q, DISTANCE] - tolerance)
+        if since < answers[q, UNTIL] and until > answers[q, SINCE] and answers[q, OWN] == own:
+            least = max(least, answers[q, DISTANCE] - tolerance, 0.0)
     return least
 
 
 @uncounted
-def _keep(answers: Floats, time: float, distance: float, pair: int) -> None:
-    """Keep a distance where it is smaller than all before."""
+def _keep(answers: Floats, own: int, time: float, distance: float, pair: int) -> None:
+    """Keep a distance of a pair, an own one or not, where it is smaller than all before."""
     for q in range(answers.shape[0]):
-        if answers[q, SINCE] <= time <= answers[q, UNTIL] and distance < answers[q, DISTANCE]:
+        if _is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
             answers[q, DISTANCE], answers[q, TIME], answers[q, PAIR] = distance, time, pair
+
+
+@uncounted
+def _is_about(answers: Floats, q: int, own: int, time: float) -> bool:
+    """Whether a question is about own pairs, or about others, at a time."""
+    return bool(answers[q, SINCE] <= time <= answers[q, UNTIL] and answers[q, OWN] == own)
+
+
+@uncounted
+def _is_own(moving: MovingRobot, pair: int) -> int:
+    """Whether a pair is one of the robot's own, 1 or 0."""
+    return 1 if pair < moving.pairs.first_by.shape[0] else 0
 
 
 ANSWERS = types.Array(types.float64, 2, "C")
@@ -169,69 +202,97 @@ def smallest_at(
         answers: Questions, shape (q, ANSWER): what is smaller than the answers is written there.
         distances_out: Smallest distance at each time, shape (p,) [m]; infinite without a pair.
     """
-    search = new_search(moving)
-    place, least, nearest = search.place, np.empty(past - first), first
-    for p in range(times.shape[0]):
-        place_at(moving, times[p], place, search.room)
+    search, least, nearest = new_search(moving), np.empty(past - first), -1
+    distances_out[:] = np.inf
+    for p in range(times.shape[0] if past > first else 0):
+        place_at(moving, times[p], search.place, search.room)
         for k in range(past - first):
-            least[k] = least_distance(moving, first + k, place)
+            least[k] = least_distance(moving, first + k, search.place)
         found = np.inf
-        for k in range(-1, past - first):  # the closest of the last time is asked before all others
-            pair = nearest if k < 0 else first + k
-            if past == first or least[pair - first] >= found or (k >= 0 and pair == nearest):
+        for k in range(-2, past - first):  # the closest of the last time is asked first, then what may be closest now
+            pair = first + k
+            if k < 0:
+                pair = nearest if k == -2 else first + int(np.argmin(least))
+            if pair < 0 or least[pair - first] >= found:
                 continue
-            apart = pair_distance(moving, pair, place, found, search.ask)
+            least[pair - first] = np.inf
+            apart = pair_distance(moving, pair, search.place, found, search.ask)
             if apart < found:
-                found = apart
-                nearest = pair
+                found, nearest = apart, pair
         distances_out[p] = found
-        _keep(answers, times[p], found, nearest)
+        _keep(answers, _is_own(moving, nearest), times[p], found, nearest)
 
 
 @uncounted
-def _may_improve(answers: Floats, time: float, distance: float) -> float:
-    """The largest answer at a time that a distance is smaller than; minus infinity where there is none."""
+def _may_improve(answers: Floats, own: int, time: float, distance: float) -> float:
+    """The largest answer about own pairs, or others, at a time that is larger than a distance; else minus infinity."""
     most = -np.inf
     for q in range(answers.shape[0]):
-        if answers[q, SINCE] <= time <= answers[q, UNTIL] and distance < answers[q, DISTANCE]:
+        if _is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
             most = max(most, answers[q, DISTANCE])
     return most
 
 
 @uncounted
-def _is_done(
-    moving: MovingRobot, search: _Search, pair: int, mover: int, level: Floats, tolerance: float, answers: Floats
+def _balls_keep(
+    moving: MovingRobot, search: _Search, pair: int, stretch: int, share: float, apart: float, least: float
 ) -> bool:
-    """Whether a pair needn't be looked at closer in an interval, in whose middle the robot is."""
-    since, until, known = level[SINCE_LEVEL], level[UNTIL_LEVEL], search.rates.known[mover]
-    least = _least_asked(answers, since, until, tolerance)
-    if least == -np.inf:
+    """Whether a pair, whose balls are so far apart, keeps a distance as both bodies are seen from the world."""
+    place, ways, robot = search.place, search.ways, moving.robot
+    travel = ways.known[body_closing(robot, moving.pairs.first[pair], stretch, share, place, ways), TRAVEL]
+    if pair < moving.pairs.first_by.shape[0]:
+        travel += ways.known[body_closing(robot, moving.pairs.second[pair], stretch, share, place, ways), TRAVEL]
+    return bool(apart - travel - ERROR >= least)
+
+
+@uncounted
+def _is_done(
+    moving: MovingRobot,
+    search: _Search,
+    pair: int,
+    stretch: int,
+    share: float,
+    level: Floats,
+    least: float,
+    longest: float,
+    answers: Floats,
+) -> bool:
+    """Whether a pair needn't be looked at closer in a stretch, in whose middle the robot is: it keeps what is asked."""
+    since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
+    apart, middle = least_distance(moving, pair, search.place), 0.5 * (since + until)
+    far = _balls_keep(moving, search, pair, stretch, share, apart, least)
+    if far or until - since > longest:
+        return far
+    known = search.ways.known[closing_of(moving, pair, stretch, share, search.place, search.ways)]
+    if apart - known[TRAVEL] - ERROR >= least:
         return True
-    least = max(least, 0.0)  # what overlaps isn't told from what touches
-    if least_distance(moving, pair, search.place) - known[TRAVEL] - ERROR >= least:
-        return True
-    half, middle = 0.5 * (until - since), 0.5 * (since + until)
-    asked = least + 0.5 * known[ACCELERATION] * half * half + ERROR
-    kept = pair_keeps(moving, pair, search.place, known, half, asked, search.ask)
+    asked, last = least + known[BENT] + ERROR, search.told[pair]
+    if since <= last[WHEN] <= until and asked > last[APART] + known[TRAVEL]:
+        return False  # it isn't as far apart in the middle either
+    kept = pair_keeps(moving, pair, search.place, known, share, asked, search.ask)
     if kept == np.inf:
         return True
-    most = _may_improve(answers, middle, kept)
+    last[APART], last[WHEN] = kept, middle
+    own = _is_own(moving, pair)
+    most = _may_improve(answers, own, middle, kept)
     if most > -np.inf:
         found = pair_distance(moving, pair, search.place, most, search.ask)
         if found < most:
-            _keep(answers, middle, found, pair)
+            last[APART] = found
+            _keep(answers, own, middle, found, pair)
     return False
 
 
 @uncounted
-def _close(moving: MovingRobot, search: _Search, pair: int, mover: int, level: Floats, answers: Floats) -> None:
-    """Write to the answers' bounds what a pair keeps at least in an interval, in whose middle the robot is."""
+def _close(moving: MovingRobot, search: _Search, pair: int, travel: float, level: Floats, answers: Floats) -> None:
+    """Write to the answers' bounds what a pair keeps at least in a stretch, in whose middle the robot is."""
     apart = pair_distance(moving, pair, search.place, np.inf, search.ask)
-    _keep(answers, 0.5 * (level[SINCE_LEVEL] + level[UNTIL_LEVEL]), apart, pair)
-    kept = apart - search.rates.known[mover, TRAVEL] - ERROR
+    since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
+    own = _is_own(moving, pair)
+    _keep(answers, own, 0.5 * (since + until), apart, pair)
     for q in range(answers.shape[0]):
-        if level[SINCE_LEVEL] >= answers[q, SINCE] and level[UNTIL_LEVEL] <= answers[q, UNTIL]:
-            answers[q, BOUND] = min(answers[q, BOUND], kept)
+        if since < answers[q, UNTIL] and until > answers[q, SINCE] and answers[q, OWN] == own:
+            answers[q, BOUND] = min(answers[q, BOUND], apart - travel - ERROR)
 
 
 @uncounted
@@ -239,29 +300,37 @@ def _judged(
     moving: MovingRobot,
     search: _Search,
     left: _Left,
-    interval: int,
+    stretch: int,
     level: int,
     tolerance: float,
-    closing: bool,
+    longest: float,
+    shortest: float,
     answers: Floats,
 ) -> int:
-    """Judge an interval on the stack: the pairs left are written behind its own; how many, or -1: too many.
+    """Judge a stretch on the stack: the pairs left are written behind its own; how many, or -1: too many.
 
-    Where it is the end (`closing`), what those keep at least is written to the answers' bounds.
+    Where it is no longer than `shortest`, what those keep at least is written to the answers' bounds.
     """
     row = left.stack[level]
     since, until, start, count = row[SINCE_LEVEL], row[UNTIL_LEVEL], int(row[START]), int(row[COUNT])
-    half, behind = 0.5 * (until - since), start + count
+    behind = start + count
     place_at(moving, 0.5 * (since + until), search.place, search.room)
+    share = find_moves(moving, since, until, search.room, search.ways)
     find_twists(moving, search.place, search.room)
-    find_rates(moving, since, until, search.rates)
+    asked, of_own = _least_asked(answers, 0, since, until, tolerance), _least_asked(answers, 1, since, until, tolerance)
     for index in range(start, start + count):
         pair = left.pairs[index]
-        mover = closing_of(moving, pair, interval, half, search.place, search.rates)
-        if _is_done(moving, search, pair, mover, row, tolerance, answers):
+        own = _is_own(moving, pair)
+        least = of_own if own else asked
+        if least == -np.inf or _is_done(moving, search, pair, stretch, share, row, least, longest, answers):
             continue
-        if closing:
-            _close(moving, search, pair, mover, row, answers)
+        if own:  # an answer may be smaller now
+            of_own = _least_asked(answers, 1, since, until, tolerance)
+        else:
+            asked = _least_asked(answers, 0, since, until, tolerance)
+        if until - since <= shortest:
+            mover = closing_of(moving, pair, stretch, share, search.place, search.ways)
+            _close(moving, search, pair, search.ways.known[mover, TRAVEL], row, answers)
             continue
         if behind == left.pairs.shape[0]:
             return -1
@@ -272,7 +341,7 @@ def _judged(
 
 @uncounted
 def _halve(left: _Left, level: int, more: int) -> int:
-    """Put an interval's halves in its place on the stack, with the pairs behind its own; how many are on it then."""
+    """Put a stretch's halves in its place on the stack, with the pairs behind its own; how many are on it then."""
     row = left.stack[level]
     since, until, start = row[SINCE_LEVEL], row[UNTIL_LEVEL], row[START] + row[COUNT]
     middle = 0.5 * (since + until)
@@ -285,52 +354,74 @@ def _halve(left: _Left, level: int, more: int) -> int:
     return level + 2
 
 
+@uncounted
+def _look_about(moving: MovingRobot, search: _Search, stride: float, answers: Floats) -> None:
+    """Look where about the smallest distances, at times a stride apart, the same pairs are nearer still."""
+    for q in range(answers.shape[0]):
+        step = stride if answers[q, PAIR] >= 0.0 else 0.0
+        for _ in range(STEPS if step > 0.0 else 0):
+            step *= 0.5
+            pair, about = int(answers[q, PAIR]), answers[q, TIME]
+            for side in range(2):
+                time = about - step if side == 0 else about + step
+                own = _is_own(moving, pair)
+                if _is_about(answers, q, own, time):
+                    place_at(moving, time, search.place, search.room)
+                    most = answers[q, DISTANCE]
+                    found = pair_distance(moving, pair, search.place, most, search.ask)
+                    if found < most:
+                        _keep(answers, own, time, found, pair)
+
+
 _INDEX = types.int64
 
 
-@compiled(_INDEX(MOVING_ROBOT, _INDEX, _INDEX, SCALAR, _INDEX, types.boolean, ANSWERS, ANSWERS, _INDEX))
+@compiled(_INDEX(MOVING_ROBOT, SCALAR, SCALAR, _INDEX, SCALAR, SCALAR, ANSWERS, ANSWERS, _INDEX))
 def smallest_between(
     moving: MovingRobot,
-    first: int,
-    past: int,
     tolerance: float,
+    stride: float,
     most: int,
-    closing: bool,
+    longest: float,
+    shortest: float,
     answers: Floats,
     waiting: Floats,
     count: int,
 ) -> int:
-    """Judge intervals of a motion until none waits: then no answer is more than the tolerance too large.
+    """Judge stretches of a motion until none waits: then no answer is more than the tolerance too large.
 
     Args:
         moving: The robot, all its pairs and its motion.
-        first: The first pair that counts.
-        past: The one past the last.
         tolerance: Positive [m].
-        most: How many intervals are judged before it is left at that; at least one that waits is.
-        closing: Whether none is halved any more: what is left is kept at least is written to the answers' bounds.
+        stride: How far apart the times are of which the answers are known: about these it is looked first; 0: it was
+            looked already [s].
+        most: How many stretches are judged before it is left at that; at least one that waits is.
+        longest: In longer stretches balls and boxes alone tell [s].
+        shortest: Stretches no longer than this aren't halved any more, and it is gone on until none waits: what is kept
+            at least there is written to the answers' bounds. 0 as long as there is time [s].
         answers: Questions with what is known of their answers, shape (q, ANSWER); written.
-        waiting: Intervals that wait, no rate jumps within one, shape (w, INTERVAL), with room for `DEEPEST` + 3 more;
+        waiting: Stretches that wait, shape (w, INTERVAL), with room for `DEEPEST` + 3 more;
             the last comes first.
         count: How many there are.
 
     Returns:
         How many wait now; `TOUCHING` where bodies touch, or nearly.
     """
-    search, left, interval = new_search(moving), _left(first, past), 0
-    stack = left.stack
-    while count > 0 and (interval < most or closing):
+    search, left, stretch = new_search(moving), _left(moving.pairs.first.shape[0]), 0
+    every, stack = float(moving.pairs.first.shape[0]), left.stack
+    _look_about(moving, search, stride, answers)
+    while count > 0 and (stretch < most or shortest > 0.0):
         count -= 1
         stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
-        stack[0, START], stack[0, COUNT], top = 0.0, past - first, 1
-        while top > 0 and (interval < most or closing):
-            interval += 1
-            more = _judged(moving, search, left, interval, top - 1, tolerance, closing, answers)
+        stack[0, START], stack[0, COUNT], top = 0.0, every, 1
+        while top > 0 and (stretch < most or shortest > 0.0):
+            stretch += 1
+            more = _judged(moving, search, left, stretch, top - 1, tolerance, longest, shortest, answers)
             for q in range(answers.shape[0]):
                 if answers[q, DISTANCE] <= NEARLY:
                     return TOUCHING
             if more < 0:
-                stack[top - 1, COUNT], more = 0.0, past - first
+                stack[top - 1, COUNT], more = 0.0, int(every)
             top = _halve(left, top - 1, more)
         for level in range(top):  # what is on the stack waits again
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]

@@ -26,6 +26,7 @@ class RobotBodies(NamedTuple):
         centres: Centre of a ball about each, in the frame of that joint, shape (r, 3) [m].
         radii: Its radius, shape (r,) [m].
         moved_by: The coordinates that move a body, ascending, and -1 behind them, shape (r, n).
+        moves: 1 for a coordinate that moves a body, -1 for another, shape (r, n).
         roots: Root of each in `parts`, shape (r,), in the frame of its joint.
         parts: Their convex parts.
     """
@@ -43,6 +44,7 @@ class RobotBodies(NamedTuple):
     centres: Rows
     radii: Row
     moved_by: IndexRows
+    moves: Rows
     roots: Indices
     parts: Parts
 
@@ -88,14 +90,10 @@ class BezierCurve(NamedTuple):
     Attributes:
         times: When they begin and the last one ends, shape (k + 1,) [s].
         positions: Control points, shape (k, order, nv) [rad or m].
-        velocities: Those of the rates, shape (k, order - 1, nv) [rad/s or m/s].
-        accelerations: Those of the rates of rates, shape (k, max(order - 2, 1), nv).
     """
 
     times: Row
     positions: Blocks
-    velocities: Blocks
-    accelerations: Blocks
 
 
 class MovingRobot(NamedTuple):
