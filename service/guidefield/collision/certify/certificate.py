@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -23,10 +23,9 @@ from guidefield.collision.certify.position_limits import excesses
 from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal_error
 from guidefield.collision.certify.tables import certified_obstacles, certified_robot
 from guidefield.collision.certify.verdict import Reason, Verdict
-from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
 from guidefield.kernels.certificate.losses import find_losses
-from guidefield.kernels.certificate.near import ASKED, PAIR, ROW, find_near
+from guidefield.kernels.certificate.near import ASKED, find_near
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelTangents
@@ -112,7 +111,7 @@ def _place(segment: CurveSegment) -> tuple[int, float]:
 
 def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
     """The verdict of a judgement that was stopped, the first segment that is left in it."""
-    pair = world.pair_names(first.pairs[0]) if first.pairs else None
+    pair = None if first.pairs is None else world.pair_names(int(first.pairs[0, 0]))
     at = first.start
     return Verdict(Reason.STOPPED, evaluations, first.piece, at, (first.piece, at), pair, first.controls[0, 0])
 
@@ -156,7 +155,8 @@ class _Judge:
             if not left:
                 continue
             share = _decided_share(left)
-            pairs = [one.pair for one in left] if 2 * len(left) < len(self.world.pairs) else None
+            few = 2 * len(left) < len(self.world.pairs)
+            pairs = np.array([(one.pair, one.first, one.second) for one in left], np.int64) if few else None
             parts = segment.parts(math.ceil(1.0 / share), pairs)
             if share == CERTIFICATE.least_share or min(one.bound for one in left) <= CERTIFICATE.mesh_from:
                 refusal = self._refusal_at(parts[len(parts) // 2], segment, left)
@@ -201,19 +201,19 @@ class _Judge:
         mixed = np.empty(centres.shape[:2])
         find_losses(robot, jacobians, joints, chords.half_widths, chords.chords, moves, chords.off, centres, own, mixed)
         own_margins, margins = with_coal_error(own), with_coal_error(mixed + self.min_clearance)
-        starts, left = _left_of(self.world.pairs, level)
+        starts, left = _left_of(level)
         count, found = ROOM, np.empty((0, ASKED), np.int64)
         while count > len(found):
             found = np.empty((count, ASKED), np.int64)
             count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found)
-        found = found[:count]
-        row, pair, first, second = found[np.lexsort((found[:, PAIR], found[:, ROW]))].T
-        is_own = pair < len(robot.own)
-        bound, margin = mixed[row, first], margins[row, first]
-        bound[is_own], margin[is_own] = own[row[is_own], pair[is_own]], own_margins[row[is_own], pair[is_own]]
-        kept = np.where(is_own, 0.0, self.min_clearance)
-        asked = zip(*(column.tolist() for column in (pair, first, second, bound, kept, margin)), strict=True)
-        return [list(islice(asked, count)) for count in np.bincount(row, minlength=len(level)).tolist()]
+        near: list[list[_Asked]] = [[] for _ in level]
+        for row, pair, first, second in sorted(found[:count].tolist()):
+            if pair < len(robot.own):
+                kept, bound, margin = 0.0, own.item(row, pair), own_margins.item(row, pair)
+            else:
+                kept, bound, margin = self.min_clearance, mixed.item(row, first), margins.item(row, first)
+            near[row].append((pair, first, second, bound, kept, margin))
+        return near
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
         """Those of some pairs that are within their margins, the joints where they are told, shape (njoints, 3, 4) [m].
@@ -228,7 +228,7 @@ class _Judge:
                 continue
             meshes = bound <= CERTIFICATE.mesh_from and world.is_hulled(pair)
             if not (meshes and world.penetration_of(first, second, margin) is None):
-                left.append(_Left(pair, bound, kept, apart))
+                left.append(_Left(pair, first, second, bound, kept, apart))
         return left
 
     def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[_Left]) -> Verdict | None:
@@ -257,17 +257,19 @@ class _Judge:
         return None
 
 
-def _left_of(pairs: Pairs, level: Sequence[CurveSegment]) -> tuple[np.ndarray, np.ndarray]:
+def _left_of(level: Sequence[CurveSegment]) -> tuple[np.ndarray, np.ndarray]:
     """The pairs that are left in segments.
 
     Returns:
         Where those of each begin, and the number of all, shape (s + 1,), and index and bodies of each, shape (k, 3).
         Of a segment in which none was judged before there are none.
     """
-    left = [segment.pairs or [] for segment in level]
-    every = np.fromiter(chain.from_iterable(left), np.int64)
-    return np.cumsum([0, *map(len, left)]), np.column_stack([every, pairs.bodies(every)])
+    left = [_NONE if segment.pairs is None else segment.pairs for segment in level]
+    return np.cumsum([0, *map(len, left)]), np.concatenate(left)
 
+
+_NONE = np.empty((0, 3), np.int64)
+"""No pairs."""
 
 _Asked = tuple[int, int, int, float, float, float]
 """A pair and its bodies; how much closer it can come within a segment, what it has to keep, what to ask Coal [m]."""
@@ -278,12 +280,15 @@ class _Left(NamedTuple):
 
     Attributes:
         pair: Its index.
+        first, second: Its bodies.
         bound: How much closer it can come within the segment [m].
         kept: What it has to keep [m].
         apart: How far apart it is [m].
     """
 
     pair: int
+    first: int
+    second: int
     bound: float
     kept: float
     apart: float

@@ -23,16 +23,16 @@ class CurveSegment(NamedTuple):
         piece: Index of the piece, or of the first of them.
         controls: Control points, shape (m, k, nv).
         start, end: Parameters on a single piece; 0 and 1 for several.
-        pairs: Pairs left; None: all.
+        pairs: Index and bodies of the pairs that are left, shape (k, 3); None: all are.
     """
 
     piece: int
     controls: ChartCurves
     start: float
     end: float
-    pairs: list[int] | None
+    pairs: np.ndarray | None
 
-    def parts(self, count: int, pairs: list[int] | None) -> list[CurveSegment]:
+    def parts(self, count: int, pairs: np.ndarray | None) -> list[CurveSegment]:
         """About so many parts of it in order, two at least, for some pairs."""
         pieces = len(self.controls)
         if pieces > 1:
