@@ -22,6 +22,7 @@ from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, S
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
+from guidefield.robot.catalog.catalog import Catalog
 from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
 from tests.replies import plan_reply
@@ -76,6 +77,28 @@ def test_what_was_read_of_a_request_counts_as_loading_once_its_robot_is_known(en
     timing = engine.answer(asked, came=time.monotonic() - 2.0).timing
     assert timing.queue == 0.0
     assert 2.0 <= timing.load <= timing.total
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}, "guide_planes": []},
+        {"type": "certify", "path": [[0.0], [0.1]], "position_names": ["panda_joint1"]},
+    ],
+    ids=["plan", "certify"],
+)
+def test_a_robot_is_loaded_once_for_a_request(asked: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded, load = [], Catalog.load
+
+    def counted(catalog: Catalog, reference: Any) -> Any:
+        loaded.append(reference)
+        return load(catalog, reference)
+
+    monkeypatch.setattr(Catalog, "load", counted)
+    engine, request = Engine(), {"robot": "panda", "scene": "table", "recording": "off", **asked}
+    for times in (1, 2):
+        engine.answer(request)
+        assert loaded == ["panda"] * times
 
 
 def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.MonkeyPatch) -> None:

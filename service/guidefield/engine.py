@@ -65,6 +65,9 @@ MAX_CACHED_SCENES = 16
 Lend = Callable[[Kind, str, str], "Engine"]
 """The engine of a user that shares something of a kind and name; raises NotAllowed where it isn't shared."""
 
+Load = Callable[[requests.RobotReference], "RobotModel"]
+"""Loads the robot that a request means; raises RobotInvalid."""
+
 _log = logging.getLogger(__name__)
 
 _R = TypeVar("_R", PlanReply, CertifyReply)
@@ -84,6 +87,8 @@ class _Asking:
     received: float
     watcher: Watcher | None
     later: Owe | None
+    load: Load
+    """Loads its robot, once."""
     began: float | None = None
     """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
 
@@ -195,12 +200,12 @@ class Engine:
         came = time.monotonic() if came is None else came
         try:
             decoded = codec.decode_request(request)
-            began = None
+            began, load = None, _once(self._robot)
             if received is None:
                 read = time.monotonic() - came
-                ready = self._was_ready(decoded)
+                ready = self._was_ready(decoded, load)
                 received = began = came if ready else time.monotonic() - read
-            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, began))
+            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, load, began))
         except GuidefieldError:
             self._counters["refused"] += 1
             raise
@@ -211,7 +216,7 @@ class Engine:
         self._counters["answered"] += 1
         return reply
 
-    def _was_ready(self, request: requests.Request) -> bool:
+    def _was_ready(self, request: requests.Request, load: Load) -> bool:
         """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
         compiled = self._compiled
         if isinstance(request, requests.MotionRequest | requests.KinematicsRequest) and not compiled:
@@ -220,11 +225,11 @@ class Engine:
         if isinstance(request, requests.PlanRequest):
             from guidefield.handlers.plan import prepare_ahead
 
-            return prepare_ahead(request, self._robot) and compiled
+            return prepare_ahead(request, load) and compiled
         if isinstance(request, requests.CertifyRequest):
             from guidefield.handlers.certify import load_ahead
 
-            load_ahead(request, self._robot)
+            load_ahead(request, load)
         return False
 
     def warm_up(self, robots: Sequence[str] = ()) -> None:
@@ -265,7 +270,7 @@ class Engine:
         def answered(run: Run, began: float) -> PlanReply:
             return answer(
                 request,
-                self._robot(request.robot),
+                asking.load(request.robot),
                 self._scene_in_time(request.scene, asking.received + request.allowed_planning_time, run.cancelled),
                 run_id=run.run_id,
                 received=asking.received,
@@ -283,7 +288,7 @@ class Engine:
         def answered(run: Run, began: float) -> CertifyReply:
             return answer_certify(
                 request,
-                self._robot(request.robot),
+                asking.load(request.robot),
                 self._scene_in_time(request.scene, asking.received + request.allowed_time, run.cancelled),
                 run_id=run.run_id,
                 received=asking.received,
@@ -499,6 +504,18 @@ class Engine:
 
 def _never() -> bool:
     return False
+
+
+def _once(load: Load) -> Load:
+    """Loads the robot of a request once: whether its files changed isn't looked for again meanwhile."""
+    known: list[tuple[requests.RobotReference, RobotModel]] = []
+
+    def loaded(reference: requests.RobotReference) -> RobotModel:
+        if not (known and known[0][0] is reference):
+            known[:] = [(reference, load(reference))]
+        return known[0][1]
+
+    return loaded
 
 
 _default = functools.cache(Engine)

@@ -70,15 +70,17 @@ def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: fl
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
+    names: dict[int, PairNames] = {}
     touching: defaultdict[PairNames, list[tuple[np.ndarray, int]]] = defaultdict(list)
     looked_at = qs[:MOST_LOOKED_AT]
     for q, pairs in zip(looked_at, world.near_each(looked_at), strict=True):
         world.place(q)
         there = world.body_placements.copy()
-        met = {pair: world.pair_names(pair) for pair in pairs if world.touches(pair)}
-        counts.update(set(met.values()))
-        for pair, names in met.items():
-            touching[names].append((there, pair))
+        met = [pair for pair in pairs if world.touches(pair)]
+        names |= {pair: world.pair_names(pair) for pair in met if pair not in names}
+        counts.update({names[pair] for pair in met})
+        for pair in met:
+            touching[names[pair]].append((there, pair))
         if met:
             continue
         if (inside := enclosed(world, q)) is not None:

@@ -249,9 +249,11 @@ class World:
 
     def touches(self, pair: int) -> bool:
         """Whether the bodies of a pair touch where the robot stands; hulls are asked first, they are sooner tested."""
-        if self.is_hulled(pair) and self.penetration(pair, by_hulls=True) is None:
+        first, second = self.pairs.of(pair)
+        hulled = self._has_hull(first) or self._has_hull(second)
+        if hulled and self.penetration_of(first, second, 0.0, by_hulls=True) is None:
             return False
-        return self.penetration(pair) is not None
+        return self.penetration_of(first, second, 0.0) is not None
 
     def near(self, q: ModelConfiguration) -> list[int]:
         """The pairs that may touch at a configuration of the model, shape (model.nq,), where the robot is placed."""

@@ -20,10 +20,10 @@ from guidefield.messages import requests
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.plan import Planner, plan
 from guidefield.planner.quality import clearance, clearance_profile
 from guidefield.planner.task.conditions import Budget
-from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
@@ -65,18 +65,18 @@ def answer_plan(
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_planning_time, cancelled)
     problem, warnings = problem_of(request, robot, scene, budget)
-    if not (problem.guide_planes or request.guide_planes == "auto"):
+    guided = bool(problem.guide_planes) or request.guide_planes == "auto"
+    if not guided:
         problem = in_reach(problem, budget.spent)
-    attempts = ATTEMPTS[request.minimizer](problem.group)
-    refusal = refused_ahead(request, problem, preparing)
-    load_seconds = time.monotonic() - began - (sum(refusal.seconds.values()) if refusal else 0.0)
-    derivation = Derivation()
+    attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
+    refusal, derivation = refused_ahead(request, problem, preparing), Derivation()
     if refusal is None:
         problem, derivation = with_derived_planes(problem, request)
-    begin = time.monotonic()
     recording = record(problem.group, scene)
-    load_seconds += time.monotonic() - begin
-    problem = dataclasses.replace(problem, observer=recording or Silent())
+    if recording is not None:
+        problem = dataclasses.replace(problem, observer=recording)
+    others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
+    load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
     measured, begin = None, time.monotonic()
     if made.trajectory is not None:

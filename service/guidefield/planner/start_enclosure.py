@@ -23,5 +23,7 @@ def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> 
     if conditions.scene.moves:
         world = World.build(conditions.group, conditions.scene.at(time), conditions.allowed_collisions)
     q = conditions.group.expand_from_chart(z)
-    inside = None if world.in_collision(q) else enclosed(world, q)
-    return None if inside is None else Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z)
+    inside = enclosed(world, q)  # of most worlds known at once: it is asked first
+    if inside is None or world.in_collision(q):
+        return None
+    return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z)
