@@ -114,7 +114,7 @@ def wire_trajectory(
     along = states.positions, states.velocities
     return replies.Trajectory(
         times=states.times.tolist(),
-        positions=[group.wire_positions(z) for z in states.positions],
+        positions=group.wire_rows(states.positions),
         velocities=tangents(group, *along).tolist(),
         accelerations=tangent_accelerations(group, *along, states.accelerations).tolist(),
     )

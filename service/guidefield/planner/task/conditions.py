@@ -77,13 +77,13 @@ class Conditions(ReadOnly):
 
     @cached_property
     def timed_world(self) -> TimedWorld:
-        """For the certificate of motions in time."""
+        """For the certificate of motions in time; where nothing moves both worlds in it are the problem's."""
+        if not self.scene.moves:
+            return TimedWorld.of(self.world, self.world)
         resting = World.build(self.group, self.scene.resting, self._allowed_at_rest())
         return TimedWorld.of(resting, self.world)
 
     def _allowed_at_rest(self) -> tuple[tuple[str, str], ...]:
-        if not self.scene.moves:
-            return self.allowed_collisions
         moving = {one.name for one in self.scene.obstacles if one.motion is not None}
         return tuple(pair for pair in self.allowed_collisions if not moving.intersection(pair))
 

@@ -286,13 +286,21 @@ class PlanningGroup:
         starts = (chart.unit(self.q_origin[_at_q(j)][-4:]) if j.kind in chart.ROTATION else None for j in self.joints)
         return tuple((j.idx_v, j.idx_v + j.nv, start) for j, start in zip(self.joints, starts, strict=True))
 
+    def wire_rows(self, zs: ChartPoints) -> list[WireRow]:
+        """Chart points (n, nv), each as `wire_positions` has it."""
+        if self.is_euclidean:
+            return zs.tolist()
+        return [self.wire_positions(z) for z in zs]
+
     def wire_path(self, zs: ChartPoints) -> list[WireRow]:
         """Chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
 
         An orientation doesn't say which way it was turned to, and who reads it takes the shorter one: where two points
         are `LONGEST_TURN` or more apart there are rows between them.
         """
-        rows = [self.wire_positions(z) for z in zs[:1]]
+        if self.is_euclidean:
+            return self.wire_rows(zs)
+        rows = self.wire_rows(zs[:1])
         for before, after, turn in zip(zs, zs[1:], self.turns(zs), strict=False):
             parts = math.floor(turn / LONGEST_TURN) + 1
             rows += [self.wire_positions(before + (after - before) * (k / parts)) for k in range(1, parts)]
