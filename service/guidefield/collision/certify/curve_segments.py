@@ -33,7 +33,7 @@ class CurveSegment(NamedTuple):
     pairs: np.ndarray | None
 
     def parts(self, count: int, pairs: np.ndarray | None) -> list[CurveSegment]:
-        """About so many parts of it in order, two at least, for some pairs."""
+        """About so many parts of it in order, two at least, for some pairs, shape (k, 3)."""
         pieces = len(self.controls)
         if pieces > 1:
             cuts = [pieces * k // min(count, pieces) for k in range(min(count, pieces) + 1)]
