@@ -408,20 +408,21 @@ def smallest_between(
         How many wait now; `TOUCHING` where bodies touch, or nearly.
     """
     search, left, stretch = new_search(moving), _left(moving.pairs.first.shape[0]), 0
-    every, stack = float(moving.pairs.first.shape[0]), left.stack
+    stack = left.stack
     _look_about(moving, search, stride, answers)
     while count > 0 and (stretch < most or shortest > 0.0):
         count -= 1
         stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
-        stack[0, START], stack[0, COUNT], top = 0.0, every, 1
+        stack[0, START], stack[0, COUNT], top = 0.0, float(moving.pairs.first.shape[0]), 1
         while top > 0 and (stretch < most or shortest > 0.0):
             stretch += 1
             more = _judged(moving, search, left, stretch, top - 1, tolerance, longest, shortest, answers)
             for q in range(answers.shape[0]):
                 if answers[q, DISTANCE] <= NEARLY:
                     return TOUCHING
-            if more < 0:
-                stack[top - 1, COUNT], more = 0.0, int(every)
+            if more < 0:  # both halves have all of its own
+                more = int(stack[top - 1, COUNT])
+                stack[top - 1, COUNT] = 0.0
             top = _halve(left, top - 1, more)
         for level in range(top):  # what is on the stack waits again
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
