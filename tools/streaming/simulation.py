@@ -233,6 +233,7 @@ def simulate(
     limits = _limits(stream)
     steps, every = round(duration / dt), max(1, round(request.period / dt))
     seen: deque[tuple[float, list[Observation]]] = deque(maxlen=KEPT)
+    gc.unfreeze()  # of the run before
     gc.collect()
     gc.freeze()  # what is there by now isn't collected within a cycle, as in a service
     for step in range(steps):
