@@ -38,18 +38,25 @@ def box_tree(low: Floats, high: Floats) -> BoxTree:
         low: Lower corners, shape (n, 3) [m], n >= 1, finite.
         high: Upper corners, shape (n, 3) [m].
     """
-    order = np.argsort(on_curve(0.5 * (low + high)), kind="stable")
+    order = _in_order(on_curve(0.5 * (low + high)))
     leaves = 1
     while leaves * LEAF < len(order):
         leaves *= 2
     boxes = np.tile(np.array([np.inf, -np.inf]).repeat(3), (leaves * LEAF, 1))
-    boxes[: len(order)] = np.hstack([low, high])[order]
+    boxes[: len(order)] = np.take(np.hstack([low, high]), order, axis=0)
     level = _united(boxes.reshape(leaves, LEAF, 6))
     levels = [level]
     while len(level) > 1:
         level = _united(level.reshape(-1, 2, 6))
         levels.append(level)
     return BoxTree(np.ascontiguousarray(np.concatenate(levels[::-1])), leaves, order)
+
+
+def _in_order(codes: Integers) -> Integers:
+    """The order of positions (n,), of the same ones that of their indices: sooner found where no two are the same."""
+    order = np.argsort(codes)
+    in_turn = codes[order]
+    return np.argsort(codes, kind="stable") if (in_turn[1:] == in_turn[:-1]).any() else order
 
 
 def _united(boxes: Floats) -> Floats:
@@ -65,11 +72,13 @@ def on_curve(points: Floats) -> Integers:
 
     The bits of their coordinates in turn (G. M. Morton, 1966).
     """
-    size = max(float(np.ptp(points, axis=0).max()), 1e-300)
-    cells = ((points - points.min(axis=0)) / size * (2**_BITS - 1)).astype(np.int64)
+    along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
+    least = along.min(axis=1, keepdims=True)
+    size = max(float((along.max(axis=1, keepdims=True) - least).max()), 1e-300)
+    cells = ((along - least) / size * (2**_BITS - 1)).astype(np.int64)
     for shift, kept in _SPREAD:
         cells = (cells | cells << shift) & kept
-    code: Integers = cells[:, 0] | cells[:, 1] << 1 | cells[:, 2] << 2
+    code: Integers = cells[0] | cells[1] << 1 | cells[2] << 2
     return code
 
 
