@@ -25,6 +25,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, Robo
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
+from guidefield.messages.own_scenes import to_give
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -160,7 +161,7 @@ class Engine:
             requests.StoreRobot: self._store_robot,
             requests.DeleteRobot: self._delete_robot,
             requests.ReadScenes: lambda _: ScenesReply(scenes=self._scenes.names()),
-            requests.ReadScene: lambda request: SceneReply(*self._scenes.read(request.name, request.version)),
+            requests.ReadScene: self._read_scene,
             requests.StoreScene: self._store_scene,
             requests.ChangeScene: self._change_scene,
             requests.DeleteScene: self._delete_scene,
@@ -414,6 +415,10 @@ class Engine:
     def _delete_robot(self, request: requests.DeleteRobot) -> Done:
         self._robots.delete(request.name)
         return Done(done=f"robot {request.name!r} is deleted")
+
+    def _read_scene(self, request: requests.ReadScene) -> SceneReply:
+        scene, version = self._scenes.read(request.name, request.version)
+        return SceneReply(to_give(scene), version)
 
     def _store_scene(self, request: requests.StoreScene) -> Done:
         built = self._scene(request.scene)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.box_tree import CHILDREN, BoxTree
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.obstacle_boxes import ObstacleBoxes, boxes_along_axes
+from guidefield.collision.obstacle_boxes import boxes_along_axes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
@@ -65,9 +65,9 @@ def test_boxes_along_the_worlds_axes_are_coals(seed):
 def test_boxes_along_own_axes_are_coals(seed):
     rng = np.random.default_rng(seed)
     turned = mesh_message(*l_prism(), position=(0.3, 0.1, 0.2), quaternion_xyzw=(0.5, 0.5, -0.5, 0.5))
-    obstacles = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, FLOOR])).obstacles
-    boxes = ObstacleBoxes(obstacles)
-    for one, axes, centre, halves in zip(obstacles, *boxes.along_own_axes, strict=True):
+    scene = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, FLOOR]))
+    boxes = obstacle_boxes(scene)
+    for one, axes, centre, halves in zip(scene.obstacles, *boxes.along_own_axes, strict=True):
         if isinstance(one.message, messages.HalfSpace):
             assert np.isinf(halves).all()
             continue

@@ -19,6 +19,7 @@ from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.planner.task.conditions import Budget
+from guidefield.scene.nearest_to_ball import nearest_to_ball
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball, within_ball
 from tests.handlers.test_plan import PATIENT, READY
@@ -127,3 +128,41 @@ def test_time_that_is_up_before_is_told() -> None:
             room.in_reach(problem, lambda: True)
         slow.set()
     assert room.in_reach(problem, lambda: False).scene.obstacles[0].faces < yard.obstacles[0].faces
+
+
+def shelves(seed: int, wide: float = 3.0) -> Scene:
+    """Crumbs in so many metres about a robot, and a box that is in its way."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-wide, wide, (1500, 3))
+    clear = places[(np.hypot(places[:, 0], places[:, 1]) > 0.75) | (places[:, 2] > 1.4)].tolist()
+    crumbs = [messages.Box(name=f"c{k}", size=(0.03, 0.02, 0.04), position=tuple(at)) for k, at in enumerate(clear)]
+    post = messages.Box(name="post", size=(0.06, 0.06, 0.5), position=(0.35, 0.42, 0.6))
+    return build(messages.Scene("yard", obstacles=[*crumbs, post]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_answers_among_very_many_are_those_among_all(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = shelves(seed)
+    near = min(scene.obstacles, key=lambda one: float(np.linalg.norm(one.placement.translation))).name
+    allowed = [["panda_hand", scene.obstacles[0].name], ["panda_link4", near], ["panda_hand", near]]
+    asked = {"allowed_collisions": allowed, "seed": seed}
+    met = ask(scene, **asked)
+    assert len(nearest_to_ball(scene, robot_reach(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
+    monkeypatch.setattr(room, "has_many", lambda _: False)
+    whole = ask(scene, **asked)
+    assert met.status.name == whole.status.name == "SUCCESS"
+    assert met.certificate.collision_free
+    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-9)
+    assert met.clearance.pair == whole.clearance.pair
+    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=1e-9)
+
+
+def test_what_is_touched_among_very_many_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = shelves(0, 1.8)
+    goals = [random_configuration(group("panda"), seed).tolist() for seed in range(30)]
+    asked = [{"type": "joints", "positions": dict(zip(READY, goal, strict=True))} for goal in goals]
+    impatient = {"allowed_planning_time": 30.0, "optimization_iterations": 0}
+    met = [ask(scene, goal=goal, **impatient).status for goal in asked]
+    assert any(status.name == "GOAL_IN_COLLISION" and " and c" in status.message for status in met)
+    monkeypatch.setattr(room, "has_many", lambda _: False)
+    assert [ask(scene, goal=goal, **impatient).status for goal in asked] == met

@@ -10,7 +10,7 @@ import pytest
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import codec
-from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.scene import Mesh, Scene, Sphere
 from guidefield.messages.scene_changes import VERSIONS_KEPT, SceneDiff
 from guidefield.messages.values import Placement
 from guidefield.stores import scene_versions
@@ -199,3 +199,32 @@ def test_a_change_is_made_though_the_disk_refuses_to_tidy_up(
     assert store.change("s", to(100.0))[1] == 100
     assert SceneStore(tmp_path).read("s")[1] == 100
     assert len((tmp_path / "s.changes").read_bytes().splitlines()) < VERSIONS_KEPT
+
+
+def test_files_of_a_large_scene_are_not_written_again_for_every_few_lines(store: SceneStore, tmp_path: Path) -> None:
+    many = [Sphere(name=f"b{k}", radius=0.1) for k in range(400)]
+    store.write(Scene("s", obstacles=[*BALL.obstacles, *many]))
+    other = SceneStore(tmp_path)
+    for version in range(2, 201):
+        store.change("s", to(float(version)))
+        if version % 50 == 0:
+            assert other.read("s")[0].obstacles[1] == store.read("s")[0].obstacles[1] == many[0]
+            assert other.read("s")[0].obstacles[0] == Sphere(name="ball", radius=0.1, position=(version, 0.0, 0.0))
+    assert json.loads((tmp_path / "s.json").read_bytes())["version"] == 1
+    assert len((tmp_path / "s.changes").read_bytes()) < len((tmp_path / "s.json").read_bytes())
+    for version in range(201, 700):
+        store.change("s", to(float(version)))
+    assert json.loads((tmp_path / "s.json").read_bytes())["version"] > 200
+    assert SceneStore(tmp_path).read("s", 690)[0].obstacles[0] == Sphere(name="ball", radius=0.1, position=(690, 0, 0))
+
+
+def test_what_was_given_to_be_stored_may_change_afterwards(store: SceneStore, tmp_path: Path) -> None:
+    store.write(BALL)
+    corners = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
+    store.change("s", SceneDiff(add=[Mesh(name="m", vertices=corners, triangles=[(0, 1, 2)])]))
+    given = Scene("s", obstacles=[*BALL.obstacles])
+    corners[0] = (9.0, 9.0, 9.0)
+    assert store.read("s") == SceneStore(tmp_path).read("s")
+    store.write(given)
+    given.obstacles.clear()
+    assert store.read("s") == (BALL, 3)

@@ -11,8 +11,11 @@ import numpy as np
 from guidefield.collision.box_tree import BoxTree
 from guidefield.kept import kept_with
 from guidefield.messages import scene as messages
+from guidefield.scene.carried import Rows, carried
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
+
+OwnBoxes = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 ROUNDING = 1e-9
 """What boxes along the world's axes are wider by, of a metre and of each metre that they are from the origin."""
@@ -22,11 +25,11 @@ class ObstacleBoxes:
     """Boxes about the obstacles of a scene, as they are placed at first.
 
     Args:
-        obstacles: The obstacles.
+        own: As `own_boxes` has them.
     """
 
-    def __init__(self, obstacles: tuple[Obstacle, ...]) -> None:
-        self._obstacles = obstacles
+    def __init__(self, own: OwnBoxes) -> None:
+        self._own = own
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which obstacles may be in which of some boxes along the world's axes.
@@ -76,28 +79,44 @@ class ObstacleBoxes:
     @cached_property
     def endless(self) -> np.ndarray:
         """Those without an end, ascending indices, shape (e,)."""
-        return np.flatnonzero([isinstance(one.message, messages.HalfSpace) for one in self._obstacles])
+        return np.flatnonzero(self._is_endless)
 
     @cached_property
     def bounded(self) -> np.ndarray:
         """The others, shape (b,)."""
-        return np.setdiff1d(np.arange(len(self._obstacles)), self.endless)
+        return np.flatnonzero(~self._is_endless)
 
     @cached_property
     def tree(self) -> BoxTree:
         """A tree of the boxes about those, along the world's axes."""
-        return BoxTree.of(*_along_axes(*(array[self.bounded] for array in self._own)))
+        return BoxTree.of(*_along_axes(*(np.take(array, self.bounded, axis=0) for array in self._own)))
 
     @cached_property
-    def _own(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes along the obstacles' own axes: these as columns, middles in the world, half extents."""
-        return _own_boxes(self._obstacles)
+    def _is_endless(self) -> np.ndarray:
+        return np.asarray(np.isinf(self._own[2]).any(axis=1))
 
 
 @kept_with
 def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
     """The boxes about a scene's obstacles; made once for each scene."""
-    return ObstacleBoxes(scene.obstacles)
+    return ObstacleBoxes(own_boxes(scene))
+
+
+def _over(known: OwnBoxes, rows: Rows, scene: Scene) -> OwnBoxes:
+    fresh = _own_boxes([scene.obstacles[index] for index in rows.fresh.tolist()])
+    axes, middles, halves = (rows.of(array, others) for array, others in zip(known, fresh, strict=True))
+    return axes, middles, halves
+
+
+@carried(_over)
+def own_boxes(scene: Scene) -> OwnBoxes:
+    """Boxes about a scene's obstacles along their own axes.
+
+    Returns:
+        Their axes as columns, shape (n, 3, 3), middles in the world and half extents, both of shape (n, 3) [m]; those
+        of a half-space are infinite.
+    """
+    return _own_boxes(scene.obstacles)
 
 
 def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
@@ -122,8 +141,8 @@ def _along_axes(axes: np.ndarray, middles: np.ndarray, halves: np.ndarray) -> tu
     return low - wider, high + wider
 
 
-def _own_boxes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boxes about obstacles along their own axes: these as columns (n, 3, 3), middles in the world, half extents [m].
+def _own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
+    """The same of any obstacles.
 
     Of primitives they are made of what is declared, many at once.
     """

@@ -161,6 +161,7 @@ class BodyRows(NamedTuple):
         placements: As `Body.placement`, shape (n, 3, 4) [m].
         surfaces: By row, those of solids and sheets.
         clouds: As `Body.cloud`, shape (n,).
+        boxes: As `boxes_in_world` has them, shape (n, 6) [m].
     """
 
     kinds: Integers
@@ -169,29 +170,34 @@ class BodyRows(NamedTuple):
     placements: Floats
     surfaces: dict[int, Triangulated]
     clouds: Integers
+    boxes: Floats
 
     def ordered(self, order: Integers) -> BodyRows:
         """The rows in another order, indices of shape (n,)."""
         places = {row: place for place, row in enumerate(order.tolist())} if self.surfaces else {}
         return BodyRows(
             kinds=self.kinds[order],
-            sizes=self.sizes[order],
-            bounds=self.bounds[order],
-            placements=self.placements[order],
+            sizes=np.take(self.sizes, order, axis=0),
+            bounds=np.take(self.bounds, order, axis=0),
+            placements=np.take(self.placements, order, axis=0),
             surfaces={places[row]: surface for row, surface in self.surfaces.items() if row in places},
             clouds=self.clouds[order],
+            boxes=np.take(self.boxes, order, axis=0),
         )
 
 
 def body_rows(bodies: Sequence[Body]) -> BodyRows:
     """Bodies as rows, in their order."""
+    bounds = np.array([body.bounds for body in bodies], float).reshape(-1, 6)
+    placements = np.array([body.placement for body in bodies], float).reshape(-1, 3, 4)
     return BodyRows(
         np.array([body.kind for body in bodies], np.int64),
         np.array([body.size for body in bodies], float).reshape(-1, 3),
-        np.array([body.bounds for body in bodies], float).reshape(-1, 6),
-        np.array([body.placement for body in bodies], float).reshape(-1, 3, 4),
+        bounds,
+        placements,
         {row: body.surface for row, body in enumerate(bodies) if len(body.surface[1])},
         np.array([body.cloud for body in bodies], np.int64),
+        boxes_in_world(placements, bounds),
     )
 
 
@@ -205,15 +211,20 @@ def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
         placements=np.concatenate([first.placements, second.placements]),
         surfaces=first.surfaces | {count + row: surface for row, surface in second.surfaces.items()},
         clouds=np.concatenate([first.clouds, second.clouds]),
+        boxes=np.concatenate([first.boxes, second.boxes]),
     )
 
 
-def boxes_in_world(bodies: BodyRows) -> Floats:
+def boxes_in_world(placements: Floats, bounds: Floats) -> Floats:
     """Boxes along the axes about bodies where they are placed, lower then upper corner, shape (n, 6) [m].
 
     That of a half-space is everything.
+
+    Args:
+        placements: Of the bodies, shape (n, 3, 4) [m].
+        bounds: Boxes about them in their own frames, shape (n, 6) [m].
     """
-    placements, bounds = bodies.placements, bodies.bounds.copy()
+    bounds = bounds.copy()
     endless = ~np.isfinite(bounds).all(axis=1)
     bounds[endless] = 0.0
     centres, halves = 0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * (bounds[:, 3:] - bounds[:, :3])
@@ -238,7 +249,7 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
         placements=bodies.placements,
         sizes=bodies.sizes,
         bounds=bodies.bounds,
-        boxes=boxes_in_world(bodies),
+        boxes=bodies.boxes,
         spans=spans,
         nodes=nodes,
         surfaces=surfaces,

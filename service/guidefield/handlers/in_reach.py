@@ -1,21 +1,23 @@
-"""Of a large scene a robot is planned for among what it can meet."""
+"""In a large scene, and among very many obstacles, a robot is planned for among what it can meet."""
 
 from __future__ import annotations
 
 import dataclasses
+from itertools import chain
 from typing import TypeVar
 
 from guidefield.aside import Spent, done_aside
 from guidefield.collision.robot_reach import robot_reach
 from guidefield.collision.world import World
 from guidefield.planner.task.conditions import Conditions
+from guidefield.scene.nearest_to_ball import has_many, nearest_to_ball
 from guidefield.scene.within_ball import is_large_scene, within_ball
 
 Asked = TypeVar("Asked", bound=Conditions)
 
 
 def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
-    """A problem among what its robot can meet: all distances are the same, and so are pairs and field.
+    """A problem among what its robot can meet: distances from what is nearest are the same.
 
     Args:
         problem: The problem.
@@ -26,10 +28,16 @@ def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
         StoppedError: if time was up before.
     """
     scene = problem.scene
-    reach = robot_reach(problem.group, limited) if is_large_scene(scene) else None
+    many, large = has_many(scene), is_large_scene(scene)
+    reach = robot_reach(problem.group, limited) if many or large else None
     if reach is None:
         return problem
-    met = done_aside(lambda: within_ball(scene, reach), spent, lambda: f"what is in reach of scene {scene.name}")
+    met, pairs = scene, problem.world.pairs
+    if many:
+        nearest = nearest_to_ball(scene, reach, scene.names.intersection(chain(*problem.allowed_collisions)))
+        met, pairs = nearest.scene, pairs.among(nearest.chosen)
+    if large:
+        met = done_aside(lambda: within_ball(met, reach), spent, lambda: f"what is in reach of scene {scene.name}")
     if met is scene:
         return problem
-    return dataclasses.replace(problem, scene=met, world=World(problem.group, met, problem.world.pairs))
+    return dataclasses.replace(problem, scene=met, world=World(problem.group, met, pairs))

@@ -13,6 +13,7 @@ from guidefield.collision.minimum.tables import prepare_obstacles
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.placed import unplaced
 from guidefield.scene.scene import Scene
 
 
@@ -31,7 +32,7 @@ def prepare_in_time(
     Raises:
         StoppedError: if time was up; its text says before what.
     """
-    known = scene in _prepared and (not field or "tables" in vars(scene))
+    known = (scene in _prepared or not unplaced(scene)) and (not field or "tables" in vars(scene))
     if known and (robot is None or is_prepared(robot)):
         wait_for_others(spent)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene import Scene
 from guidefield.messages.seen_scene import SeenScene
 
@@ -36,16 +37,12 @@ class CheckedScenes:
             return None
         return next((one.scene for one in self._kept if one.seen.is_like(given)), None)
 
-    def has(self, checked: Scene) -> bool:
-        """Whether a scene is one of the checked ones that are kept, the same object."""
-        return any(one.scene is checked for one in self._kept)
-
     def keep(self, given: object, checked: object) -> None:
         """Keep a scene that passed.
 
         Args:
             given: As it was given.
-            checked: As the decoder made it: nobody may change it any more.
+            checked: As the decoder made it: nobody may change it any more, it is ours.
         """
         if type(given) is not Scene or not isinstance(checked, Scene):
             return
@@ -54,7 +51,7 @@ class CheckedScenes:
         except TypeError:
             return
         if seen.parts >= WORTH:
-            kept, left = [_Checked(seen, checked)], MOST_PARTS - seen.parts
+            kept, left = [_Checked(seen, make_own(checked))], MOST_PARTS - seen.parts
             for one in self._kept[: self._most - 1]:
                 left -= one.seen.parts
                 if left >= 0:

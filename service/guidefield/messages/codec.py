@@ -204,11 +204,6 @@ def _with_lists(request: requests.Request, scene: Scene) -> Any:
     return plain
 
 
-def is_kept(scene: Scene) -> bool:
-    """Whether a scene is one that `checked` made and keeps: it is what it was, for nobody else has it."""
-    return _CHECKED.has(scene)
-
-
 _CHECKED = CheckedScenes(4)
 
 

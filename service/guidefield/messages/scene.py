@@ -223,7 +223,7 @@ class GuidePlane(Message):
         _check_points("vertices", self.vertices)
 
 
-class Scene(Message):
+class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: nothing of it travels or is copied
     """A named set of obstacles, and the guide planes that lead through them."""
 
     name: Name

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import copy
-import operator
-from collections.abc import Mapping, Sequence
-from itertools import compress, count
+import weakref
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Protocol
 
 import msgspec
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages.faults import listed, meant
+from guidefield.messages.own_scenes import Before, Own, make_own, own, places_of
 from guidefield.messages.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, Sphere
 from guidefield.messages.values import Message, Name, Placement, Reply
 
@@ -118,56 +118,61 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
         change: What goes, moves and comes.
         name: Its name from now on; empty: the one that it had.
 
+    Returns:
+        The scene from now on; the very same where nothing changes. It is ours where the one before was.
+
     Raises:
         SceneInvalid: if an obstacle is named that isn't there, comes under a name that is taken, comes twice, or has no
             placement that could be changed; `details` hold its name (as `obstacle`) and the `path` in the change.
     """
-    obstacles = _removed(scene, change.remove)
-    _move(scene.name, obstacles, change.move)
-    _add(scene.name, obstacles, change.add)
+    if not (change.remove or change.move or change.add) and name in ("", scene.name):
+        return scene
+    places, obstacles = places_of(scene), [*scene.obstacles]
+    left: Sequence[int] = range(len(obstacles))
+    if change.remove:
+        left = _left(scene.name, places, change.remove)
+        obstacles = [scene.obstacles[index] for index in left]
+        places = {one.name: index for index, one in enumerate(obstacles)}
+    moved = _move(scene.name, obstacles, places, change.move)
+    if change.add:
+        places = _add(scene.name, obstacles, places, change.add)
     after = copy.copy(scene)  # what a change leaves is not checked again
     msgspec.structs.force_setattr(after, "name", name or scene.name)
     msgspec.structs.force_setattr(after, "obstacles", obstacles)
+    if own(scene) is not None:
+        make_own(after, Own(Before(weakref.ref(scene), left, moved), places))
     return after
 
 
-_NAME = operator.attrgetter("name")
-
-
-def _removed(scene: Scene, gone: Sequence[str]) -> list[Obstacle]:
-    """The obstacles of a scene but for those that go, in a list of their own."""
-    if not gone:
-        return list(scene.obstacles)
-    left = {one.name: one for one in scene.obstacles}
+def _left(scene: str, places: Mapping[str, int], gone: Sequence[str]) -> list[int]:
+    """Which obstacles are left, by the places of all."""
+    left = dict(places)
     for index, name in enumerate(gone):
         if name not in left:
-            raise _absent(scene.name, name, list(left), f"remove[{index}]")
+            raise _absent(scene, name, left, f"remove[{index}]")
         del left[name]
     return list(left.values())
 
 
-def _move(scene: str, obstacles: list[Obstacle], moves: Mapping[str, Placement]) -> None:
-    """Put those that move where they are from now on; nothing is done for the others but to look at their names."""
-    if not moves:
-        return
-    places = list(compress(count(), map(moves.__contains__, map(_NAME, obstacles))))
-    if len(places) < len(moves):
-        names = [*map(_NAME, obstacles)]
-        there = set(names)
-        absent = next(name for name in moves if name not in there)
-        raise _absent(scene, absent, names, f"move.{absent}")
-    for place in places:
+def _move(
+    scene: str, obstacles: list[Obstacle], places: Mapping[str, int], moves: Mapping[str, Placement]
+) -> list[int]:
+    """Put those that move where they are from now on; which these are. The others aren't looked at."""
+    absent = next((name for name in moves if name not in places), None)
+    if absent is not None:
+        raise _absent(scene, absent, places, f"move.{absent}")
+    moved = sorted(places[name] for name in moves)
+    for place in moved:
         obstacles[place] = _moved(obstacles[place], moves[obstacles[place].name])
+    return moved
 
 
-def _add(scene: str, obstacles: list[Obstacle], coming: Sequence[Obstacle]) -> None:
-    """Put those that come behind the others."""
-    if not coming:
-        return
-    there, added = set(map(_NAME, obstacles)), set[str]()
+def _add(scene: str, obstacles: list[Obstacle], there: Mapping[str, int], coming: Sequence[Obstacle]) -> dict[str, int]:
+    """Put those that come behind the others; the places of all."""
+    places = dict(there)
     for index, one in enumerate(coming):
         path = f"add[{index}].name"
-        if one.name in added:
+        if one.name in places and one.name not in there:
             raise _refused(f"two obstacles {one.name!r} are to be added to scene {scene!r}", one.name, path)
         if one.name in there:
             raise _refused(
@@ -175,8 +180,9 @@ def _add(scene: str, obstacles: list[Obstacle], coming: Sequence[Obstacle]) -> N
                 one.name,
                 path,
             )
-        added.add(one.name)
+        places[one.name] = len(obstacles)
         obstacles.append(one)
+    return places
 
 
 def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
@@ -202,9 +208,10 @@ def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
     return moved
 
 
-def _absent(scene: str, name: str, names: list[str], path: str) -> SceneInvalid:
-    there = f"there are {listed(names)}" if names else "there is none left"
-    return _refused(f"scene {scene!r} has no obstacle {name!r}; {meant(name, names)}{there}", name, path)
+def _absent(scene: str, name: str, there: Iterable[str], path: str) -> SceneInvalid:
+    names = [*there]
+    others = f"there are {listed(names)}" if names else "there is none left"
+    return _refused(f"scene {scene!r} has no obstacle {name!r}; {meant(name, names)}{others}", name, path)
 
 
 def _refused(message: str, obstacle: str, path: str) -> SceneInvalid:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
-from guidefield.messages import codec, scene as messages
+from guidefield.messages import scene as messages
+from guidefield.messages.own_scenes import Before, own
 from guidefield.scene import scene as scenes
-from guidefield.scene.content import Content, scene_content
+from guidefield.scene.carried import Rows
+from guidefield.scene.content import Content, changed_content, scene_content
 from guidefield.scene.mesh import MOST_FACES
 from guidefield.scene.points import count_of
 from guidefield.scene.scene import Scene
@@ -37,39 +42,96 @@ class BuiltScenes:
         Raises:
             StoppedError: if time was up before it was built.
         """
-        content, parts = self._known(message), dict[int, Content]()
-        if content is None:
-            if spent is not None and _has_many(message) and spent():
-                raise StoppedError(f"scene {message.name} was looked at")
-            content, parts = scene_content(message)
+        content, parts = self._content(message, spent)
         built = self._scenes.pop(content, None)
         if built is None:
-            built = scenes.build(message, parts) if spent is None else _built_in_time(message, parts, spent)
-            while self._scenes and (len(self._scenes) >= self._most or self._faces() + _faces(built) > MOST_FACES):
-                self._scenes.popitem(last=False)
+            built = self._built(message, parts, spent)
+            faces = sum(scene.faces for scene in self._scenes.values()) + built.faces  # as if none shared an obstacle
+            while self._scenes and (len(self._scenes) >= self._most or faces > MOST_FACES):
+                faces -= self._scenes.popitem(last=False)[1].faces
         self._scenes[content] = built
         return built
 
-    def _known(self, message: messages.Scene) -> bytes | None:
-        """The hash of a checked message of which a scene was built; None of another."""
-        same = (content for content, scene in self._scenes.items() if scene.message is message)
-        return next(same, None) if codec.is_kept(message) else None
+    def _content(self, message: messages.Scene, spent: Spent | None) -> tuple[bytes, dict[int, Content]]:
+        """What a scene is known by, and its meshes and clouds, as far as these were looked at for it.
 
-    def _faces(self) -> int:
-        """Of all of them, as if none shared an obstacle."""
-        return sum(map(_faces, self._scenes.values()))
+        Of a scene that is ours it is found once; of one that was changed, of what changed alone.
+        """
+        mine, parts = own(message), dict[int, Content]()
+        if mine is not None and mine.content is not None:
+            return mine.content, parts
+        change = None if mine is None else mine.before
+        before = None if change is None else change.scene()
+        if change is not None and before is not None:
+            content = changed_content(self._content(before, spent)[0], change, message)
+        else:
+            if spent is not None and _has_many(message) and spent():
+                raise StoppedError(f"scene {message.name} was looked at")
+            content, parts = scene_content(message)
+        if mine is not None:
+            mine.content = content
+        return content, parts
+
+    def _built(self, message: messages.Scene, parts: dict[int, Content], spent: Spent | None) -> Scene:
+        """A scene that isn't there yet: of the one that is there of those that it was before, else anew."""
+        found = self._before(message)
+        if found is None:
+            return scenes.build(message, parts) if spent is None else _built_in_time(message, parts, spent)
+        before, rows = found
+        if spent is None:
+            return scenes.changed(before, message, rows)
+        fresh = [message.obstacles[index] for index in rows.fresh.tolist()]
+        return _in_time(lambda: scenes.changed(before, message, rows), message.name, _are_many(fresh), spent)
+
+    def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
+        """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""
+        rows: Rows | None = None
+        while (mine := own(message)) is not None and mine.before is not None:
+            before = mine.before.scene()
+            if before is None:
+                return None
+            step = rows_of(mine.before, len(message.obstacles), len(before.obstacles))
+            rows = step if rows is None else rows.after(step)
+            known = own(before)
+            built = None if known is None or known.content is None else self._scenes.get(known.content)
+            if built is not None:
+                return (built, rows) if rows.are_few else None
+            message = before
+        return None
+
+
+def rows_of(change: Before, count: int, before: int) -> Rows:
+    """Where the obstacles of a scene stood before a change.
+
+    Args:
+        change: The change.
+        count: How many there are.
+        before: How many there were.
+    """
+    source, left = np.full(count, -1), change.left
+    source[: len(left)] = np.arange(len(left)) if isinstance(left, range) else left
+    source[change.moved] = -1
+    return Rows(source, before)
 
 
 def _built_in_time(message: messages.Scene, contents: dict[int, Content], spent: Spent) -> Scene:
-    doing = f"scene {message.name} was built"
-    if not _has_many(message):
+    return _in_time(lambda: scenes.build(message, contents), message.name, _has_many(message), spent)
+
+
+def _in_time(build: Callable[[], Scene], name: str, many: bool, spent: Spent) -> Scene:
+    """Build a scene, aside if that is much."""
+    if not many:
         wait_for_others(spent)
-        return scenes.build(message, contents)
-    return done_aside(lambda: scenes.build(message, contents), spent, lambda: doing)
+        return build()
+    return done_aside(build, spent, lambda: f"scene {name} was built")
 
 
 def _has_many(message: messages.Scene) -> bool:
-    return len(message.obstacles) + sum(map(_parts, message.obstacles)) >= MANY
+    return _are_many(message.obstacles)
+
+
+def _are_many(obstacles: Sequence[messages.Obstacle]) -> bool:
+    return len(obstacles) >= MANY or len(obstacles) + sum(map(_parts, obstacles)) >= MANY
 
 
 def _parts(obstacle: messages.Obstacle) -> int:
@@ -82,7 +144,3 @@ def _parts(obstacle: messages.Obstacle) -> int:
         case messages.PointCloud():
             return count_of(obstacle.points)
     return 0
-
-
-def _faces(scene: Scene) -> int:
-    return sum(one.faces for one in scene.obstacles)

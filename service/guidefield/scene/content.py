@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from guidefield.messages import scene as messages
+from guidefield.messages.own_scenes import Before
 
 
 class Content(NamedTuple):
@@ -45,6 +46,20 @@ def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     many = {index: content_of(one) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
     obstacles = [many[index].all if index in many else one for index, one in enumerate(message.obstacles)]
     return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
+
+
+def changed_content(before: bytes, change: Before, message: messages.Scene) -> bytes:
+    """What a scene is known by that was made of one that is known: a hash of that, and of what changed.
+
+    Args:
+        before: What the scene before is known by.
+        change: What it was before.
+        message: The scene now.
+    """
+    left = None if isinstance(change.left, range) else change.left
+    others = [*change.moved, *range(len(change.left), len(message.obstacles))]
+    fresh = [content_of(message.obstacles[index]).all for index in others]
+    return _hashed([before, message.name, left, others, fresh])
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)

@@ -23,10 +23,11 @@ from guidefield.kernels.collide.primitive import (
     CAPSULE as CAPSULE_PLACED,
     HALF_SPACE as HALF_SPACE_PLACED,
 )
-from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.placed import placed_rows, unplaced
 from guidefield.scene.scene import Scene
 
 
@@ -37,24 +38,31 @@ def distance_tables(scene: Scene) -> DistanceTables:
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
     overlap are told apart from hollows.
     """
-    resting = np.flatnonzero([one.motion is None for one in scene.obstacles])
-    at_rest = [scene.obstacles[index] for index in resting.tolist()]
-    placed = b"".join([one.placed for one in at_rest])
-    rows = np.frombuffer(placed).reshape(-1, PLACED.size // 8)
-    declared = resting[[bool(one.placed) for one in at_rest]]
-    bounded = rows[:, 0] != HALF_SPACE_PLACED
-    others = np.setdiff1d(resting, declared[bounded], assume_unique=True)
-    made = [(index, body) for index in others.tolist() for body in bodies_of(scene.obstacles[index])]
-    bodies = joined_rows(_primitives(rows[bounded]), body_rows([body for _, body in made]))
-    owners = np.concatenate([declared[bounded], np.array([index for index, _ in made], np.int64)])
-    order, nodes = np.argsort(owners, kind="stable"), np.empty((0, 6))
-    endless, inside = (order[chosen] for chosen in _split(bodies.kinds[order] == HALF_SPACE))
+    bodies, owners = _in_order(scene)
+    endless, inside = _split(bodies.kinds == HALF_SPACE)
+    nodes = np.empty((0, 6))
     if len(inside):
-        boxes = boxes_in_world(bodies.ordered(inside))
+        boxes = np.take(bodies.boxes, inside, axis=0)
         tree = box_tree(boxes[:, :3], boxes[:, 3:])
         nodes, inside = tree.nodes, inside[tree.order]
     order = np.concatenate([endless, inside])
     return body_tables(bodies.ordered(order), owners[order], nodes)
+
+
+def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
+    """The bodies of all obstacles that rest, in the order of these, and which each is of, shape (n,)."""
+    primitives, placed = _primitives(scene), placed_rows(scene)
+    declared = np.delete(np.arange(len(placed)), scene.others)
+    half_spaces, bounded = (declared[chosen] for chosen in _split(placed[declared, 0] == HALF_SPACE_PLACED))
+    if len(bounded) == len(placed):
+        return primitives, bounded
+    still = [index for index in unplaced(scene) if scene.obstacles[index].motion is None]
+    others = sorted([*half_spaces.tolist(), *still])
+    made = [(index, body) for index in others for body in bodies_of(scene.obstacles[index])]
+    bodies = joined_rows(primitives.ordered(bounded), body_rows([body for _, body in made]))
+    owners = np.concatenate([bounded, np.array([index for index, _ in made], np.int64)])
+    order = np.argsort(owners, kind="stable")
+    return bodies.ordered(order), owners[order]
 
 
 def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -62,7 +70,26 @@ def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(chosen), np.flatnonzero(~chosen)
 
 
-def _primitives(placed: np.ndarray) -> BodyRows:
+def _over(known: BodyRows, rows: Rows, scene: Scene) -> BodyRows:
+    fresh = _declared(placed_rows(scene)[rows.fresh])
+    return BodyRows(
+        kinds=rows.of(known.kinds, fresh.kinds),
+        sizes=rows.of(known.sizes, fresh.sizes),
+        bounds=rows.of(known.bounds, fresh.bounds),
+        placements=rows.of(known.placements, fresh.placements),
+        surfaces={},
+        clouds=rows.of(known.clouds, fresh.clouds),
+        boxes=rows.of(known.boxes, fresh.boxes),
+    )
+
+
+@carried(_over)
+def _primitives(scene: Scene) -> BodyRows:
+    """A row for each obstacle of a scene; that of what is no box, cylinder or capsule at rest says nothing."""
+    return _declared(placed_rows(scene))
+
+
+def _declared(placed: np.ndarray) -> BodyRows:
     """Boxes, cylinders and capsules that are declared by `PLACED`, shape (n, 12)."""
     declared, (x, y, z, w), radius = placed[:, 0], placed[:, 1:5].T, placed[:, -1]
     halves, half = placed[:, 8:11], placed[:, 10]
@@ -74,13 +101,15 @@ def _primitives(placed: np.ndarray) -> BodyRows:
     placements[:, 1, :3] = np.column_stack([2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)])
     placements[:, 2, :3] = np.column_stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)])
     placements[:, :, 3] = placed[:, 5:8]
+    bounds = np.hstack([-reach, reach])
     return BodyRows(
         kinds=np.where(box, BOX, np.where(capsule, CAPSULE, CYLINDER)),
         sizes=np.where(box[:, None], halves, np.column_stack([radius, half, np.zeros(len(placed))])),
-        bounds=np.hstack([-reach, reach]),
+        bounds=bounds,
         placements=placements,
         surfaces={},
         clouds=np.zeros(len(placed), np.int64),
+        boxes=boxes_in_world(placements, bounds),
     )
 
 

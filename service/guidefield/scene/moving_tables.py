@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Mapping
+
 import numpy as np
 
 from guidefield.geometry.distance_bodies import body_rows, body_tables
@@ -9,17 +12,28 @@ from guidefield.kept import kept_with
 from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.read_only import read_only
 from guidefield.scene.distance_tables import bodies_of
+from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
 
 @kept_with
 def moving_tables(scene: Scene) -> MovingBodies:
-    """Tables of the obstacles of a scene that move; computed once for each scene."""
+    """Tables of the obstacles of a scene that move; once for each scene, and once for all in which none does."""
+    return _tables({index: scene.obstacles[index] for index in scene.others}) if scene.moves else _nothing()
+
+
+@functools.cache
+def _nothing() -> MovingBodies:
+    return _tables({})
+
+
+def _tables(obstacles: Mapping[int, Obstacle]) -> MovingBodies:
+    """The same of those that move of some obstacles, by their indices."""
     bodies, owners, of = [], [], []
-    motions = [(index, one.motion) for index, one in enumerate(scene.obstacles) if one.motion is not None]
+    motions = [(index, one.motion) for index, one in obstacles.items() if one.motion is not None]
     for k, (index, motion) in enumerate(motions):
         back = motion.placements[0].inverse()
-        made = [body.placed(back.rotation, back.translation) for body in bodies_of(scene.obstacles[index])]
+        made = [body.placed(back.rotation, back.translation) for body in bodies_of(obstacles[index])]
         bodies += made
         owners += [index] * len(made)
         of += [k] * len(made)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -16,6 +17,7 @@ from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
+from guidefield.scene.carried import Rows, note
 from guidefield.scene.content import Content
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.motion import ObstacleMotion, posed
@@ -46,19 +48,29 @@ class Scene:
     warnings: tuple[str, ...]
 
     @cached_property
+    def others(self) -> tuple[int, ...]:
+        """Which obstacles are no primitives at rest, ascending indices: of thousands it is few that need a look."""
+        return tuple(index for index, one in enumerate(self.obstacles) if _is_other(one))
+
+    @cached_property
     def end(self) -> float:
         """When the last obstacle comes to rest [s]; 0 if all are."""
-        return max((one.motion.end for one in self.obstacles if one.motion is not None), default=0.0)
+        return max((one.motion.end for one in self._others() if one.motion is not None), default=0.0)
 
     @cached_property
     def moves(self) -> bool:
         """Whether any obstacle moves."""
-        return any(one.motion is not None for one in self.obstacles)
+        return any(one.motion is not None for one in self._others())
 
     @cached_property
     def most_faces(self) -> int:
         """Of how many triangles or points its largest obstacle is; 0 if all are convex."""
-        return max((one.faces for one in self.obstacles), default=0)
+        return max((one.faces for one in self._others()), default=0)
+
+    @cached_property
+    def faces(self) -> int:
+        """Of how many triangles and points all of them are that aren't convex."""
+        return sum(one.faces for one in self._others())
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -68,7 +80,10 @@ class Scene:
     @cached_property
     def convex(self) -> bool:
         """Whether Coal judges every obstacle as one convex body."""
-        return all(one.convex for one in self.obstacles)
+        return all(one.convex for one in self._others())
+
+    def _others(self) -> Iterator[Obstacle]:
+        return map(self.obstacles.__getitem__, self.others)
 
     @cached_property
     def resting(self) -> Scene:
@@ -94,8 +109,7 @@ class Scene:
 
     def of(self, chosen: Sequence[int]) -> Scene:
         """The scene with some of its obstacles alone, by their indices."""
-        declared = [self.message.obstacles[index] for index in chosen]
-        message = msgspec.structs.replace(self.message, obstacles=declared)
+        message = declared_with(self.message, [self.message.obstacles[index] for index in chosen])
         return dataclasses.replace(self, message=message, obstacles=tuple(self.obstacles[index] for index in chosen))
 
     @cached_property
@@ -128,6 +142,59 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
         guide_planes=guide_planes,
         warnings=tuple(warning for one in obstacles for warning in one.warnings),
     )
+
+
+def changed(before: Scene, message: messages.Scene, rows: Rows) -> Scene:
+    """Build a scene from its message where one that it was changed from is built: only obstacles that are others.
+
+    Args:
+        before: The scene before.
+        message: Obstacles as declared; guide planes are those from before.
+        rows: Where its obstacles stood there.
+
+    Raises:
+        SceneInvalid: as `build`.
+    """
+    fresh = [obstacle.build(message.obstacles[index], index) for index in rows.fresh.tolist()]
+    return with_others(before, rows, fresh, message)
+
+
+def declared_with(message: messages.Scene, obstacles: list[messages.Obstacle]) -> messages.Scene:
+    """A scene as it is declared, but with some of its obstacles alone: these aren't checked again."""
+    some = copy.copy(message)
+    msgspec.structs.force_setattr(some, "obstacles", obstacles)
+    return some
+
+
+def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: messages.Scene) -> Scene:
+    """A scene that has the obstacles of another one, and some others.
+
+    Args:
+        before: The other one.
+        rows: Where the obstacles stood there.
+        fresh: Those that are others.
+        message: Its declaration, with the guide planes from before.
+    """
+    warned = before.warnings or any(one.warnings for one in fresh)
+    obstacles = tuple(rows.listed(before.obstacles, fresh))
+    scene = Scene(
+        message=message,
+        name=message.name,
+        obstacles=obstacles,
+        guide_planes=before.guide_planes,
+        warnings=tuple(warning for one in obstacles for warning in one.warnings) if warned else (),
+    )
+    gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.gone.tolist()), fresh))
+    vars(scene)["names"] = before.names if gone == come else before.names.difference(gone).union(come)
+    others = [index for index, one in zip(rows.fresh.tolist(), fresh, strict=True) if _is_other(one)]
+    vars(scene)["others"] = tuple(sorted([*rows.now(before.others), *others]))
+    note(scene, before, rows)
+    return scene
+
+
+def _is_other(one: Obstacle) -> bool:
+    """Whether an obstacle is no primitive at rest."""
+    return one.motion is not None or not one.placed
 
 
 def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:

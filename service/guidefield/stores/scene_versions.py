@@ -15,15 +15,18 @@ from pathlib import Path
 
 import msgspec
 
-from guidefield.errors import SceneInvalid
+from guidefield.errors import MalformedRequest, SceneInvalid
 from guidefield.messages import codec
+from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import VERSIONS_KEPT, SceneDiff, changed
-from guidefield.stores.files import decoded, read_if_any
+from guidefield.stores.files import decoded
 from guidefield.whole_file import write_whole
 
 MOST_LINES = 4 * VERSIONS_KEPT
-"""So many changes stand behind a whole scene before the files are written again."""
+"""So many changes stand behind a whole scene before the files are written again, if they are longer than it is."""
+MOST_SHORT_LINES = 64 * VERSIONS_KEPT
+"""So many if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
 READ_AGAIN = 5
 """How often the files are read again that somebody else writes meanwhile."""
 
@@ -49,13 +52,15 @@ class _Known:
 
     Attributes:
         file: Which file it was, and when it was written.
+        size: How long that file is [bytes].
         first: The version in that file.
         changes: Which file of changes; 0: there was none.
         end: How far that was read [bytes].
-        versions: The last ones, the newest at the end.
+        versions: The last ones, the newest at the end; nobody changes them.
     """
 
     file: tuple[int, int]
+    size: int
     first: int
     changes: int
     end: int
@@ -124,8 +129,11 @@ class SceneVersions:
                 scene=self._name,
                 version=before,
             )
-        after = changed(scene, diff)
-        self._append(known, _Line(before + 1, diff=diff), after)
+        data, line = _as_read(_Line(before + 1, diff=diff))
+        after = _after(scene, line)
+        self._append(known, data, before + 1, after)
+        if before + 1 - known.first >= (MOST_LINES if known.end > known.size else MOST_SHORT_LINES):
+            self._write_again(known)
         return before + 1, after
 
     def store(self, scene: Scene) -> int:
@@ -139,7 +147,10 @@ class SceneVersions:
             write_whole(self._file, codec.encode(_Whole(scene)))
             return 1
         version = known.newest[0] + 1
-        self._append(known, _Line(version, scene=scene), scene)
+        data, line = _as_read(_Line(version, scene=scene))
+        self._append(known, data, version, _after(known.newest[1], line))
+        if version - known.first >= VERSIONS_KEPT:
+            self._write_again(known)
         return version
 
     def delete(self) -> bool:
@@ -150,31 +161,28 @@ class SceneVersions:
         self._known = None
         return there
 
-    def _append(self, known: _Known, line: _Line, scene: Scene) -> None:
-        """Write a version behind those that there are."""
+    def _append(self, known: _Known, line: bytes, version: int, scene: Scene) -> None:
+        """Write the line of a version behind those that there are."""
         with self._changes.open("ab") as file:
             file.truncate(known.end)  # what was cut short was never answered
             try:
-                file.write(codec.encode(line) + b"\n")
+                file.write(line + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
             except OSError:
                 os.truncate(self._changes, known.end)  # what is refused is no version for anybody
                 raise
             known.changes, known.end = os.fstat(file.fileno()).st_ino, file.tell()
-        known.add(line.version, scene)
-        most = MOST_LINES if line.scene is None else VERSIONS_KEPT
-        if line.version - known.first >= most:
-            with contextlib.suppress(OSError):  # the change is made; the next one tries again
-                self._write_again(known)
+        known.add(version, scene)
 
     def _write_again(self, known: _Known) -> None:
         """Write the oldest version that is kept as the file of the scene, and behind it what changed since."""
         oldest = next(iter(known.versions))
-        lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
-        write_whole(self._file, codec.encode(_Whole(known.versions[oldest], oldest)))
-        write_whole(self._changes, b"".join(codec.encode(line) + b"\n" for line in lines))
-        self._known = None
+        with contextlib.suppress(OSError):  # the change is made; the next one tries again
+            lines = [line for line in _lines(self._changes.read_bytes())[0] or [] if line.version > oldest]
+            write_whole(self._file, codec.encode(_Whole(known.versions[oldest], oldest)))
+            write_whole(self._changes, b"".join(codec.encode(line) + b"\n" for line in lines))
+            self._known = None
 
     def _read(self) -> _Known | None:
         """What the files hold; None if nothing is stored.
@@ -207,7 +215,7 @@ class SceneVersions:
         known = self._known
         if known is None:
             return False
-        text = (read_if_any(self._changes) or b"")[known.end :]
+        text = _read_from(self._changes, known.end)
         lines, read = _lines(text)
         if lines is None:
             self._known = None
@@ -219,7 +227,7 @@ class SceneVersions:
             if line.version != version + 1 or (line.diff is None) == (line.scene is None):
                 self._known = None
                 return False
-            scene = changed(scene, line.diff) if line.scene is None and line.diff is not None else line.scene or scene
+            scene = _after(scene, line)
             version = line.version
             known.add(version, scene)
         known.end += read
@@ -234,7 +242,35 @@ class SceneVersions:
             if scene is None:
                 return None
             whole = _Whole(scene)
-        return _Known(file, whole.version, changes, 0, OrderedDict({whole.version: whole.scene}))
+        return _Known(file, len(data), whole.version, changes, 0, OrderedDict({whole.version: make_own(whole.scene)}))
+
+
+def _as_read(line: _Line) -> tuple[bytes, _Line]:
+    """A line as it is written, and as everybody reads it: whoever gave it may change what is in it.
+
+    Raises:
+        MalformedRequest: if nobody could read it.
+    """
+    data = codec.encode(line)
+    read = decoded(data, _Line)
+    if read is None:
+        raise MalformedRequest("what is to be stored holds what no message can", path="$")
+    return data, read
+
+
+def _after(scene: Scene, line: _Line) -> Scene:
+    """A scene that is ours after a line."""
+    return changed(scene, line.diff) if line.diff is not None else make_own(line.scene or scene)
+
+
+def _read_from(file: Path, begin: int) -> bytes:
+    """What a file holds from a place on [bytes]; nothing where there is none."""
+    try:
+        with file.open("rb") as opened:
+            opened.seek(begin)
+            return opened.read()
+    except FileNotFoundError:
+        return b""
 
 
 def _lines(text: bytes) -> tuple[list[_Line] | None, int]:

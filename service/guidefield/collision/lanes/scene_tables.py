@@ -26,7 +26,7 @@ from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import LINK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
-from guidefield.kernels.collide.primitives_layout import PLACED, primitive_tables
+from guidefield.kernels.collide.primitives_layout import primitive_tables
 from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.packing import Words, packed
@@ -34,6 +34,7 @@ from guidefield.kernels.simd.vector_model import LANES
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.placed import placed_rows, unplaced
 from guidefield.scene.scene import Scene
 
 CLUSTER = 1
@@ -90,15 +91,14 @@ def lane_scene(scene: Scene) -> LaneScene:
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
     """
-    given = scene.obstacles
-    placed = b"".join([one.placed for one in given])
-    owners, others = np.arange(len(given)), [index for index, one in enumerate(given) if not one.placed]
+    placed, others = placed_rows(scene), unplaced(scene)
+    owners = np.arange(len(placed))
     if not others:
         return _primitives(placed, owners)
-    tables = [_tables(given[index]) for index in others]
+    tables = [_tables(scene.obstacles[index]) for index in others]
     owners = np.delete(owners, others)
     owners = np.concatenate([owners, np.repeat(others, [table.sizes[0] for table in tables])])
-    obstacles, parts = made = _with(*_primitives(placed, owners).tables, tables)
+    obstacles, parts = made = _with(*_primitives(np.delete(placed, others, axis=0), owners).tables, tables)
     for array in (*obstacles[1:], *parts):
         array.setflags(write=False)
     return LaneScene(owners, packed(made), lambda: made)
@@ -106,18 +106,17 @@ def lane_scene(scene: Scene) -> LaneScene:
 
 def primitive_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
     """The parts of those obstacles of a scene that are primitives, in the world, and the root of each, shape (k,)."""
-    placed = [one.placed for one in scene.obstacles if one.placed]
-    alone = len(placed) == len(scene.obstacles)
-    made = lane_scene(scene) if alone else _primitives(b"".join(placed), np.arange(len(placed)))
+    placed = np.delete(placed_rows(scene), others := unplaced(scene), axis=0)
+    made = _primitives(placed, np.arange(len(placed))) if others else lane_scene(scene)
     obstacles, parts = made.tables
     return obstacles.roots, parts
 
 
-def _primitives(placed: bytes, owners: np.ndarray) -> LaneScene:
-    """Tables of primitives, `PLACED` one after the other, with boxes for as many obstacles as there are owners."""
-    layout = scene_memory(len(placed) // PLACED.size, len(owners))
+def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
+    """Tables of primitives, `PLACED` in rows, with boxes for as many obstacles as there are owners."""
+    layout = scene_memory(len(placed), len(owners))
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
-    begins = primitive_tables(np.frombuffer(placed), layout.offsets, memory, words)
+    begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)
     memory.setflags(write=False)
 
     def made() -> tuple[LaneObstacles, Parts]:
@@ -183,8 +182,8 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
     """
     if scene in _prepared:
         return
-    for obstacle in scene.obstacles:
-        if not (obstacle.placed or obstacle in _made):
+    for obstacle in map(scene.obstacles.__getitem__, unplaced(scene)):
+        if obstacle not in _made:
             told(f"obstacle {obstacle.name}")
             _tables(obstacle, functools.partial(_require_time, spent, f"obstacle {obstacle.name}"))
     _prepared.add(scene)

@@ -1,0 +1,251 @@
+"""What is carried over to a changed scene is, to the last bit, what is made of the same scene alone."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.certify.cores import obstacle_cores
+from guidefield.collision.certify.tables import _obstacles as certified
+from guidefield.collision.lanes.scene_tables import lane_scene
+from guidefield.collision.minimum.tables import _obstacle_parts
+from guidefield.collision.obstacle_boxes import obstacle_boxes, own_boxes
+from guidefield.messages import codec, scene as messages
+from guidefield.messages.own_scenes import make_own
+from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.values import Placement
+from guidefield.scene import carried as room, obstacle
+from guidefield.scene.built import BuiltScenes
+from guidefield.scene.carried import Rows, carried
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.moving_tables import moving_tables
+from guidefield.scene.nearest_to_ball import nearest_to_ball
+from guidefield.scene.placed import placed_rows
+from guidefield.scene.scene import Scene, build
+from guidefield.scene.within_ball import Ball
+from tests.scene.solids import l_prism
+
+BALL = Ball(0.1, 0.2, 0.3, 0.9)
+TETRAHEDRON = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)]
+FACES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+
+
+def turned(rng: np.random.Generator) -> Any:
+    q = rng.normal(size=4)
+    return tuple((q / np.linalg.norm(q)).tolist())
+
+
+def at(rng: np.random.Generator) -> Any:
+    return tuple(np.round(rng.normal(scale=2.0, size=3), rng.choice([1, 9])).tolist())
+
+
+def size(rng: np.random.Generator, count: int = 1) -> Any:
+    drawn = tuple(rng.uniform(0.02, 0.3, count).tolist())
+    return drawn if count > 1 else drawn[0]
+
+
+PLACED: list[Callable[[str, np.random.Generator], messages.Obstacle]] = [
+    *[lambda n, r: messages.Box(name=n, size=size(r, 3), position=at(r), quaternion_xyzw=turned(r))] * 4,
+    lambda n, r: messages.Sphere(name=n, radius=size(r), position=at(r)),
+    lambda n, r: messages.Cylinder(name=n, radius=size(r), length=size(r), position=at(r), quaternion_xyzw=turned(r)),
+    lambda n, r: messages.Capsule(name=n, radius=size(r), length=size(r), position=at(r), quaternion_xyzw=turned(r)),
+]
+
+
+def mesh(name: str, rng: np.random.Generator) -> messages.Obstacle:
+    vertices, triangles = l_prism()
+    corners, faces = [*map(tuple, vertices.tolist())], [*map(tuple, triangles.tolist())]
+    corners, faces = (corners, faces) if rng.random() < 0.5 else (TETRAHEDRON, FACES)
+    return messages.Mesh(name=name, vertices=corners, triangles=faces, position=at(rng), quaternion_xyzw=turned(rng))
+
+
+def moving(name: str, rng: np.random.Generator) -> messages.Obstacle:
+    trajectory = messages.ObstacleTrajectory([0.0, 1.0], [Placement(at(rng)), Placement(at(rng), turned(rng))])
+    return messages.Box(name=name, size=size(rng, 3), trajectory=trajectory)
+
+
+OTHERS: list[Callable[[str, np.random.Generator], messages.Obstacle]] = [
+    lambda n, r: messages.HalfSpace(name=n, normal=tuple(r.normal(size=3).tolist()), offset=-3.0 * r.random()),
+    lambda n, r: messages.PointCloud(name=n, points=[at(r) for _ in range(5)], radius=0.02),
+    lambda n, r: messages.Polygon(name=n, vertices=TETRAHEDRON[:3]),
+    mesh,
+]
+
+
+def some(rng: np.random.Generator, name: str, *, odd: float, moves: bool) -> messages.Obstacle:
+    kinds = [*OTHERS, moving] if moves else OTHERS
+    kinds = kinds if rng.random() < odd else PLACED
+    return kinds[int(rng.integers(len(kinds)))](name, rng)
+
+
+def diff(rng: np.random.Generator, scene: messages.Scene, new: str, **kinds: Any) -> SceneDiff:
+    """Something that fits a scene: few or many move, some come, some go, some are replaced."""
+    movable = (messages.Box, messages.Sphere, messages.Cylinder, messages.Capsule, messages.Mesh)
+    names = [one.name for one in scene.obstacles if isinstance(one, movable) and one.trajectory is None]
+    chosen = rng.permutation(names)[: int(rng.choice([1, 1, 3, 40]))].tolist() if names else []
+    others = [one.name for one in scene.obstacles if one.name not in chosen]
+    gone = rng.permutation(others)[: int(rng.choice([0, 0, 1, 3]))].tolist()
+    again = [name for name in gone if rng.random() < 0.3]
+    come = [f"{new}{k}" for k in range(int(rng.choice([0, 0, 1, 4])))]
+    add = [some(rng, name, **kinds) for name in (*again, *come)]
+    return SceneDiff(add=add, move={name: Placement(at(rng), turned(rng)) for name in chosen}, remove=gone)
+
+
+def tables(scene: Scene) -> dict[str, Any]:
+    """All that is made of a scene."""
+    boxes = obstacle_boxes(scene)
+    made = {
+        "obstacles": [(one.message, one.placed, one.warnings) for one in scene.obstacles],
+        "known": (scene.names, scene.others, scene.moves, scene.end, scene.convex, scene.faces, scene.most_faces),
+        "warnings": scene.warnings,
+        "placed": placed_rows(scene),
+        "own": own_boxes(scene),
+        "boxes": (boxes.along_own_axes, boxes.endless, boxes.bounded, boxes.tree.order, boxes.tree.levels),
+        "cores": obstacle_cores(scene),
+        "certified": certified(scene, b""),
+        "distances": distance_tables(scene),
+        "lanes": (lane_scene(scene).owners, lane_scene(scene).tables),
+        "moving": moving_tables(scene),
+        "field": scene.tables,
+    }
+    return made if scene.moves else made | {"parts": _obstacle_parts(scene)}
+
+
+def bits(value: Any) -> Any:
+    """Something that is equal where all numbers are, to the last bit."""
+    if isinstance(value, np.ndarray):
+        return str(value.dtype), value.shape, value.tobytes()
+    if isinstance(value, tuple | list):
+        return [bits(one) for one in value]
+    return {key: bits(one) for key, one in value.items()} if isinstance(value, dict) else value
+
+
+def copied(scene: messages.Scene) -> messages.Scene:
+    """The same scene as nobody has seen it."""
+    decoded: messages.Scene = codec.decode(codec.encode(scene), messages.Scene)
+    return decoded
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 10**6), st.sampled_from([3, 40, 300]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
+def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
+    rng, kept = np.random.default_rng(seed), BuiltScenes(16)
+    kinds = {"odd": odd, "moves": moves}
+    message = make_own(messages.Scene("s", obstacles=[some(rng, f"o{k}", **kinds) for k in range(count)]))
+    versions, seen = [message], [kept.of(message)]
+    before = [bits(tables(seen[0]))]
+    for k in range(4):
+        versions.append(changed(versions[-1], diff(rng, versions[-1], f"n{k}_", **kinds)))
+        if rng.random() < 0.3:
+            continue  # a version that nobody asks for
+        scene = kept.of(versions[-1])
+        if not scene.moves:
+            nearest_to_ball(seen[-1], BALL) if not seen[-1].moves else None
+        seen.append(scene)
+        before.append(bits(tables(scene)))
+        alone = build(copied(versions[-1]))
+        assert before[-1] == bits(tables(alone))
+        if not scene.moves:
+            near, expected = nearest_to_ball(scene, BALL), nearest_to_ball(alone, BALL)
+            assert bits(near[:3]) == bits(expected[:3])
+            assert bits(tables(near.scene)) == bits(tables(expected.scene))
+    assert [bits(tables(scene)) for scene in seen] == before, "what an earlier version was it is still"
+
+
+def boxes(count: int) -> messages.Scene:
+    rng = np.random.default_rng(count)
+    return make_own(messages.Scene("s", obstacles=[PLACED[0](f"b{k}", rng) for k in range(count)]))
+
+
+def test_only_what_is_another_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, scene = BuiltScenes(4), boxes(500)
+    first = kept.of(scene)
+    built: list[str] = []
+    make = obstacle.build
+    monkeypatch.setattr(obstacle, "build", lambda one, *rest: built.append(one.name) or make(one, *rest))
+    after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
+    second = kept.of(after)
+    assert built == ["b7"]
+    assert [k for k in range(500) if second.obstacles[k] is not first.obstacles[k]] == [7]
+    assert second.obstacles[7].message.position == (1.0, 2.0, 3.0)
+    assert first.obstacles[7].message == scene.obstacles[7]
+    assert kept.of(scene) is first
+    assert kept.of(changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))) is second, (
+        "the same change again"
+    )
+
+
+def test_a_scene_of_which_the_one_before_is_gone_is_built_alone() -> None:
+    kept, scene = BuiltScenes(1), boxes(300)
+    kept.of(scene)
+    kept.of(messages.Scene("other"))
+    after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
+    assert bits(tables(kept.of(after))) == bits(tables(build(copied(after))))
+
+
+def test_scenes_that_others_may_change_are_known_by_all_that_is_in_them() -> None:
+    kept, scene = BuiltScenes(4), messages.Scene("s", obstacles=[*boxes(300).obstacles])
+    first = kept.of(scene)
+    scene.obstacles[3] = messages.Sphere(name="b3", radius=0.5)
+    assert kept.of(scene) is not first
+    after = changed(scene, SceneDiff(remove=["b0"]))
+    seen = kept.of(after)
+    after.obstacles[2] = messages.Sphere(name="b3", radius=0.25)
+    assert seen is not kept.of(after)
+    assert kept.of(after).obstacles[2].message == after.obstacles[2]
+
+
+def test_changes_one_after_the_other_are_one() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        counts = rng.integers(1, 8, 3)
+        first, second = (
+            Rows(np.where(rng.random(now) < 0.3, -1, rng.permutation(before * now)[:now] % before), int(before))
+            for before, now in itertools.pairwise(counts)
+        )
+        values, new, newer = np.arange(counts[0]), 100 + np.arange(9), 200 + np.arange(9)
+        after = second.of(first.of(values, new[: len(first.fresh)]), newer[: len(second.fresh)])
+        both = second.after(first)
+        assert both.before == counts[0]
+        np.testing.assert_array_equal(both.of(values, after[both.fresh]), after)
+        assert (after[both.fresh] >= 100).all()
+        assert both.listed(values.tolist(), after[both.fresh].tolist()) == after.tolist()
+
+
+def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_where_much_changed() -> None:
+    calls: list[str] = []
+
+    def over(known: list[str], rows: Rows, _: Scene) -> list[str]:
+        calls.append(f"over {len(rows.fresh)}")
+        return known
+
+    @carried(over)
+    def table(scene: Scene) -> list[str]:
+        calls.append("made")
+        return []
+
+    kept, message = BuiltScenes(8), boxes(20)
+    table(kept.of(message))
+    for k in range(3):
+        message = changed(message, SceneDiff(move={f"b{k}": Placement()}))
+        scene = kept.of(message)
+    assert table(scene) is table(scene)
+    assert calls == ["made", "over 3"]
+    message = changed(message, SceneDiff(move={f"b{k}": Placement() for k in range(10)}))
+    table(kept.of(message))
+    assert calls == ["made", "over 3", "made"]
+    assert room.FEW < 0.5
+
+
+def test_nothing_of_what_is_known_of_a_scene_travels() -> None:
+    scene = boxes(3)
+    after = changed(scene, SceneDiff(remove=["b1"]))
+    assert b"own" not in codec.encode(after)
+    assert not vars(msgspec.structs.replace(after, name="t"))
+    assert after == messages.Scene("s", obstacles=[scene.obstacles[0], scene.obstacles[2]])

@@ -1,0 +1,103 @@
+"""Of many obstacles those are kept that may be nearest to some place in a ball; no place in it has lost its nearest."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pytest
+
+from guidefield.messages import scene as messages
+from guidefield.messages.own_scenes import make_own
+from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.values import Placement
+from guidefield.scene.built import BuiltScenes
+from guidefield.scene.nearest_to_ball import MANY, has_many, nearest_to_ball
+from guidefield.scene.scene import Scene, build
+from guidefield.scene.within_ball import Ball
+from tests.scene.test_carried import OTHERS, PLACED
+
+
+def scattered(seed: int, count: int, odd: float) -> messages.Scene:
+    rng = np.random.default_rng(seed)
+    chosen = [(OTHERS if rng.random() < odd else PLACED) for _ in range(count)]
+    made = [kinds[int(rng.integers(len(kinds)))](f"o{k}", rng) for k, kinds in enumerate(chosen)]
+    return messages.Scene("s", obstacles=made)
+
+
+def distances(scene: Scene, place: np.ndarray) -> list[float]:
+    """Coal's distances of a place from all obstacles [m]."""
+    dot, here, found = coal.Sphere(1e-9), coal.Transform3s(np.eye(3), place), []
+    for one in scene.obstacles:
+        there, result = coal.Transform3s(one.placement.rotation, one.placement.translation), coal.DistanceResult()
+        coal.distance(dot, here, one.shape, there, coal.DistanceRequest(), result)
+        found.append(float(result.min_distance) - one.rounding)
+    return found
+
+
+@pytest.mark.parametrize("odd", [0.0, 0.05])
+@pytest.mark.parametrize("seed", range(6))
+def test_no_place_in_the_ball_has_lost_its_nearest(seed: int, odd: float) -> None:
+    rng = np.random.default_rng(seed)
+    scene = build(scattered(seed, 120, odd))
+    ball = Ball(*rng.normal(scale=1.5, size=3).tolist(), float(rng.uniform(0.05, 0.8)))
+    kept = nearest_to_ball(scene, ball)
+    assert kept.scene.obstacles == tuple(scene.obstacles[k] for k in kept.chosen)
+    assert kept.scene.message.obstacles == [scene.message.obstacles[k] for k in kept.chosen]
+    for _ in range(40):
+        away = rng.normal(size=3)
+        place = np.array(ball[:3]) + away / np.linalg.norm(away) * ball.radius * rng.uniform() ** (1.0 / 3.0)
+        found = distances(scene, place)
+        assert min(found) == min(found[k] for k in kept.chosen.tolist())
+        bounds = zip(kept.least, found, kept.most, strict=True)
+        assert all(least <= distance <= most + 1e-9 or distance < 0.0 for least, distance, most in bounds)
+
+
+def test_what_is_far_behind_something_near_is_left_out() -> None:
+    far = [messages.Sphere(name=f"f{k}", radius=0.1, position=(10.0, 0.1 * k, 0.0)) for k in range(50)]
+    near = messages.Box(name="near", size=(0.1, 0.1, 0.1), position=(0.5, 0.0, 0.0))
+    kept = nearest_to_ball(build(messages.Scene("s", obstacles=[*far, near])), Ball(0.0, 0.0, 0.0, 1.0))
+    assert kept.chosen.tolist() == [50]
+    floor = messages.HalfSpace(name="floor", normal=(0.0, 0.0, 2.0), offset=-1.0)
+    kept = nearest_to_ball(build(messages.Scene("s", obstacles=[*far, floor])), Ball(0.0, 0.0, 0.0, 1.0))
+    assert kept.chosen.tolist() == [50]
+    assert kept.most[50] == pytest.approx(1.5)
+    kept = nearest_to_ball(build(messages.Scene("s", obstacles=far)), Ball(0.0, 0.0, 0.0, 1.0))
+    assert 0 < len(kept.chosen) <= 50
+
+
+def test_what_may_be_touched_is_kept_and_nothing_is_left_out_for_it() -> None:
+    balls = [messages.Sphere(name=f"f{k}", radius=0.1, position=(2.0 + 2.0 * k, 0.0, 0.0)) for k in range(9)]
+    scene = build(messages.Scene("s", obstacles=balls))
+    ball = Ball(0.0, 0.0, 0.0, 0.5)
+    assert nearest_to_ball(scene, ball).chosen.tolist() == [0]
+    assert nearest_to_ball(scene, ball, frozenset({"f0"})).chosen.tolist() == [0, 1]
+    assert nearest_to_ball(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
+
+
+def test_what_moves_is_not_looked_at() -> None:
+    moving = messages.ObstacleTrajectory([0.0, 1.0], [Placement(), Placement((1.0, 0.0, 0.0))])
+    balls = [messages.Sphere(name=f"f{k}", radius=0.1) for k in range(MANY)]
+    assert has_many(build(messages.Scene("s", obstacles=[*balls])))
+    assert not has_many(build(messages.Scene("s", obstacles=balls[1:])))
+    assert not has_many(
+        build(messages.Scene("s", obstacles=[*balls, messages.Sphere(name="m", radius=1.0, trajectory=moving)]))
+    )
+
+
+def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:
+    ball, kept = Ball(0.0, 0.0, 0.0, 0.5), BuiltScenes(4)
+    rng = np.random.default_rng(3)
+    places = rng.uniform(-6.0, 6.0, (2000, 3)).tolist()
+    boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=tuple(place)) for k, place in enumerate(places)]
+    scene = make_own(messages.Scene("s", obstacles=boxes))
+    first = nearest_to_ball(kept.of(scene), ball)
+    out, within = f"b{(set(range(2000)) - set(first.chosen.tolist())).pop()}", f"b{first.chosen[0]}"
+    moved = changed(scene, SceneDiff(move={out: Placement((5.0, 5.0, 5.0))}))
+    assert nearest_to_ball(kept.of(moved), ball).scene is first.scene
+    removed = changed(moved, SceneDiff(remove=[out]))
+    assert nearest_to_ball(kept.of(removed), ball).scene is first.scene
+    comes = changed(removed, SceneDiff(move={within: Placement((0.5, 0.0, 0.0))}))
+    last = nearest_to_ball(kept.of(comes), ball).scene
+    assert last is not first.scene
+    assert first.scene.obstacle(within).message == scene.obstacles[first.chosen[0]]
+    assert last.obstacle(within).message.position == (0.5, 0.0, 0.0)
