@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,10 +15,28 @@ from guidefield.scene.carried import Rows, carried
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-OwnBoxes = tuple[np.ndarray, np.ndarray, np.ndarray]
-
 ROUNDING = 1e-9
 """What boxes along the world's axes are wider by, of a metre and of each metre that they are from the origin."""
+
+
+class OwnBoxes(NamedTuple):
+    """Boxes about obstacles along their own axes, and what is about these along the world's.
+
+    Attributes:
+        axes: Their axes as columns, shape (n, 3, 3).
+        middles: Their middles in the world, shape (n, 3) [m].
+        halves: Half extents, shape (n, 3) [m]; those of a half-space are infinite.
+        centres: The middles along the axes, shape (n, 3) [m].
+        low, high: Corners of boxes along the world's axes that contain them, a hair wider than they have to be, shape
+            (n, 3) [m, world].
+    """
+
+    axes: np.ndarray
+    middles: np.ndarray
+    halves: np.ndarray
+    centres: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
 
 
 class ObstacleBoxes:
@@ -73,8 +91,7 @@ class ObstacleBoxes:
             Their axes as columns, shape (o, 3, 3), centres along them and half extents, both of shape (o, 3) [m]; the
             extents of a half-space are infinite.
         """
-        axes, middles, halves = self._own
-        return axes, np.einsum("ni,nij->nj", middles, axes), halves
+        return self._own.axes, self._own.centres, self._own.halves
 
     @cached_property
     def endless(self) -> np.ndarray:
@@ -89,11 +106,12 @@ class ObstacleBoxes:
     @cached_property
     def tree(self) -> BoxTree:
         """A tree of the boxes about those, along the world's axes."""
-        return BoxTree.of(*_along_axes(*(np.take(array, self.bounded, axis=0) for array in self._own)))
+        corners = self._own.low, self._own.high
+        return BoxTree.of(*(corners if not len(self.endless) else (one[self.bounded] for one in corners)))
 
     @cached_property
     def _is_endless(self) -> np.ndarray:
-        return np.asarray(np.isinf(self._own[2]).any(axis=1))
+        return np.asarray(np.isinf(self._own.halves).any(axis=1))
 
 
 @kept_with
@@ -104,18 +122,12 @@ def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
 
 def _over(known: OwnBoxes, rows: Rows, scene: Scene) -> OwnBoxes:
     fresh = _own_boxes([scene.obstacles[index] for index in rows.fresh.tolist()])
-    axes, middles, halves = (rows.of(array, others) for array, others in zip(known, fresh, strict=True))
-    return axes, middles, halves
+    return OwnBoxes(*(rows.of(array, others) for array, others in zip(known, fresh, strict=True)))
 
 
 @carried(_over)
 def own_boxes(scene: Scene) -> OwnBoxes:
-    """Boxes about a scene's obstacles along their own axes.
-
-    Returns:
-        Their axes as columns, shape (n, 3, 3), middles in the world and half extents, both of shape (n, 3) [m]; those
-        of a half-space are infinite.
-    """
+    """The boxes about a scene's obstacles, made once."""
     return _own_boxes(scene.obstacles)
 
 
@@ -130,15 +142,8 @@ def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndar
     Returns:
         Lower and upper corners, both of shape (n, 3) [m, world].
     """
-    return _along_axes(*_own_boxes(obstacles))
-
-
-def _along_axes(axes: np.ndarray, middles: np.ndarray, halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same of boxes along their own axes, as `_own_boxes` has them."""
-    reach = np.einsum("nij,nj->ni", np.abs(axes), halves)
-    low, high = middles - reach, middles + reach
-    wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
-    return low - wider, high + wider
+    boxes = _own_boxes(obstacles)
+    return boxes.low, boxes.high
 
 
 def _own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
@@ -158,7 +163,12 @@ def _own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
             halves[rows] = [half_extents(one) for one in declared]
     for row in np.flatnonzero(kinds < 0).tolist():
         axes[row], middles[row], halves[row] = _own_box(obstacles[row])
-    return axes, middles, halves
+    with np.errstate(invalid="ignore"):  # of what is endless
+        reach = np.einsum("nij,nj->ni", np.abs(axes), halves)
+        reach[np.isinf(halves)] = np.inf
+    low, high = middles - reach, middles + reach
+    wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
+    return OwnBoxes(axes, middles, halves, np.einsum("ni,nij->nj", middles, axes), low - wider, high + wider)
 
 
 def _axes(declared: list[Any]) -> np.ndarray:

@@ -42,7 +42,7 @@ def distance_tables(scene: Scene) -> DistanceTables:
     endless, inside = _split(bodies.kinds == HALF_SPACE)
     nodes = np.empty((0, 6))
     if len(inside):
-        boxes = np.take(bodies.boxes, inside, axis=0)
+        boxes = np.take(bodies.boxes, inside, axis=0) if len(endless) else bodies.boxes
         tree = box_tree(boxes[:, :3], boxes[:, 3:])
         nodes, inside = tree.nodes, inside[tree.order]
     order = np.concatenate([endless, inside])

@@ -88,8 +88,10 @@ class Scene:
     @cached_property
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
+        if not self.moves:
+            return self
         still = [one for one in self.message.obstacles if one.trajectory is None]
-        return self if not self.moves else build(msgspec.structs.replace(self.message, obstacles=still))
+        return build(msgspec.structs.replace(self.message, obstacles=still))
 
     def at(self, time: float) -> Scene:
         """The scene with every obstacle at rest where it is at a time [s]."""
