@@ -127,12 +127,13 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
     """
     if not (change.remove or change.move or change.add) and name in ("", scene.name):
         return scene
+    left: Sequence[int] = range(len(scene.obstacles))
     places, obstacles = places_of(scene), [*scene.obstacles]
-    left: Sequence[int] = range(len(obstacles))
     if change.remove:
         left = _left(scene.name, places, change.remove)
-        obstacles = [scene.obstacles[index] for index in left]
-        places = {one.name: index for index, one in enumerate(obstacles)}
+        obstacles = [*map(scene.obstacles.__getitem__, left)]
+        asked = change.move or change.add
+        places = {one.name: index for index, one in enumerate(obstacles)} if asked else {}
     moved = _move(scene.name, obstacles, places, change.move)
     if change.add:
         places = _add(scene.name, obstacles, places, change.add)
@@ -140,7 +141,7 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
     msgspec.structs.force_setattr(after, "name", name or scene.name)
     msgspec.structs.force_setattr(after, "obstacles", obstacles)
     if own(scene) is not None:
-        make_own(after, Own(Before(weakref.ref(scene), left, moved), places))
+        make_own(after, Own(Before(weakref.ref(scene), left, moved), places or None))
     return after
 
 
