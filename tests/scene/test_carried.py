@@ -20,7 +20,7 @@ from guidefield.messages import codec, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
-from guidefield.scene import carried as room, obstacle
+from guidefield.scene import carried as room, content, obstacle
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.distance_tables import distance_tables
@@ -187,6 +187,17 @@ def test_a_scene_of_which_the_one_before_is_gone_is_built_alone() -> None:
     kept.of(messages.Scene("other"))
     after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
     assert bits(tables(kept.of(after))) == bits(tables(build(copied(after))))
+
+
+def test_a_mesh_that_comes_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, scene, hashed = BuiltScenes(4), boxes(300), list[str]()
+    kept.of(scene)
+    real = content.content_of
+    for where in (content, obstacle):
+        monkeypatch.setattr(where, "content_of", lambda one: hashed.append(one.name) or real(one))
+    after = changed(scene, SceneDiff(add=[mesh("m", np.random.default_rng(0))]))
+    assert kept.of(after) is kept.of(after)
+    assert hashed == ["m"]
 
 
 def test_scenes_that_others_may_change_are_known_by_all_that_is_in_them() -> None:

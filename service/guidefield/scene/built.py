@@ -53,7 +53,7 @@ class BuiltScenes:
         return built
 
     def _content(self, message: messages.Scene, spent: Spent | None) -> tuple[bytes, dict[int, Content]]:
-        """What a scene is known by, and its meshes and clouds, as far as these were looked at for it.
+        """What a scene is known by, and its meshes and clouds, by index, as far as these were looked at for it.
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
         """
@@ -63,7 +63,7 @@ class BuiltScenes:
         change = None if mine is None else mine.before
         before = None if change is None else change.scene()
         if change is not None and before is not None:
-            content = changed_content(self._content(before, spent)[0], change, message)
+            content, parts = changed_content(self._content(before, spent)[0], change, message)
         else:
             if spent is not None and _has_many(message) and spent():
                 raise StoppedError(f"scene {message.name} was looked at")
@@ -79,9 +79,9 @@ class BuiltScenes:
             return scenes.build(message, parts) if spent is None else _built_in_time(message, parts, spent)
         before, rows = found
         if spent is None:
-            return scenes.changed(before, message, rows)
+            return scenes.changed(before, message, rows, parts)
         fresh = [message.obstacles[index] for index in rows.fresh.tolist()]
-        return _in_time(lambda: scenes.changed(before, message, rows), message.name, _are_many(fresh), spent)
+        return _in_time(lambda: scenes.changed(before, message, rows, parts), message.name, _are_many(fresh), spent)
 
     def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
         """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""

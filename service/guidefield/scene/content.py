@@ -48,18 +48,21 @@ def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
 
 
-def changed_content(before: bytes, change: Before, message: messages.Scene) -> bytes:
+def changed_content(before: bytes, change: Before, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     """What a scene is known by that was made of one that is known: a hash of that, and of what changed.
 
     Args:
         before: What the scene before is known by.
         change: What it was before.
         message: The scene now.
+
+    Returns:
+        The hash, and those of the obstacles that are others, by index.
     """
     left = None if isinstance(change.left, range) else change.left
     others = [*change.moved, *range(len(change.left), len(message.obstacles))]
-    fresh = [content_of(message.obstacles[index]).all for index in others]
-    return _hashed([before, message.name, left, others, fresh])
+    fresh = {index: content_of(message.obstacles[index]) for index in others}
+    return _hashed([before, message.name, left, others, [one.all for one in fresh.values()]]), fresh
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)

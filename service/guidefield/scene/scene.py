@@ -146,18 +146,20 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
     )
 
 
-def changed(before: Scene, message: messages.Scene, rows: Rows) -> Scene:
+def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
     """Build a scene from its message where one that it was changed from is built: only obstacles that are others.
 
     Args:
         before: The scene before.
         message: Obstacles as declared; guide planes are those from before.
         rows: Where its obstacles stood there.
+        contents: As `build` takes them.
 
     Raises:
         SceneInvalid: as `build`.
     """
-    fresh = [obstacle.build(message.obstacles[index], index) for index in rows.fresh.tolist()]
+    others = rows.fresh.tolist()
+    fresh = [obstacle.build(message.obstacles[index], index, contents.get(index)) for index in others]
     return with_others(before, rows, fresh, message)
 
 
