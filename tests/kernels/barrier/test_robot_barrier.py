@@ -13,9 +13,9 @@ import pytest
 
 from guidefield.kernels.barrier.barrier import SOFT, STEEPNESS
 from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
-from guidefield.kernels.barrier.sampled_robot import ROWS, SampledRobot
+from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
-from guidefield.kernels.barrier.verlet_list import MARGIN, nothing_remembered
+from guidefield.kernels.barrier.verlet_list import MARGIN, MOST, nothing_remembered
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along
@@ -143,10 +143,10 @@ def test_the_barrier_of_a_robot_is_the_sum_over_its_points(name: str) -> None:
     assert value > 0.0
 
 
-def test_more_bodies_than_are_known_by_their_boxes_are_all_looked_at() -> None:
+def test_more_bodies_than_are_remembered_are_all_looked_at() -> None:
     rng, planned = np.random.default_rng(5), group("panda")
     tip = problem(planned, scene_of(), planes=()).kinematics.tip_position(planned.q_origin)
-    places = tip + rng.uniform(-0.25, 0.25, (3 * ROWS, 3))
+    places = tip + rng.uniform(-0.25, 0.25, (3 * MOST, 3))
     balls = [
         messages.Sphere(name=f"o{k}", radius=0.01, position=tuple(place.tolist())) for k, place in enumerate(places)
     ]

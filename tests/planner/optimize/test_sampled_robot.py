@@ -9,8 +9,9 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.world import World
+from guidefield.kernels.simd.vector import LANES_64
 from guidefield.messages import scene as messages
-from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot
+from guidefield.planner.optimize.sampled_robot import few_points, in_blocks, sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.distance_tables import distance_tables
@@ -46,6 +47,26 @@ def test_few_points_are_the_first_of_each_link_and_weigh_as_much_as_all() -> Non
     for (joint, first, last, coarse), (same, begin, end, past) in zip(sampled.groups, few.groups, strict=True):
         assert (joint, first, coarse, coarse) == (same, begin, end, past)
         assert few.weights[begin:end].sum() == pytest.approx(sampled.weights[first:last].sum())
+
+
+def test_blocks_are_of_neighbours_within_their_balls_and_the_few_points_stay_the_same() -> None:
+    made = problem("panda", scene_of(SHELF), planes=())
+    sampled = sampled_robot(made, distance_tables(made.scene), np.empty((0, 7)))
+    radii, block = [], 0
+    for begun, (_, first, last, _), whole in zip(sampled.first_blocks, sampled.groups, sampled.balls, strict=True):
+        assert begun == block
+        for at in range(first, last, LANES_64):
+            *centre, radius = sampled.blocks[:, block]
+            points = sampled.points[:, at : min(at + LANES_64, last)].T
+            assert np.linalg.norm(points - centre, axis=1).max() <= radius + 1e-12
+            radii.append(radius / whole[3])
+            block += 1
+    assert block == sampled.blocks.shape[1]
+    assert np.median(radii) < 0.5
+    points = np.random.default_rng(0).normal(size=(83, 3))
+    ordered = in_blocks(points, 28)
+    assert {*map(tuple, ordered[:28])} == {*map(tuple, points[:28])}
+    assert {*map(tuple, ordered)} == {*map(tuple, points)}
 
 
 def test_links_that_stand_still_have_no_points() -> None:

@@ -11,7 +11,10 @@ for wide ones, also where it need not be narrow.
 
 from __future__ import annotations
 
+from typing import Any
+
 from guidefield.kernels.jit.signatures import inlined
+from guidefield.kernels.simd.vector import select
 
 SOFT = 0.01
 """Below this distance the barrier is its parabola [m]; below half the range where that is less."""
@@ -21,26 +24,28 @@ STEEPNESS = 100.0
 
 
 @inlined
-def barrier(distance: float, reach: float) -> tuple[float, float, float]:
-    """The barrier of range `reach` at a distance: value, first and second derivative by the distance."""
-    if distance >= reach:
-        return 0.0, 0.0, 0.0
+def barrier(distance: Any, reach: float) -> tuple[Any, Any, Any]:
+    """The barrier of range `reach` at a distance, or at one in each lane: value and two derivatives by the distance."""
     soft = min(SOFT, 0.5 * reach)
-    x = max(distance, soft) / reach
+    within = distance < reach
+    x = select(distance > soft, distance, soft) * (1.0 / reach)
     over = 1.0 / x
     cube = over * over * over
     gap = 1.0 - x
     value = gap * gap * cube
     slope = -(2.0 * gap + 3.0 * gap * gap * over) * cube / reach
     curvature = (2.0 + 12.0 * gap * over + 12.0 * gap * gap * over * over) * cube / (reach * reach)
-    deeper = min(distance - soft, 0.0)
-    return value + deeper * (slope + 0.5 * deeper * curvature), slope + deeper * curvature, curvature
+    deeper = select(distance < soft, distance - soft, 0.0)
+    return (
+        select(within, value + deeper * (slope + 0.5 * deeper * curvature), 0.0),
+        select(within, slope + deeper * curvature, 0.0),
+        select(within, curvature, 0.0),
+    )
 
 
 @inlined
-def deficit(distance: float, floor: float) -> tuple[float, float, float]:
-    """What a distance below a floor, positive, costs: value, first and second derivative by the distance."""
-    if distance >= floor:
-        return 0.0, 0.0, 0.0
-    wanting = 1.0 - distance / floor
-    return STEEPNESS * wanting * wanting, -2.0 * STEEPNESS * wanting / floor, 2.0 * STEEPNESS / (floor * floor)
+def deficit(distance: Any, floor: float) -> tuple[Any, Any, Any]:
+    """What a distance below a floor, positive, costs, or one in each lane: value and two derivatives by it."""
+    wanting = select(distance < floor, 1.0 - distance * (1.0 / floor), 0.0)
+    curvature = select(distance < floor, 0.0 * distance + 2.0 * STEEPNESS / (floor * floor), 0.0)
+    return STEEPNESS * wanting * wanting, -2.0 * STEEPNESS * wanting / floor, curvature

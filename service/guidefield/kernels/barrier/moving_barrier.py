@@ -14,7 +14,6 @@ import math
 
 from guidefield.kernels.barrier.barrier import barrier, deficit
 from guidefield.kernels.barrier.moving_bodies import MOVING, MovedBodies, MovingBodies, moved_bodies, place_moved
-from guidefield.kernels.barrier.obstacle_barrier import gather
 from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
@@ -23,7 +22,6 @@ from guidefield.kernels.barrier.sampled_robot import (
     SampledRobot,
     Workspace,
     lower_gaps,
-    nearest_candidate,
     place,
     workspace,
 )
@@ -64,13 +62,12 @@ def moving_barrier(
         T = work.world[joint]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            lower_gaps(robot, g, last, moved.bodies, moved.candidates[k], k, work)
+            lower_gaps(T, robot.points, first, last, moved.bodies, moved.candidates[k], work.gaps)
         for i in range(first, last):
             if work.gaps[i] >= farthest * farthest:
                 continue
             p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            bodies = moved.bodies
-            d, nx, ny, nz, body = nearest_candidate(p, i - first, moved.candidates, count, bodies, farthest, work)
+            d, nx, ny, nz, body = nearest_body(p[0], p[1], p[2], moved.candidates, count, moved.bodies, farthest)
             if body < 0:
                 continue
             value, slope, curvature = barrier(d - clearance, reach)
@@ -79,7 +76,7 @@ def moving_barrier(
             total += w * (value + more)
             slope, curvature = w * (slope + more_slope), w * (curvature + more_curvature)
             n = (nx, ny, nz)
-            gather(joint, p, n, slope, curvature, work)
+            _gather(joint, p, n, slope, curvature, work)
             _gather_by_time(joint, p, n, moved.velocities[moving.motions[body]], slope, curvature, moved)
     return total
 
@@ -94,6 +91,16 @@ def _near_group(robot: SampledRobot, g: int, reach: float, work: Workspace, move
             moved.candidates[count] = body
             count += 1
     return count
+
+
+@uncounted
+def _gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, work: Workspace) -> None:
+    """Add a point's force and inertia to a joint's: it is at p, and pushed along n [m]."""
+    f = (n[0], n[1], n[2], p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
+    for r in range(6):
+        work.forces[joint, r] += slope * f[r]
+        for c in range(r, 6):
+            work.inertias[joint, r, c] += curvature * f[r] * f[c]
 
 
 @uncounted
@@ -122,7 +129,7 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
         time: When [s].
         cutoff: What is returned where nothing is nearer [m], positive.
     """
-    work = workspace(robot, moving.bodies, 1)
+    work = workspace(robot, moving.bodies)
     moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
     place(robot, z, work)
     place_moved(moving, time, moved)
@@ -134,7 +141,7 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
         T, first, last = work.world[robot.groups[g, JOINT]], robot.groups[g, FIRST], robot.groups[g, PAST]
         work.gaps[first:last] = math.inf
         for k in range(count):
-            lower_gaps(robot, g, last, moved.bodies, moved.candidates[k], k, work)
+            lower_gaps(T, robot.points, first, last, moved.bodies, moved.candidates[k], work.gaps)
         for i in range(first, last):
             if work.gaps[i] > 0.0 and (best <= 0.0 or work.gaps[i] >= best * best):
                 continue

@@ -13,19 +13,24 @@ from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
     PAST,
+    RADIUS,
     ROBOT,
     SampledRobot,
     Workspace,
     lower_gaps,
-    nearest_candidate,
     place,
     workspace,
 )
 from guidefield.kernels.barrier.verlet_list import NearBodies, bodies_that_count, remembered_bodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables, nearest_body
+from guidefield.kernels.distance.points_distance import Lanes3, nearest_body_of_each
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
 from guidefield.kernels.kinematics.poses import moved_by
+from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
+
+_NOWHERE = 1e6
+"""Coordinates of lanes without a point: too far away to be measured to anything but what is as large [m]."""
 
 
 @uncounted
@@ -55,38 +60,103 @@ def obstacle_barrier(
     reach, clearance, floor = walls
     farthest = max(reach + clearance, floor)
     for g in range(robot.groups.shape[0]):
-        joint = robot.groups[g, JOINT]
-        T = work.world[joint]
         count = remembered_bodies(robot, tables, s, g, farthest, near, work)
-        if count == 0:
+        if count == 0 or not _some_block_near(robot, g, tables, count, farthest, work):
             continue
-        first, last = robot.groups[g, FIRST], robot.groups[g, PAST]
-        work.gaps[first:last] = math.inf
-        for k in range(count):
-            lower_gaps(robot, g, last, tables, work.candidates[k], k, work)
-        for i in range(first, last):
-            if work.gaps[i] >= farthest * farthest:
-                continue
-            p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
-            d, nx, ny, nz, body = nearest_candidate(p, i - first, work.candidates, count, tables, farthest, work)
-            if body < 0:
-                continue
-            value, slope, curvature = barrier(d - clearance, reach)
-            more, more_slope, more_curvature = deficit(d, floor)
-            w = robot.weights[i]
-            total += w * (value + more)
-            gather(joint, p, (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work)
+        joint, first, last = robot.groups[g, JOINT], robot.groups[g, FIRST], robot.groups[g, PAST]
+        T, block = work.world[joint], robot.first_blocks[g]
+        work.sums[:] = 0.0
+        for at in range(first, last, LANES_64):
+            if _is_near(robot, block, farthest, work):
+                x, y, z, w = _block(robot, at, last, work.block)
+                p = moved_by(T, x, y, z)
+                d, nx, ny, nz = nearest_body_of_each(p, work.candidates, count, tables, farthest, work.lanes)
+                value, slope, curvature = barrier(d - clearance, reach)
+                more, more_slope, more_curvature = deficit(d, floor)
+                store(work.sums, 0, load(work.sums, 0) + w * (value + more))
+                _sum_up(p, (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work.sums)
+            block += 1
+        total += _gather(joint, work)
     return total
 
 
 @uncounted
-def gather(joint: int, p: Vector3, n: Vector3, slope: float, curvature: float, work: Workspace) -> None:
-    """Add a point's force and inertia to a joint's: it is at p, and pushed along n [m]."""
-    f = (n[0], n[1], n[2], p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
+def _some_block_near(
+    robot: SampledRobot, g: int, tables: DistanceTables, count: int, farthest: float, work: Workspace
+) -> bool:
+    """Whether any block of a group may be within range of the candidates; finds how far the boxes about them are."""
+    T, first = work.world[robot.groups[g, JOINT]], robot.first_blocks[g]
+    last = first + (robot.groups[g, PAST] - robot.groups[g, FIRST] + LANES_64 - 1) // LANES_64
+    work.block_gaps[first:last] = math.inf
+    for k in range(count):
+        lower_gaps(T, robot.blocks, first, last, tables, work.candidates[k], work.block_gaps)
+    some = False
+    for block in range(first, last):
+        some |= _is_near(robot, block, farthest, work)
+    return some
+
+
+@uncounted
+def _is_near(robot: SampledRobot, block: int, farthest: float, work: Workspace) -> bool:
+    """Whether a block of points may be within range of the candidates."""
+    reach = farthest + robot.blocks[RADIUS, block]
+    near: bool = work.block_gaps[block] < reach * reach
+    return near
+
+
+@uncounted
+def _block(robot: SampledRobot, at: int, last: int, scratch: Floats) -> tuple[Vector, Vector, Vector, Vector]:
+    """A block of a group's points, in the frame of their joint [m], and their weights: 0 where there is none."""
+    if at + LANES_64 <= last:
+        points = robot.points
+        return load(points[0], at), load(points[1], at), load(points[2], at), load(robot.weights, at)
+    for i in range(LANES_64):
+        there, is_point = min(at + i, last - 1), at + i < last
+        for r in range(3):
+            scratch[r * LANES_64 + i] = robot.points[r, there] if is_point else _NOWHERE
+        scratch[3 * LANES_64 + i] = robot.weights[there] if is_point else 0.0
+    return load(scratch, 0), load(scratch, LANES_64), load(scratch, 2 * LANES_64), load(scratch, 3 * LANES_64)
+
+
+@uncounted
+def _sum_up(p: Lanes3, n: Lanes3, slope: Vector, curvature: Vector, sums: Floats) -> None:
+    """Add forces and inertias of points at p that are pushed along n [m] to a group's sums, lane by lane."""
+    nx, ny, nz = n
+    mx, my, mz = p[1] * nz - p[2] * ny, p[2] * nx - p[0] * nz, p[0] * ny - p[1] * nx
+    at = LANES_64
+    for one in (nx, ny, nz, mx, my, mz):
+        store(sums, at, load(sums, at) + slope * one)
+        at += LANES_64
+    at = _add_row(sums, at, curvature * nx, (nx, ny, nz, mx, my, mz))
+    at = _add_row(sums, at, curvature * ny, (ny, nz, mx, my, mz))
+    at = _add_row(sums, at, curvature * nz, (nz, mx, my, mz))
+    at = _add_row(sums, at, curvature * mx, (mx, my, mz))
+    at = _add_row(sums, at, curvature * my, (my, mz))
+    _add_row(sums, at, curvature * mz, (mz,))
+
+
+@uncounted
+def _add_row(sums: Floats, at: int, share: Vector, row: tuple[Vector, ...]) -> int:
+    """Add a row of the inertias' upper triangle; where the next one begins."""
+    for one in row:
+        store(sums, at, load(sums, at) + share * one)
+        at += LANES_64
+    return at
+
+
+@uncounted
+def _gather(joint: int, work: Workspace) -> float:
+    """Add a group's sums to the force and the inertia of its joint; its barrier."""
+    at = LANES_64
     for r in range(6):
-        work.forces[joint, r] += slope * f[r]
+        work.forces[joint, r] += total_of(load(work.sums, at))
+        at += LANES_64
+    for r in range(6):
         for c in range(r, 6):
-            work.inertias[joint, r, c] += curvature * f[r] * f[c]
+            work.inertias[joint, r, c] += total_of(load(work.sums, at))
+            at += LANES_64
+    barrier_of_all: float = total_of(load(work.sums, 0))
+    return barrier_of_all
 
 
 @compiled(SCALAR(ROBOT, TABLES, VECTOR, SCALAR))
@@ -99,7 +169,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
         z: Chart coordinates, shape (nv,).
         cutoff: What is returned where nothing is nearer [m], positive.
     """
-    work = workspace(robot, tables, 1)
+    work = workspace(robot, tables)
     place(robot, z, work)
     best = cutoff
     for g in range(robot.groups.shape[0]):

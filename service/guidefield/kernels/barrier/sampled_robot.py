@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
-from guidefield.kernels.distance.distance import DistanceTables, body_distance
+from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.distance.points_distance import ROWS
 from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats, Vector3
+from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, place_joints, place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
+from guidefield.kernels.simd.vector import LANES_64
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 
@@ -23,8 +24,11 @@ JOINT, FIRST, PAST, PAST_FEW = range(4)
 """Columns of a group of points: their joint, the first point, the one past the last, and the one past the few that
 stand for all against links."""
 
-ROWS = 24
-"""Of so many bodies at most a group's points know how far their boxes are; of further ones each looks for itself."""
+RADIUS = 3
+"""Row of the balls about blocks, after those of their centres."""
+
+SUMS = 28
+"""What is summed over a group's points: their barrier, their force (6), and their inertia's upper triangle (21)."""
 
 
 class SampledRobot(NamedTuple):
@@ -35,10 +39,13 @@ class SampledRobot(NamedTuple):
         drivers, multipliers, offsets: (model nv,) chart coordinate i of the model, followers included, is
             multipliers[i] z[drivers[i]] + offsets[i].
         origin: (model nq,) configuration from which the chart's rotation vectors start.
-        points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together.
+        points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together, and
+            `LANES_64` after one another from a group's first on, a block, near each other.
         weights: (p,) how much each counts.
         groups: (g, 4).
         balls: (g, 4) centre and radius of a ball about a group's points, in the frame of the joint [m].
+        blocks: (4, n) the same about each block of points, by rows.
+        first_blocks: (g,) the first block of each group.
         ignored: (g, obstacles) whether a group's distance to an obstacle doesn't count.
         links: Bodies of all collision shapes, in the frame of their joint.
         link_joints: (b,) joint of each of them; 0 is the world.
@@ -56,6 +63,8 @@ class SampledRobot(NamedTuple):
     weights: Row
     groups: IndexRows
     balls: Rows
+    blocks: Rows
+    first_blocks: Indices
     ignored: Flags
     links: DistanceTables
     link_joints: Indices
@@ -83,8 +92,10 @@ class Workspace(NamedTuple):
         forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
         candidates: Bodies near a group.
         gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
-        apart: The same to each of the first bodies, by the group's points, shape (rows, points of the largest group);
-            the last row is scratch.
+        block_gaps: The same of the centres of blocks [m^2].
+        block: One of which some lanes are empty: coordinates and weights, shape (4 times lanes,).
+        lanes: For distances lane by lane.
+        sums: Of a group, in lanes, shape (`SUMS` times lanes,).
     """
 
     q: Floats
@@ -103,15 +114,16 @@ class Workspace(NamedTuple):
     inertias: Floats
     candidates: np.ndarray
     gaps: Floats
-    apart: Floats
+    block_gaps: Floats
+    block: Floats
+    lanes: Floats
+    sums: Floats
 
 
 @counted
-def workspace(robot: SampledRobot, tables: DistanceTables, rows: int) -> Workspace:
-    """Scratch for a robot among some bodies, whose gaps so many rows are for: one, or for barriers `ROWS` + 1."""
-    n, nv, most = robot.joints.parents.shape[0], robot.offsets.shape[0], 0
-    for g in range(robot.groups.shape[0]):
-        most = max(most, robot.groups[g, PAST] - robot.groups[g, FIRST])
+def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
+    """Scratch for a robot among some bodies."""
+    n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
     return Workspace(
         np.empty(robot.origin.shape[0]),
         np.empty(nv),
@@ -129,7 +141,10 @@ def workspace(robot: SampledRobot, tables: DistanceTables, rows: int) -> Workspa
         np.empty((n, 6, 6)),
         np.empty(tables.kinds.shape[0], np.int64),
         np.empty(robot.points.shape[1]),
-        np.empty((rows, most)),
+        np.empty(robot.blocks.shape[1]),
+        np.empty(4 * LANES_64),
+        np.empty(ROWS * LANES_64),
+        np.empty(SUMS * LANES_64),
     )
 
 
@@ -185,10 +200,19 @@ def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
 
 @uncounted
 def lower_gaps(
-    robot: SampledRobot, g: int, last: int, tables: DistanceTables, body: int, k: int, work: Workspace
+    T: Floats, points: Floats, first: int, last: int, tables: DistanceTables, body: int, gaps_out: Floats
 ) -> None:
-    """Lower the gaps of a group's points up to one to those to the box about a body, the k-th; a vector loop."""
-    T = work.world[robot.groups[g, JOINT]]
+    """Lower the gaps of points to those to the box about a body; a vector loop.
+
+    Args:
+        T: Placement of the points' frame, shape (3, 4) [m].
+        points: By rows, at least (3, p) [m].
+        first: The first of the points.
+        last: The one past the last.
+        tables: The bodies.
+        body: Index of the body.
+        gaps_out: Squares of distances, shape (p,) [m²].
+    """
     B, bounds = tables.placements[body], tables.bounds[body]
     r00 = B[0, 0] * T[0, 0] + B[1, 0] * T[1, 0] + B[2, 0] * T[2, 0]
     r01 = B[0, 0] * T[0, 1] + B[1, 0] * T[1, 1] + B[2, 0] * T[2, 1]
@@ -205,9 +229,7 @@ def lower_gaps(
     tz = B[0, 2] * dx + B[1, 2] * dy + B[2, 2] * dz
     lx, ly, lz, hx, hy, hz = bounds[0], bounds[1], bounds[2], bounds[3], bounds[4], bounds[5]
     # slices: an index that might be negative keeps the loop from becoming a vector loop
-    first = robot.groups[g, FIRST]
-    px, py, pz = robot.points[0, first:last], robot.points[1, first:last], robot.points[2, first:last]
-    gaps, apart = work.gaps[first:last], work.apart[min(k, work.apart.shape[0] - 1), : last - first]
+    px, py, pz, gaps = points[0, first:last], points[1, first:last], points[2, first:last], gaps_out[first:last]
     for i in range(gaps.shape[0]):
         x = r00 * px[i] + r01 * py[i] + r02 * pz[i] + tx
         y = r10 * px[i] + r11 * py[i] + r12 * pz[i] + ty
@@ -215,37 +237,4 @@ def lower_gaps(
         ex = max(lx - x, x - hx, 0.0)
         ey = max(ly - y, y - hy, 0.0)
         ez = max(lz - z, z - hz, 0.0)
-        gap = ex * ex + ey * ey + ez * ez
-        apart[i] = gap
-        gaps[i] = min(gaps[i], gap)
-
-
-@uncounted
-def nearest_candidate(
-    p: Vector3, i: int, candidates: np.ndarray, count: int, tables: DistanceTables, cutoff: float, work: Workspace
-) -> tuple[float, float, float, float, int]:
-    """`nearest_body` of a group's point, among bodies that `lower_gaps` has looked at in this order.
-
-    Args:
-        p: The point in the world [m].
-        i: Which of the group it is.
-        candidates: Indices of bodies, of which the first `count` count.
-        count: How many.
-        tables: The bodies.
-        cutoff: Distance beyond which nothing is looked for [m].
-        work: Scratch, with the gaps of the group's points.
-
-    Returns:
-        Distance [m], unit vector (3), index of the body; infinite, zero and -1 beyond the cutoff.
-    """
-    best, bx, by, bz, nearest = cutoff, 0.0, 0.0, 0.0, -1
-    for k in range(count):
-        gap = work.apart[k, i] if k + 1 < work.apart.shape[0] else 0.0
-        if gap > 0.0 and (best <= 0.0 or gap >= best * best):
-            continue
-        d, nx, ny, nz = body_distance(p[0], p[1], p[2], candidates[k], tables, best, math.inf)
-        if d < best:
-            best, bx, by, bz, nearest = d, nx, ny, nz, candidates[k]
-    if nearest < 0:
-        best = math.inf
-    return best, bx, by, bz, nearest
+        gaps[i] = min(gaps[i], ex * ex + ey * ey + ez * ez)

@@ -57,7 +57,7 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
         T = work.world[robot.groups[g, JOINT]]
         first, last = robot.groups[g, FIRST], robot.groups[g, PAST_FEW]
         work.gaps[first:last] = math.inf
-        lower_gaps(robot, g, last, links, other, 0, work)
+        lower_gaps(T, robot.points, first, last, links, other, work.gaps)
         for i in range(first, last):
             if work.gaps[i] >= reach * reach:
                 continue
@@ -139,6 +139,6 @@ def pair_distances(robot: SampledRobot, tables: DistanceTables, z: Floats, dista
         z: Chart coordinates, shape (nv,).
         distances_out: Shape (k,) [m]; infinite where nothing is within range.
     """
-    work = workspace(robot, tables, 1)
+    work = workspace(robot, tables)
     place(robot, z, work)
     _pair_distances(robot, work, distances_out)

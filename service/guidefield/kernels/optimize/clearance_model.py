@@ -21,7 +21,7 @@ from numba import types, void
 
 from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
-from guidefield.kernels.barrier.sampled_robot import ROBOT, ROWS, SampledRobot, workspace
+from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
 from guidefield.kernels.barrier.verlet_list import NEAR_BODIES, NearBodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
@@ -203,7 +203,7 @@ def clearance_along(
     nv = points.shape[1]
     z, slope, hessian, row = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
     across = np.empty(nv)
-    work = workspace(robot, tables, ROWS + 1)
+    work = workspace(robot, tables)
     moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
     total = 0.0
     for s in range(samples.pieces.shape[0]):

@@ -7,6 +7,7 @@ import numpy as np
 from guidefield.kernels.barrier.sampled_robot import FIRST, PAST, PAST_FEW, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import DistanceTables
+from guidefield.kernels.simd.vector import LANES_64
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only
@@ -61,8 +62,9 @@ def few_points(robot: SampledRobot) -> SampledRobot:
 def _of_group(group: PlanningGroup) -> SampledRobot:
     """The robot without where it starts, obstacles that it ignores, and pairs."""
     moving = _moving(group)
-    points = _points(group, moving)
+    points = [in_blocks(some, -(-len(some) // SAMPLED_ROBOT.coarser)) for some in _points(group, moving)]
     counts = np.array([len(some) for some in points], np.int64)
+    blocks = [np.array([_ball(some[at : at + LANES_64]) for at in range(0, len(some), LANES_64)]) for some in points]
     last = np.cumsum(counts)
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
     links = _links(group)
@@ -78,6 +80,8 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
             [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // SAMPLED_ROBOT.coarser)]
         ),
         balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
+        blocks=np.ascontiguousarray(np.concatenate([np.empty((0, 4)), *blocks]).T),
+        first_blocks=np.cumsum([0, *map(len, blocks)])[:-1],
         ignored=np.empty((len(moving), 0), bool),
         links=links,
         link_joints=np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64),
@@ -87,6 +91,20 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     )
     read_only(*robot)
     return robot
+
+
+def in_blocks(points: np.ndarray, few: int) -> np.ndarray:
+    """Points (n, 3) of a link, the first few of them first, ordered so that each block of lanes is of neighbours."""
+    return np.concatenate([_by_place(points[:few]), _by_place(points[few:])])
+
+
+def _by_place(points: np.ndarray) -> np.ndarray:
+    """Points (n, 3), halved across their longest extent until they are blocks; all but the last are whole."""
+    if len(points) <= LANES_64:
+        return points
+    along = points[:, np.argmax(np.ptp(points, axis=0))].argsort(kind="stable")
+    half = LANES_64 * (-(-len(points) // LANES_64) // 2)
+    return np.concatenate([_by_place(points[along[:half]]), _by_place(points[along[half:]])])
 
 
 @kept_with_alike

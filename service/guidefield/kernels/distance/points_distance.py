@@ -1,0 +1,259 @@
+"""Signed distance of several points at once, one in each lane, to the nearest of some bodies.
+
+Boxes, cylinders, capsules and half-spaces are measured in all lanes, and sheets of a few triangles, as polygons are.
+Other bodies are measured lane by lane. All distances are those of `body_distance`.
+"""
+
+from __future__ import annotations
+
+import math
+
+from guidefield.kernels.distance.distance import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    HALF_SPACE,
+    SHEET,
+    DistanceTables,
+    body_distance,
+)
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
+from guidefield.kernels.simd.vector import (
+    LANES_64,
+    Vector,
+    every,
+    largest_of,
+    load,
+    magnitude,
+    root,
+    select,
+    smallest_of,
+    store,
+)
+
+Lanes3 = tuple[Vector, Vector, Vector]
+"""Points or axes, by coordinate."""
+
+Away = tuple[Vector, Vector, Vector, Vector]
+"""How far away points are: the square of the distance, negative inside [m²], and a vector (3) along which the distance
+grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
+
+Signed = tuple[Vector, Vector, Vector, Vector]
+"""Signed distances [m] and the unit vectors (3) along which they grow."""
+
+ROWS = 8
+"""Rows of scratch, each of `LANES_64` numbers."""
+
+NEXT_TO = 1e-12
+"""Nearer than this to a surface the direction is that of what is inside, or of a sheet's normal [m]."""
+
+_NEXT_TO_SQUARED = NEXT_TO * NEXT_TO
+
+_TINY = 1e-300
+"""Added to what may be zero and is divided by."""
+
+
+@uncounted
+def nearest_body_of_each(
+    p: Lanes3, candidates: Floats, count: int, tables: DistanceTables, cutoff: float, scratch: Floats
+) -> Signed:
+    """Signed distance of points to the nearest of some bodies.
+
+    Args:
+        p: The points in the world [m].
+        candidates: Indices of bodies, of which the first `count` count, shape (bodies,).
+        count: How many.
+        tables: The bodies.
+        cutoff: Distance beyond which nothing is looked for, positive [m].
+        scratch: Of `ROWS` times `LANES_64` numbers.
+
+    Returns:
+        Distances [m], and unit vectors (3); the cutoff and zero beyond it.
+    """
+    nothing = 0.0 * p[0]
+    best, bx, by, bz = nothing + cutoff * cutoff, nothing, nothing, nothing
+    for k in range(count):
+        body = candidates[k]
+        T = tables.placements[body]
+        q = moved_back_by(T, p[0], p[1], p[2])
+        gap = _gap_squared(q, tables.bounds[body])
+        if every((gap > 0.0) & (gap >= best)):
+            continue
+        kind = tables.kinds[body]
+        if kind == BOX:
+            square, ax, ay, az = _away_from_box(q, tables.sizes[body])
+        elif kind == CYLINDER:
+            square, ax, ay, az = _away_from_cylinder(q, tables.sizes[body])
+        elif kind == CAPSULE:
+            square, ax, ay, az = _away_from_capsule(q, tables.sizes[body])
+        elif kind == HALF_SPACE:
+            square, ax, ay, az = _away(q[2], nothing, nothing, nothing + 1.0)
+        elif kind == SHEET and tables.spans[body, 1] == 1:
+            square, ax, ay, az = _away_from_sheet(q, body, tables)
+        else:
+            square, ax, ay, az = _one_by_one(p, body, tables, best, scratch)
+        nearer = square < best
+        ax, ay, az = turned_by(T, ax, ay, az)
+        best = select(nearer, square, best)
+        bx, by, bz = select(nearer, ax, bx), select(nearer, ay, by), select(nearer, az, bz)
+    distance = root(magnitude(best))
+    over = 1.0 / largest_of(distance, NEXT_TO)
+    return select(best < 0.0, -distance, distance), over * bx, over * by, over * bz
+
+
+@uncounted
+def _away(d: Vector, nx: Vector, ny: Vector, nz: Vector) -> Away:
+    """By signed distances and unit vectors."""
+    far = magnitude(d)
+    length = largest_of(far, NEXT_TO)
+    return d * far, length * nx, length * ny, length * nz
+
+
+@uncounted
+def _gap_squared(p: Lanes3, box: Floats) -> Vector:
+    """Square of the distance from points to a box, lower then upper corner, shape (6,); 0 inside [m²]."""
+    dx = largest_of(largest_of(box[0] - p[0], p[0] - box[3]), 0.0)
+    dy = largest_of(largest_of(box[1] - p[1], p[1] - box[4]), 0.0)
+    dz = largest_of(largest_of(box[2] - p[2], p[2] - box[5]), 0.0)
+    return dx * dx + dy * dy + dz * dz
+
+
+@uncounted
+def _away_from_box(p: Lanes3, half: Floats) -> Away:
+    """As `shape_distance.box_distance`."""
+    ex, ey, ez = magnitude(p[0]) - half[0], magnitude(p[1]) - half[1], magnitude(p[2]) - half[2]
+    ox, oy, oz = largest_of(ex, 0.0), largest_of(ey, 0.0), largest_of(ez, 0.0)
+    square = ox * ox + oy * oy + oz * oz
+    if not every(square > _NEXT_TO_SQUARED):
+        deepest = largest_of(largest_of(ex, ey), ez)
+        inside, far = square <= _NEXT_TO_SQUARED, magnitude(deepest)
+        square, length = select(inside, deepest * far, square), largest_of(far, NEXT_TO)
+        by_x, by_y = (ex >= ey) & (ex >= ez), ey >= ez
+        ox = select(inside, select(by_x, length, 0.0), ox)
+        oy = select(inside, select(by_x, 0.0, select(by_y, length, 0.0)), oy)
+        oz = select(inside, select(by_x, 0.0, select(by_y, 0.0, length)), oz)
+    return square, _signed(ox, p[0]), _signed(oy, p[1]), _signed(oz, p[2])
+
+
+@uncounted
+def _signed(length: Vector, by: Vector) -> Vector:
+    """A length with the sign of another number."""
+    return select(by < 0.0, -length, length)
+
+
+@uncounted
+def _away_from_cylinder(p: Lanes3, size: Floats) -> Away:
+    """As `shape_distance.cylinder_distance`, of its radius and half its length."""
+    rho = root(p[0] * p[0] + p[1] * p[1])
+    over = 1.0 / largest_of(rho, _TINY)
+    side, end = rho - size[0], magnitude(p[2]) - size[1]
+    across, along = largest_of(side, 0.0), largest_of(end, 0.0)
+    square = across * across + along * along
+    if not every(square > _NEXT_TO_SQUARED):
+        deepest = largest_of(side, end)
+        inside, far = square <= _NEXT_TO_SQUARED, magnitude(deepest)
+        square, length = select(inside, deepest * far, square), largest_of(far, NEXT_TO)
+        by_side = side >= end
+        across = select(inside, select(by_side, length, 0.0), across)
+        along = select(inside, select(by_side, 0.0, length), along)
+    return square, across * select(rho > 0.0, over * p[0], 1.0), across * (over * p[1]), _signed(along, p[2])
+
+
+@uncounted
+def _away_from_capsule(p: Lanes3, size: Floats) -> Away:
+    """As `shape_distance.capsule_distance`, of its radius and half its length."""
+    z = p[2] - largest_of(smallest_of(p[2], size[1]), -size[1])
+    distance = root(p[0] * p[0] + p[1] * p[1] + z * z)
+    over = 1.0 / largest_of(distance, _TINY)
+    return _away(distance - size[0], select(distance > 0.0, over * p[0], 1.0), over * p[1], over * z)
+
+
+@uncounted
+def _away_from_sheet(p: Lanes3, body: int, tables: DistanceTables) -> Away:
+    """As `surface_distance` of a sheet whose triangles are in one leaf."""
+    surfaces, first, count = tables.surfaces, tables.spans[body, 2], tables.spans[body, 3]
+    bx, by, bz = _away_from_triangle(p, surfaces.corners[first])
+    best = _square(bx, by, bz)
+    for i in range(first + 1, first + count):
+        dx, dy, dz = _away_from_triangle(p, surfaces.corners[i])
+        square = _square(dx, dy, dz)
+        nearer = square < best
+        best = select(nearer, square, best)
+        bx, by, bz = select(nearer, dx, bx), select(nearer, dy, by), select(nearer, dz, bz)
+    apart, normal = best > _NEXT_TO_SQUARED, surfaces.normals[first]
+    return (
+        best,
+        select(apart, bx, NEXT_TO * normal[0]),
+        select(apart, by, NEXT_TO * normal[1]),
+        select(apart, bz, NEXT_TO * normal[2]),
+    )
+
+
+@uncounted
+def _away_from_triangle(p: Lanes3, corner: Floats) -> Lanes3:
+    """From the closest point of a triangle to points: of its face where they are over it, else of its nearest edge.
+
+    Args:
+        p: The points [m].
+        corner: Corner a, edges b - a and c - a, shape (9,) [m].
+    """
+    ax, ay, az = p[0] - corner[0], p[1] - corner[1], p[2] - corner[2]
+    ux, uy, uz, wx, wy, wz = corner[3], corner[4], corner[5], corner[6], corner[7], corner[8]
+    uu, uw, ww = ux * ux + uy * uy + uz * uz, ux * wx + uy * wy + uz * wz, wx * wx + wy * wy + wz * wz
+    # along each edge as seen from corners a, b and c, as in `triangle_distance`
+    a1, a2 = ux * ax + uy * ay + uz * az, wx * ax + wy * ay + wz * az
+    b1, b2, c1, c2 = a1 - uu, a2 - uw, a1 - uw, a2 - ww
+    alpha, beta, gamma = b1 * c2 - c1 * b2, c1 * a2 - a1 * c2, a1 * b2 - b1 * a2
+    nothing = 0.0 * ax
+    # edge a b, then c a, then b c
+    s, t = _share(a1 / max(uu, _TINY)), nothing
+    best = _square(ax - s * ux, ay - s * uy, az - s * uz)
+    other = _share(a2 / max(ww, _TINY))
+    square = _square(ax - other * wx, ay - other * wy, az - other * wz)
+    s, t, best = select(square < best, 0.0, s), select(square < best, other, t), smallest_of(square, best)
+    other = _share((b2 - b1) / max(uu - 2.0 * uw + ww, _TINY))
+    square = _square(ax - ux - other * (wx - ux), ay - uy - other * (wy - uy), az - uz - other * (wz - uz))
+    s, t = select(square < best, 1.0 - other, s), select(square < best, other, t)
+    over = 1.0 / largest_of(alpha + beta + gamma, _TINY)
+    inside = (alpha > 0.0) & (beta > 0.0) & (gamma > 0.0)
+    s, t = select(inside, over * beta, s), select(inside, over * gamma, t)
+    return ax - s * ux - t * wx, ay - s * uy - t * wy, az - s * uz - t * wz
+
+
+@uncounted
+def _share(x: Vector) -> Vector:
+    """Brought between 0 and 1."""
+    return largest_of(smallest_of(x, 1.0), 0.0)
+
+
+@uncounted
+def _square(x: Vector, y: Vector, z: Vector) -> Vector:
+    """The square of a vector's length."""
+    return x * x + y * y + z * z
+
+
+@uncounted
+def _one_by_one(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
+    """By `body_distance` of each lane; infinite where it isn't below the best, the square of a signed distance."""
+    distance = root(magnitude(best))
+    store(scratch, 0, p[0])
+    store(scratch, LANES_64, p[1])
+    store(scratch, 2 * LANES_64, p[2])
+    store(scratch, 3 * LANES_64, select(best < 0.0, -distance, distance))
+    T = tables.placements[body]
+    for i in range(LANES_64):
+        d, nx, ny, nz = body_distance(
+            scratch[i], scratch[LANES_64 + i], scratch[2 * LANES_64 + i], body, tables, scratch[3 * LANES_64 + i],
+            math.inf,
+        )  # fmt: skip
+        scratch[4 * LANES_64 + i] = d
+        for r in range(3):
+            scratch[(5 + r) * LANES_64 + i] = T[0, r] * nx + T[1, r] * ny + T[2, r] * nz
+    return _away(
+        load(scratch, 4 * LANES_64),
+        load(scratch, 5 * LANES_64),
+        load(scratch, 6 * LANES_64),
+        load(scratch, 7 * LANES_64),
+    )
