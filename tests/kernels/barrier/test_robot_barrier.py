@@ -126,12 +126,14 @@ class Barrier:
         """Value, gradient and Hessian."""
         nv = len(z)
         points, gradient = np.vstack([np.zeros((COUPLED, nv)), z]), np.empty((COUPLED + 1, nv))
-        blocks = np.empty((COUPLED + 1, nv, (COUPLED + 1) * nv))
-        value = clearance_along(
+        pieces, basis, hessians = np.empty(1, np.int64), np.empty((1, 4)), np.empty((1, nv, nv))
+        value, count = clearance_along(
             self.robot, self.tables, moving_tables(self.made_for.scene), self.samples, points, 1.0, 0.0, CLEARANCE,
-            math.inf, self.near, gradient, blocks, np.empty((2, COUPLED + 1, nv)), np.empty(2), np.empty((2, 2)),
+            math.inf, self.near, gradient, pieces, basis, hessians, np.empty((2, COUPLED + 1, nv)), np.empty(2),
+            np.empty((2, 2)),
         )  # fmt: skip
-        return value, gradient[COUPLED], blocks[COUPLED, :, COUPLED * nv :]
+        assert count == (value > 0.0)
+        return value, gradient[COUPLED], hessians[0] if count else np.zeros((nv, nv))
 
 
 @pytest.mark.parametrize("name", GROUPS)

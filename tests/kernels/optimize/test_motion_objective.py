@@ -99,16 +99,17 @@ def look_at(
         np.full(PIECES, 0.05),
         np.tile([1.0, 0.0, 2.0], PIECES)[:PIECES],
     )
-    gradient, blocks = np.full((n, nv), np.nan), np.full((n, nv, (COUPLED + 1) * nv), np.nan)
+    gradient, hessians = np.full((n, nv), np.nan), np.full((PIECES, nv, nv), np.nan)
+    pieces, at = np.full(PIECES, -1), np.full((PIECES, 4), np.nan)
     border, by_times, corner = np.full((2, n, nv), np.nan), np.full(2, np.nan), np.full((2, 2), np.nan)
     near, moving = nothing_remembered(PIECES, len(robot.groups)), moving_tables(made_for.scene)
-    value = clearance_along(
-        robot, tables, moving, samples, points, step, begin, 0.01, math.inf, near, gradient, blocks, border, by_times,
-        corner,
+    value, count = clearance_along(
+        robot, tables, moving, samples, points, step, begin, 0.01, math.inf, near, gradient, pieces, at, hessians,
+        border, by_times, corner,
     )  # fmt: skip
-    for row in (gradient, blocks, border, by_times, corner):
+    for row in (gradient, pieces, at, hessians, border, by_times, corner):
         row.setflags(write=False)
-    return ClearanceModel(value, points, step, begin, gradient, blocks, border, by_times, corner)
+    return ClearanceModel(value, points, step, begin, gradient, count, pieces, at, hessians, border, by_times, corner)
 
 
 def unconstrained(name: str) -> KeptSamples:
@@ -260,17 +261,16 @@ def test_a_model_is_the_quadratic_form_of_its_look(name: str) -> None:
     model, rng = look(name, spline.points), np.random.default_rng(2)
     n, nv = spline.points.shape
     dense = np.zeros((n, nv, n, nv))
-    for i in range(n):
-        for c in range(COUPLED + 1):
-            if (k := i - COUPLED + c) >= 0:
-                block = model.blocks[i, :, c * nv : (c + 1) * nv]
-                dense[i, :, k], dense[k, :, i] = block, block.T
+    assert 0 < model.places <= PIECES
+    for s in range(model.places):
+        for a, b in np.ndindex(4, 4):
+            share = model.basis[s, a] * model.basis[s, b]
+            dense[model.pieces[s] + a, :, model.pieces[s] + b] += share * model.hessians[s]
     far = moved(spline, rng.normal(size=spline.inner.size + 1), 1e-2)
     way = far.points - spline.points
     change = np.einsum("ip,ip->", model.gradient, way) + 0.5 * np.einsum("ip,ipkq,kq->", way, dense, way)
-    empty = model._replace(value=0.0, gradient=np.zeros_like(model.gradient), blocks=np.zeros_like(model.blocks))
-    for row in (empty.gradient, empty.blocks):
-        row.setflags(write=False)
+    empty = model._replace(value=0.0, gradient=np.zeros_like(model.gradient), places=0)
+    empty.gradient.setflags(write=False)
     rest = of(name, far, limits, empty)[0]
     assert of(name, far, limits, model)[0] - rest == pytest.approx(model.value + change, rel=1e-10)
 

@@ -68,9 +68,9 @@ def test_the_gradient_is_that_of_finite_differences_of_the_least_miss(seed: int)
     spline = curve(seed)
     place = Waypoint(spline.at(np.array([4.6]))[0] + [0.0, 0.3, 0.1], 0.05)
     n, nv = spline.points.shape
-    gradient, blocks = np.zeros((n, nv)), np.zeros((n, nv, 4 * nv))
+    gradient, places = np.zeros((n, nv)), (np.empty(1, np.int64), np.empty((1, 4)), np.empty((1, nv, nv)))
     at = nearest(place, spline, 4.6)
-    value = add_passage(place, spline, at, 7.0, BALANCED.crossing, gradient, blocks)
+    value = add_passage(place, spline, at, 7.0, BALANCED.crossing, 0, gradient, *places)
     assert value == pytest.approx(7.0 * least(spline, place, at, 0.3), rel=1e-4)
     rng = np.random.default_rng(seed)
     for _ in range(4):
@@ -85,14 +85,12 @@ def test_its_hessian_is_positive_and_leaves_free_what_time_makes_up_for() -> Non
     place = Waypoint(spline.at(np.array([4.6]))[0] + [0.0, 0.3, 0.1], 0.0)
     n, nv = spline.points.shape
     at = nearest(place, spline, 4.6)
-    blocks = np.zeros((n, nv, 4 * nv))
-    add_passage(place, spline, at, 1.0, BALANCED.crossing, np.zeros((n, nv)), blocks)
-    whole = np.zeros((n * nv, n * nv))
-    for i in range(n):
-        for k in range(max(i - 3, 0), i + 1):
-            block = blocks[i, :, (3 - i + k) * nv : (4 - i + k) * nv]
-            whole[i * nv : (i + 1) * nv, k * nv : (k + 1) * nv] = block
-            whole[k * nv : (k + 1) * nv, i * nv : (i + 1) * nv] = block.T
+    pieces, shares, hessians = np.empty(1, np.int64), np.empty((1, 4)), np.empty((1, nv, nv))
+    add_passage(place, spline, at, 1.0, BALANCED.crossing, 0, np.zeros((n, nv)), pieces, shares, hessians)
+    by_point = np.zeros((n, 1))
+    by_point[pieces[0] : pieces[0] + 4, 0] = shares[0]
+    np.testing.assert_allclose((by_point * spline.points).sum(axis=0), spline.at(np.array([at]))[0])
+    whole = np.kron(by_point @ by_point.T, hessians[0])
     assert np.linalg.eigvalsh(whole).min() > -1e-12
     away = spline.at(np.array([at]))[0] - place.point
     sideways = np.tile(away, (n, 1)).ravel()

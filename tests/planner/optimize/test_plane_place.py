@@ -100,8 +100,9 @@ def test_kernels_find_what_is_found_of_any_place(name: str, shift: float, away: 
         assert at == pytest.approx(nearest(Plainly(place), spline, about), abs=1e-6)
         found = []
         for one in (place, Plainly(place)):
-            gradient, blocks = np.zeros(points.shape), np.zeros((*points.shape, 4 * len(z)))
-            value = add_passage(one, spline, at, 7.0, 1e-3, gradient, blocks)
-            found.append((value, gradient, blocks))
+            gradient, hessians = np.zeros(points.shape), np.empty((2, len(z), len(z)))
+            pieces, basis = np.empty(2, np.int64), np.empty((2, 4))
+            value = add_passage(one, spline, at, 7.0, 1e-3, 1, gradient, pieces, basis, hessians)
+            found.append((value, gradient, pieces[1], basis[1], hessians[1]))
         for mine, plain in zip(*found, strict=True):
             np.testing.assert_allclose(mine, plain, rtol=1e-9, atol=1e-12)

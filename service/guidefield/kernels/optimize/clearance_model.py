@@ -1,7 +1,9 @@
 """The clearance of a motion as a barrier on samples along it, with gradient and Hessian by its control points.
 
-A sample at the fraction t of piece i of a uniform cubic B-spline is at z = sum over a of B_a(t) P_{i+a}, B the basis;
-its Hessian couples four control points. A barrier of the distance is `robot_barrier`.
+A sample at the fraction t of piece i of a uniform cubic B-spline is at z = sum over a of B_a(t) P_{i+a}, B the basis.
+Its Hessian H by z couples four control points: the block of points i + a and i + b is B_a B_b H. So a model keeps H
+alone of each sample that is near something; blocks are made where a system is solved. A barrier of the distance is
+`robot_barrier`.
 
 Obstacles that move are where they are at the sample's time, t0 + (i + t) h: its derivatives by u = log h, h the length
 of a piece, and by the departure t0 are (i + t) h and 1. With them the barrier's derivatives by time become those by
@@ -17,7 +19,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import types
 
 from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
@@ -28,12 +30,13 @@ from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import (
     BLOCKS_OUT,
+    INDICES_OUT,
     MATRIX,
     MATRIX_OUT,
     SCALAR,
-    VECTOR,
     VECTOR_OUT,
     Floats,
+    Integers,
     compiled,
 )
 
@@ -72,8 +75,10 @@ class ClearanceModel(NamedTuple):
         step: Length of pieces there [s].
         begin: Departure there [s].
         gradient: By the control points, shape (n, nv).
-        blocks: Gauss and Newton's Hessian: [i, p, q] couples coordinate p of point i with q % nv of point
-            i - 3 + q // nv; shape (n, nv, 4 nv). The blocks on the diagonal are whole.
+        places: Of how many places on the motion there is a Hessian, at most s.
+        pieces: The piece of each, which is the first of its four control points, shape (s,).
+        basis: The basis there, shape (s, 4).
+        hessians: Gauss and Newton's Hessian of each by z, weighted, shape (s, nv, nv).
         border: The same by control points and (u, t0), shape (2, n, nv).
         by_times: Gradient by (u, t0), shape (2,).
         corner: Hessian by these, shape (2, 2).
@@ -84,7 +89,10 @@ class ClearanceModel(NamedTuple):
     step: float
     begin: float
     gradient: Rows
-    blocks: Blocks
+    places: int
+    pieces: Indices
+    basis: Rows
+    hessians: Blocks
     border: Blocks
     by_times: Row
     corner: Rows
@@ -94,18 +102,22 @@ CLEARANCE = numba_type(ClearanceModel)
 
 
 @uncounted
-def add_sample(
-    k: int,
-    basis: Floats,
-    weight: float,
-    slope: Floats,
-    hessian: Floats,
-    row: Floats,
-    gradient_out: Floats,
-    blocks_out: Floats,
-) -> None:
-    """Add a sample's weighted gradient and Hessian by z to those by the control points from k on; `row` is scratch."""
-    nv = slope.shape[0]
+def add_gradient(k: int, basis: Floats, weight: float, slope: Floats, gradient_out: Floats) -> None:
+    """Add a place's weighted gradient by z to that by the control points from k on."""
+    for a in range(4):
+        share, into = weight * basis[a], gradient_out[k + a]
+        for p in range(slope.shape[0]):
+            into[p] += share * slope[p]
+
+
+@uncounted
+def add_hessian(k: int, basis: Floats, weight: float, hessian: Floats, row: Floats, blocks_out: Floats) -> None:
+    """Add a place's weighted Hessian by z to that by the control points from k on; `row` is scratch, shape (4 nv,).
+
+    Of the blocks, [i, p, q] couples coordinate p of point i with q % nv of point i - 3 + q // nv; those on the diagonal
+    are whole.
+    """
+    nv = hessian.shape[0]
     for p in range(nv):
         for b in range(4):
             of_b = row[b * nv : (b + 1) * nv]
@@ -113,32 +125,13 @@ def add_sample(
                 of_b[q] = basis[b] * hessian[p, q]
         for a in range(4):
             share = weight * basis[a]
-            gradient_out[k + a, p] += share * slope[p]
             into = blocks_out[k + a, p, (3 - a) * nv :]  # blocks k to k + a, side by side
             for q in range(into.shape[0]):
                 into[q] += share * row[q]
 
 
-@compiled(void(types.int64, VECTOR, SCALAR, VECTOR, MATRIX, MATRIX_OUT, BLOCKS_OUT))
-def add_place(
-    k: int, basis: Floats, weight: float, slope: Floats, hessian: Floats, gradient_out: Floats, blocks_out: Floats
-) -> None:
-    """Add what depends on the motion at one place alone, as a sample of the clearance does.
-
-    Args:
-        k: The first of the four control points that the place depends on.
-        basis: Its share of each, shape (4,).
-        weight: Factor of all.
-        slope: Its gradient by z, shape (nv,).
-        hessian: Its Hessian by z, shape (nv, nv).
-        gradient_out: By the control points, shape (n, nv).
-        blocks_out: Hessian, see `ClearanceModel`, shape (n, nv, 4 nv).
-    """
-    add_sample(k, basis, weight, slope, hessian, np.empty(4 * slope.shape[0]), gradient_out, blocks_out)
-
-
 @compiled(
-    SCALAR(
+    types.Tuple((types.float64, types.int64))(
         ROBOT,
         TABLES,
         MOVING,
@@ -149,6 +142,8 @@ def add_place(
         SCALAR,
         SCALAR,
         NEAR_BODIES,
+        MATRIX_OUT,
+        INDICES_OUT,
         MATRIX_OUT,
         BLOCKS_OUT,
         BLOCKS_OUT,
@@ -168,11 +163,13 @@ def clearance_along(
     most: float,
     near: NearBodies,
     gradient_out: Floats,
-    blocks_out: Floats,
+    pieces_out: Integers,
+    basis_out: Floats,
+    hessians_out: Floats,
     border_out: Floats,
     by_times_out: Floats,
     corner_out: Floats,
-) -> float:
+) -> tuple[float, int]:
     """The weighted barrier of a motion's samples, its gradient and Hessian, see `ClearanceModel`.
 
     Args:
@@ -187,25 +184,26 @@ def clearance_along(
         most: What it comes to at most if it is wanted.
         near: What is remembered of the samples; of the same motion, moved, and the same ranges.
         gradient_out: Shape (n, nv).
-        blocks_out: Shape (n, nv, 4 nv).
+        pieces_out: As many as there are samples at least; the same for the next two.
+        basis_out: Shape (s, 4).
+        hessians_out: Shape (s, nv, nv).
         border_out: Shape (2, n, nv).
         by_times_out: Shape (2,).
         corner_out: Shape (2, 2).
 
     Returns:
-        The barrier; infinite, and derivatives that mean nothing, if it is more than wanted.
+        The barrier, infinite, and derivatives that mean nothing, if it is more than wanted; of how many samples there
+        is a Hessian.
     """
     gradient_out[:, :] = 0.0
-    blocks_out[:, :, :] = 0.0
     border_out[:, :, :] = 0.0
     by_times_out[:] = 0.0
     corner_out[:, :] = 0.0
     nv = points.shape[1]
-    z, slope, hessian, row = np.empty(nv), np.empty(nv), np.empty((nv, nv)), np.empty(4 * nv)
-    across = np.empty(nv)
+    z, slope, across = np.empty(nv), np.empty(nv), np.empty(nv)
     work = workspace(robot, tables)
     moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
-    total = 0.0
+    total, count = 0.0, 0
     for s in range(samples.pieces.shape[0]):
         k, basis = samples.pieces[s], samples.basis[s]
         for j in range(nv):
@@ -213,19 +211,25 @@ def clearance_along(
             z[j] += basis[2] * points[k + 2, j] + basis[3] * points[k + 3, j]
         walls = (samples.ranges[s], clearance, samples.floors[s])
         weight, since, share = samples.weights[s], samples.places[s] * step, samples.shares[s]
+        hessian = hessians_out[count]
         value = robot_barrier(
             robot, tables, moving, s, z, begin + since, walls, share, near, work, moved, slope, hessian, across
         )
         if value > 0.0:
             total += weight * value
             if total > most:
-                return math.inf
-            add_sample(k, basis, weight, slope, hessian, row, gradient_out, blocks_out)
+                return math.inf, count
+            add_gradient(k, basis, weight, slope, gradient_out)
+            pieces_out[count], basis_out[count] = k, basis
+            for p in range(nv):
+                for q in range(nv):
+                    hessian[p, q] *= weight
+            count += 1
             if moving.motions.shape[0] > 0:
                 _add_sample_by_times(
                     k, basis, weight, since, across, moved.by_time, border_out, by_times_out, corner_out
                 )
-    return total
+    return total, count
 
 
 @uncounted
@@ -252,48 +256,62 @@ def _add_sample_by_times(
 
 
 @uncounted
-def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: float) -> float:
-    """A model elsewhere: its value alone, see `expanded`."""
-    n, nv = points.shape
-    total = model.value
-    longer, later = math.log(step / model.step), begin - model.begin
-    for i in range(n):
-        before = max(3 - i, 0)
-        for p in range(nv):
-            move = points[i, p] - model.points[i, p]
-            if move == 0.0:
-                continue
-            of_point, others = 0.0, 0.0
-            for q in range(nv):
-                of_point += model.blocks[i, p, 3 * nv + q] * (points[i, q] - model.points[i, q])
-            for c in range(before, 3):
-                row, here, there = model.blocks[i, p, c * nv :], points[i - 3 + c], model.points[i - 3 + c]
-                for q in range(nv):
-                    others += row[q] * (here[q] - there[q])
-            by_times = longer * model.border[0, i, p] + later * model.border[1, i, p]
-            total += move * (model.gradient[i, p] + 0.5 * of_point + others + by_times)
-    for e in range(2):
-        of_e = longer if e == 0 else later
-        total += of_e * (model.by_times[e] + 0.5 * (longer * model.corner[e, 0] + later * model.corner[e, 1]))
-    return total
+def add_hessians(model: ClearanceModel, scratch: Floats, blocks_out: Floats) -> None:
+    """Add a model's Hessian to one by the control points, with scratch as `add_hessian`, shape (n, nv, 4 nv)."""
+    for s in range(model.places):
+        add_hessian(model.pieces[s], model.basis[s], 1.0, model.hessians[s], scratch, blocks_out)
 
 
 @uncounted
-def _is_there(model: ClearanceModel, points: Floats, step: float, begin: float, gradient_out: Floats) -> bool:
-    """Whether a motion is the one that was looked at; then its gradient is the model's."""
-    same = step == model.step and begin == model.begin
+def _moved_at(model: ClearanceModel, s: int, points: Floats, move_out: Floats) -> None:
+    """How far a motion has moved at a place of a model, shape (nv,)."""
+    k, basis = model.pieces[s], model.basis[s]
+    move_out[:] = 0.0
+    for a in range(4):
+        here, there = points[k + a], model.points[k + a]
+        for p in range(move_out.shape[0]):
+            move_out[p] += basis[a] * (here[p] - there[p])
+
+
+@uncounted
+def _by_times(model: ClearanceModel, points: Floats, step: float, begin: float) -> tuple[float, float, float]:
+    """What a model's value and its derivatives by (u, t0) have of times elsewhere, but for these derivatives there."""
+    longer, later = math.log(step / model.step), begin - model.begin
+    by_u, by_begin = 0.0, 0.0
     for i in range(points.shape[0]):
         for p in range(points.shape[1]):
-            same &= points[i, p] == model.points[i, p]
-            gradient_out[i, p] = model.gradient[i, p] if same else 0.0
-    if not same:
-        gradient_out[:, :] = 0.0
-    return same
+            move = points[i, p] - model.points[i, p]
+            by_u += model.border[0, i, p] * move
+            by_begin += model.border[1, i, p] * move
+    more_by_u = longer * model.corner[0, 0] + later * model.corner[0, 1]
+    more_by_begin = longer * model.corner[1, 0] + later * model.corner[1, 1]
+    by_u += model.by_times[0]
+    by_begin += model.by_times[1]
+    total = longer * (by_u + 0.5 * more_by_u) + later * (by_begin + 0.5 * more_by_begin)
+    return total, by_u + more_by_u, by_begin + more_by_begin
+
+
+@uncounted
+def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: float, scratch: Floats) -> float:
+    """A model elsewhere: its value alone, see `expanded`."""
+    n, nv = points.shape
+    total, move = model.value, scratch[:nv]
+    for i in range(n):
+        for p in range(nv):
+            total += model.gradient[i, p] * (points[i, p] - model.points[i, p])
+    for s in range(model.places):
+        _moved_at(model, s, points, move)
+        for p in range(nv):
+            row, value = model.hessians[s, p], 0.0
+            for q in range(nv):
+                value += row[q] * move[q]
+            total += 0.5 * move[p] * value
+    return total + _by_times(model, points, step, begin)[0]
 
 
 @uncounted
 def expanded(
-    model: ClearanceModel, points: Floats, step: float, begin: float, gradient_out: Floats
+    model: ClearanceModel, points: Floats, step: float, begin: float, scratch: Floats, gradient_out: Floats
 ) -> tuple[float, float, float]:
     """A model elsewhere: its value, and its derivatives by u and t0.
 
@@ -302,38 +320,24 @@ def expanded(
         points: Control points, shape (n, nv) [rad or m].
         step: Length of pieces [s].
         begin: Departure [s].
+        scratch: Shape (4 nv,).
         gradient_out: Its gradient by the control points, shape (n, nv).
     """
     n, nv = points.shape
-    if _is_there(model, points, step, begin, gradient_out):
-        return model.value, model.by_times[0], model.by_times[1]
+    total, longer, later = model.value, math.log(step / model.step), begin - model.begin
     for i in range(n):
         for p in range(nv):
-            move = points[i, p] - model.points[i, p]
-            value = 0.0
-            for c in range(max(3 - i, 0), 3):
-                k = i - 3 + c
-                for q in range(nv):
-                    coupling = model.blocks[i, p, c * nv + q]
-                    value += coupling * (points[k, q] - model.points[k, q])
-                    gradient_out[k, q] += coupling * move
+            total += model.gradient[i, p] * (points[i, p] - model.points[i, p])
+            gradient_out[i, p] = model.gradient[i, p] + longer * model.border[0, i, p] + later * model.border[1, i, p]
+    move, slope = scratch[:nv], scratch[nv : 2 * nv]
+    for s in range(model.places):
+        _moved_at(model, s, points, move)
+        for p in range(nv):
+            row, value = model.hessians[s, p], 0.0
             for q in range(nv):
-                value += model.blocks[i, p, 3 * nv + q] * (points[i, q] - model.points[i, q])
-            gradient_out[i, p] += value
-    total = model.value
-    for i in range(n):
-        for p in range(nv):
-            total += (points[i, p] - model.points[i, p]) * (model.gradient[i, p] + 0.5 * gradient_out[i, p])
-            gradient_out[i, p] += model.gradient[i, p]
-    longer, later = math.log(step / model.step), begin - model.begin
-    by_u, by_begin = model.by_times[0], model.by_times[1]
-    for i in range(n):
-        for p in range(nv):
-            move = points[i, p] - model.points[i, p]
-            by_u += model.border[0, i, p] * move
-            by_begin += model.border[1, i, p] * move
-            gradient_out[i, p] += longer * model.border[0, i, p] + later * model.border[1, i, p]
-    more_by_u = longer * model.corner[0, 0] + later * model.corner[0, 1]
-    more_by_begin = longer * model.corner[1, 0] + later * model.corner[1, 1]
-    total += longer * (by_u + 0.5 * more_by_u) + later * (by_begin + 0.5 * more_by_begin)
-    return total, by_u + more_by_u, by_begin + more_by_begin
+                value += row[q] * move[q]
+            slope[p] = value
+            total += 0.5 * move[p] * value
+        add_gradient(model.pieces[s], model.basis[s], 1.0, slope, gradient_out)
+    of_times, by_u, by_begin = _by_times(model, points, step, begin)
+    return total + of_times, by_u, by_begin

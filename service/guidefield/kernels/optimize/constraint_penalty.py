@@ -22,7 +22,7 @@ import numpy as np
 from guidefield.kernels.jit.fields import IndexRows, Indices, Rows, numba_type
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
 from guidefield.kernels.kinematics.tip_chain import LANES
-from guidefield.kernels.optimize.clearance_model import add_sample
+from guidefield.kernels.optimize.clearance_model import add_gradient, add_hessian
 from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, number, place, room_to_measure, write_row
 
 
@@ -117,7 +117,7 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
         kept: Where constraints are looked at.
         points: Control points, shape (n, nv) [rad or m].
         gradient_out: By these, shape (n, nv).
-        blocks_out: Hessian, as in `ClearanceModel`, shape (n, nv, 4 nv).
+        blocks_out: Hessian, as in `add_hessian`, shape (n, nv, 4 nv).
 
     Returns:
         The penalty.
@@ -144,5 +144,6 @@ def add_constraint_penalty(kept: KeptSamples, points: Floats, gradient_out: Floa
                     slope[p] += beyond * over * row[p]
                     for q in range(nv):
                         hessian[p, q] += stiffness * row[p] * row[q]
-            add_sample(kept.pieces[at], kept.basis[at], weight, slope, hessian, scratch, gradient_out, blocks_out)
+            add_gradient(kept.pieces[at], kept.basis[at], weight, slope, gradient_out)
+            add_hessian(kept.pieces[at], kept.basis[at], weight, hessian, scratch, blocks_out)
     return 0.5 * weight * total

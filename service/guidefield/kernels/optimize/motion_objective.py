@@ -17,7 +17,13 @@ import numpy as np
 from guidefield.kernels.jit.fields import Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel, expanded, expanded_value
+from guidefield.kernels.optimize.clearance_model import (
+    CLEARANCE,
+    ClearanceModel,
+    add_hessians,
+    expanded,
+    expanded_value,
+)
 from guidefield.kernels.optimize.constraint_penalty import (
     KEPT_SAMPLES,
     KeptSamples,
@@ -111,14 +117,15 @@ def objective_value(
     begin: float,
     first_step: float,
     limit_weight: float,
+    scratch: Floats,
 ) -> float:
-    """The objective alone; infinite where a limit is reached. See `motion_objective`."""
+    """The objective alone, with scratch (4 nv,); infinite where a limit is reached. See `motion_objective`."""
     pieces = points.shape[0] - 3
     of_limits = limit_barrier(points, step, limits) + time_barrier(times, begin, pieces * step)
     if of_limits == math.inf:
         return of_limits
     of_constraints = constraint_penalty(kept, points)
-    of_clearance = expanded_value(model, points, step, begin)
+    of_clearance = expanded_value(model, points, step, begin, scratch)
     arrival: float = step / first_step + begin / (pieces * first_step)
     return arrival + limit_weight * of_limits + of_constraints + of_clearance
 
@@ -184,8 +191,8 @@ def motion_objective(
         begin: t0 [s].
         first_step: h0 [s].
         limit_weight: μ.
-        blocks_out: Hessian by all points, shape (n, nv, 4 nv); without the first three and the last three it is that of
-            the n - 6 free points, as in `bordered_band`.
+        blocks_out: Hessian by all points, see `add_hessian`, shape (n, nv, 4 nv); without the first three and the last
+            three it is that of the n - 6 free points, as in `bordered_band`.
         border_out: By the times and these, shape (k, (n - 6) nv).
         corner_out: By the times, shape (k, k).
         gradient_out: By the points, then the times, shape ((n - 6) nv + k,).
@@ -194,10 +201,11 @@ def motion_objective(
         The objective.
     """
     n, nv = points.shape
-    gradient, slopes = np.empty((n, nv)), np.empty((2 * ENDS, nv))
+    gradient, slopes, scratch = np.empty((n, nv)), np.empty((2 * ENDS, nv)), np.empty(4 * nv)
     border, corner, by_times = model.border.copy(), model.corner.copy(), np.empty(2)
-    blocks_out[:, :, :] = model.blocks
-    of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, gradient)
+    blocks_out[:, :, :] = 0.0
+    add_hessians(model, scratch, blocks_out)
+    of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, scratch, gradient)
     of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks_out, border[0])
     by_times[0] += by_u
     corner[0, 0] += by_uu

@@ -182,7 +182,7 @@ def newton_descent(
     inner, border = blocks[ENDS : n - ENDS], np.empty((more, free))
     corner, gradient = np.empty((more, more)), np.empty(free + more)
     move, back = np.empty(free + more), np.empty(free + more)
-    trial, corrected = np.empty((n, nv)), np.empty((n, nv))
+    trial, corrected, scratch = np.empty((n, nv)), np.empty((n, nv)), np.empty(4 * nv)
     constrained = kept.frames.kinds.shape[0] > 0
     taken = 0
     for _ in range(rules.steps):
@@ -202,7 +202,9 @@ def newton_descent(
         for _ in range(rules.tries):
             length, departure = _times(step, begin, move, stride, free, longest_step)
             _moved(points_out, ends, move, stride, length, trial)
-            lower = objective_value(model, limits, times, kept, trial, length, departure, first_step, limit_weight)
+            lower = objective_value(
+                model, limits, times, kept, trial, length, departure, first_step, limit_weight, scratch
+            )
             if constrained and lower < math.inf:  # back towards constraints that bend, by the same factors
                 motion_objective(
                     model, ends, limits, times, kept, trial, length, departure, first_step, limit_weight, blocks,
@@ -211,7 +213,9 @@ def newton_descent(
                 solve_factorized(factor, -gradient, back)
                 further, since = _times(length, departure, back, 1.0, free, longest_step)
                 _moved(trial, ends, back, 1.0, further, corrected)
-                then = objective_value(model, limits, times, kept, corrected, further, since, first_step, limit_weight)
+                then = objective_value(
+                    model, limits, times, kept, corrected, further, since, first_step, limit_weight, scratch
+                )
                 if then < lower:
                     lower, length, departure = then, further, since
                     trial[:, :] = corrected

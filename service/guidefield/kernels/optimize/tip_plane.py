@@ -8,10 +8,20 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.jit.fields import Row, Rows, numba_type
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import (
+    BLOCKS_OUT,
+    INDICES_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    Floats,
+    Integers,
+    compiled,
+    inlined,
+)
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
-from guidefield.kernels.optimize.clearance_model import add_place
+from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
 
 SAMPLES = 5
@@ -97,17 +107,22 @@ def nearest_crossing(
     return about
 
 
-@compiled(SCALAR(TIP_PLANE, MATRIX, SCALAR, SCALAR, SCALAR, MATRIX_OUT, BLOCKS_OUT))
+@compiled(
+    SCALAR(TIP_PLANE, MATRIX, SCALAR, SCALAR, SCALAR, types.int64, MATRIX_OUT, INDICES_OUT, MATRIX_OUT, BLOCKS_OUT)
+)
 def add_crossing(
     place: TipPlane,
     points: Floats,
     at: float,
     weight: float,
     crossing: float,
+    s: int,
     gradient_out: Floats,
-    blocks_out: Floats,
+    pieces_out: Integers,
+    basis_out: Floats,
+    hessians_out: Floats,
 ) -> float:
-    """Add what missing a plane adds to the objective of a motion, as `add_passage` has it.
+    """Add what missing a plane adds to the objective of a motion, as `add_passage` has it, as place s of a model.
 
     Args:
         place: The plane.
@@ -115,8 +130,11 @@ def add_crossing(
         at: Where the motion comes nearest, in pieces from the start.
         weight: w [1/m²].
         crossing: κ [m].
+        s: Which place it is.
         gradient_out: By the control points, shape (m + 3, nv).
-        blocks_out: Hessian, see `ClearanceModel`, shape (m + 3, nv, 4 nv).
+        pieces_out: As `ClearanceModel` has them, shape (places,).
+        basis_out: The same, shape (places, 4).
+        hessians_out: The same, shape (places, nv, nv).
 
     Returns:
         Its value.
@@ -142,18 +160,18 @@ def add_crossing(
         for p in range(nv):
             gradient[p] += missed[r] * rows[r, p]
             passed[p] += speed * rows[r, p]
-    hessian = np.empty((nv, nv))
+    hessian = hessians_out[s]
     for p in range(nv):
         for q in range(nv):
-            hessian[p, q] = -passed[p] * passed[q] / along
+            hessian[p, q] = -weight * passed[p] * passed[q] / along
         for r in range(k):
+            share = weight * rows[r, p]
             for q in range(nv):
-                hessian[p, q] += rows[r, p] * rows[r, q]
-    piece = min(max(int(at), 0), points.shape[0] - 4)
-    t = at - piece
-    s = 1.0 - t
-    basis = np.array(
-        [s * s * s, 4.0 + t * t * (3.0 * t - 6.0), 4.0 + s * s * (3.0 * s - 6.0), t * t * t]
-    ) / 6.0  # fmt: skip
-    add_place(piece, basis, weight, gradient, hessian, gradient_out, blocks_out)
+                hessian[p, q] += share * rows[r, q]
+    pieces_out[s] = min(max(int(at), 0), points.shape[0] - 4)
+    t = at - pieces_out[s]
+    u, basis = 1.0 - t, basis_out[s]
+    basis[0], basis[3] = u * u * u / 6.0, t * t * t / 6.0
+    basis[1], basis[2] = (4.0 + t * t * (3.0 * t - 6.0)) / 6.0, (4.0 + u * u * (3.0 * u - 6.0)) / 6.0
+    add_gradient(pieces_out[s], basis, weight, gradient, gradient_out)
     return 0.5 * weight * square

@@ -16,7 +16,6 @@ from guidefield.kernels.barrier.moving_bodies import MovingBodies
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.barrier.verlet_list import NearBodies, nothing_remembered
 from guidefield.kernels.distance.distance import DistanceTables
-from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
@@ -84,18 +83,18 @@ class Look(ReadOnly):
 
 
 class _Memory(NamedTuple):
-    """For blocks of a Hessian, as they are written and as they are seen."""
+    """For the Hessians of a model, as they are written and as they are seen."""
 
-    blocks: np.ndarray
+    hessians: np.ndarray
     seen: np.ndarray
 
     @classmethod
-    def of(cls, n: int, nv: int) -> _Memory:
-        """For n control points of nv coordinates."""
-        blocks = np.empty((n, nv, (COUPLED + 1) * nv))
-        seen = blocks.view()
+    def of(cls, places: int, nv: int) -> _Memory:
+        """For so many places on a motion of nv coordinates."""
+        hessians = np.empty((places, nv, nv))
+        seen = hessians.view()
         read_only(seen)
-        return cls(blocks, seen)
+        return cls(hessians, seen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +141,8 @@ class Descent(ReadOnly):
         constrained = constraint_samples(question.sections, spline.pieces, (), samples, question.settings)
         n, nv = spline.points.shape
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
-        hessians = _Memory.of(n, nv), _Memory.of(n, nv)
+        places = len(placed.pieces) + len(question.passages)
+        hessians = _Memory.of(places, nv), _Memory.of(places, nv)
         return cls(question, placed, near, samples, constrained, ends, unit, room, hessians)
 
     def look(
@@ -166,10 +166,11 @@ class Descent(ReadOnly):
         """
         question, (n, nv) = self.question, spline.points.shape
         one, other = self.hessians
-        memory = other if beside is not None and beside.model.blocks is one.seen else one
-        gradient, blocks = np.empty((n, nv)), memory.blocks
+        memory = other if beside is not None and beside.model.hessians is one.seen else one
+        hessians = memory.hessians
+        gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
-        value = clearance_along(
+        value, count = clearance_along(
             question.robot,
             question.tables,
             question.moving,
@@ -181,22 +182,28 @@ class Descent(ReadOnly):
             most,
             self.near,
             gradient,
-            blocks,
+            pieces,
+            basis,
+            hessians,
             border,
             by_times,
             corner,
         )
         if stiffness != 1.0:
-            blocks *= stiffness
+            hessians[:count] *= stiffness
             border *= stiffness
             corner *= stiffness
         here = []
         crossing = question.settings.crossing * self.count / question.settings.samples  # of pieces that are shorter
         for passage, about in zip(question.passages, passed, strict=True):
             here.append(nearest(passage.place, spline, about))
-            value += add_passage(passage.place, spline, here[-1], PASSAGE.weight, crossing, gradient, blocks)
+            value += add_passage(
+                passage.place, spline, here[-1], PASSAGE.weight, crossing, count, gradient, pieces, basis, hessians
+            )
+            count += 1
+        places = count, pieces, basis, memory.seen
         model = ClearanceModel(
-            value, spline.points, spline.step, spline.begin, gradient, memory.seen, border, by_times, corner
+            value, spline.points, spline.step, spline.begin, gradient, *places, border, by_times, corner
         )
         read_only(*model)
         kept = self.constrained

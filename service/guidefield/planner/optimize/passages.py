@@ -22,7 +22,6 @@ from typing import Protocol
 
 import numpy as np
 
-from guidefield.kernels.optimize.clearance_model import add_place
 from guidefield.kernels.optimize.tip_plane import TipPlane, add_crossing, nearest_crossing
 from guidefield.planner.motion.bspline import ENDS, BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
@@ -113,10 +112,13 @@ def add_passage(
     at: float,
     weight: float,
     crossing: float,
+    s: int,
     gradient_out: np.ndarray,
-    blocks_out: np.ndarray,
+    pieces_out: np.ndarray,
+    basis_out: np.ndarray,
+    hessians_out: np.ndarray,
 ) -> float:
-    """Add what passing a place adds to the objective of a motion.
+    """Add what passing a place adds to the objective of a motion, as place s of a `ClearanceModel`.
 
     Args:
         place: To be passed.
@@ -124,22 +126,28 @@ def add_passage(
         at: Where it comes nearest, in pieces from the start.
         weight: w [1/m² or 1/rad²].
         crossing: κ [m or rad].
+        s: Which place it is.
         gradient_out: By its control points, shape (n, nv).
-        blocks_out: Hessian, as in `ClearanceModel`, shape (n, nv, 4 nv).
+        pieces_out: As `ClearanceModel` has them, shape (places,).
+        basis_out: The same, shape (places, 4).
+        hessians_out: The same, shape (places, nv, nv).
 
     Returns:
         Its value.
     """
     plane, where = place.tip_plane, np.array([at])
     if plane is not None:
-        value: float = add_crossing(plane, spline.points, at, weight, crossing, gradient_out, blocks_out)
+        value: float = add_crossing(
+            plane, spline.points, at, weight, crossing, s, gradient_out, pieces_out, basis_out, hessians_out
+        )
         return value
     z, slope = spline.at(where)[0], spline.slopes(where)[0]
     missed, rows = place.missed(z[None])[0], place.rows(z)
     a = rows @ slope
     held = rows - np.outer(a, a @ rows) / (a @ a + crossing**2)
     (piece,), t = spline.piece_of(where)
-    add_place(piece, basis(t)[0], weight, missed @ rows, rows.T @ held, gradient_out, blocks_out)
+    pieces_out[s], basis_out[s], hessians_out[s] = piece, basis(t)[0], weight * (rows.T @ held)
+    gradient_out[piece : piece + 4] += np.outer(basis_out[s], weight * (missed @ rows))
     return 0.5 * weight * float(missed @ missed)
 
 

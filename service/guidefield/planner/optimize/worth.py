@@ -10,7 +10,6 @@ from guidefield.kernels.barrier.moving_barrier import moving_distance
 from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
 from guidefield.kernels.barrier.verlet_list import nothing_remembered
-from guidefield.kernels.linalg.bordered_band import COUPLED
 from guidefield.kernels.optimize.clearance_model import clearance_along
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.clearance_samples import samples_in_time
@@ -38,7 +37,7 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
     for one in (motion, other):
         samples, points = samples_in_time(one, (kept[0], kept[1]), problem.min_clearance, settings.compared, settings)
         n, nv = points.shape
-        clearance = clearance_along(
+        clearance, _ = clearance_along(
             robot,
             tables,
             moving,
@@ -50,7 +49,9 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
             math.inf,
             nothing_remembered(settings.compared, len(robot.groups)),
             np.empty((n, nv)),
-            np.empty((n, nv, (COUPLED + 1) * nv)),
+            np.empty(settings.compared, np.int64),
+            np.empty((settings.compared, 4)),
+            np.empty((settings.compared, nv, nv)),
             np.empty((2, n, nv)),
             np.empty(2),
             np.empty((2, 2)),
