@@ -102,6 +102,9 @@ def _carry(joints: JointTable, work: Workspace) -> None:
     """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
     S = work.subspaces
     work.hessian[:, :] = 0.0
+    for row in range(S.shape[0]):
+        for c in range(6):
+            work.columns[c, row] = S[row, c]
     for i in range(joints.parents.shape[0] - 1, 0, -1):
         A = work.inertias[i]
         for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
@@ -119,17 +122,31 @@ def _carry(joints: JointTable, work: Workspace) -> None:
             work.gradient[row] = value
             j = i
             while j > 0:
-                for column in range(joints.idx_v[j], joints.idx_v[j] + joints.nv[j]):
-                    value = S[column, 0] * r0 + S[column, 1] * r1 + S[column, 2] * r2
-                    value += S[column, 3] * r3 + S[column, 4] * r4 + S[column, 5] * r5
-                    work.hessian[row, column] = value
-                    work.hessian[column, row] = value
+                past, first = joints.idx_v[j] + joints.nv[j], joints.idx_v[j]
+                while joints.parents[j] > 0 and joints.idx_v[joints.parents[j]] + joints.nv[joints.parents[j]] == first:
+                    j = joints.parents[j]
+                    first = joints.idx_v[j]
+                _multiply(work.columns, first, past, (r0, r1, r2, r3, r4, r5), work.hessian[row])
                 j = joints.parents[j]
         parent = joints.parents[i]
         for r in range(6):
             work.forces[parent, r] += work.forces[i, r]
             for c in range(r, 6):
                 work.inertias[parent, r, c] += A[r, c]
+    for row in range(S.shape[0]):
+        for column in range(row):
+            work.hessian[column, row] = work.hessian[row, column]
+
+
+@uncounted
+def _multiply(
+    columns: Floats, first: int, past: int, r: tuple[float, float, float, float, float, float], row_out: Floats
+) -> None:
+    """Products of subspaces, by columns of (6, nv), with a force r; a vector loop."""
+    c0, c1, c2 = columns[0, first:past], columns[1, first:past], columns[2, first:past]
+    c3, c4, c5, row = columns[3, first:past], columns[4, first:past], columns[5, first:past], row_out[first:past]
+    for k in range(row.shape[0]):
+        row[k] = r[0] * c0[k] + r[1] * c1[k] + r[2] * c2[k] + r[3] * c3[k] + r[4] * c4[k] + r[5] * c5[k]
 
 
 @uncounted

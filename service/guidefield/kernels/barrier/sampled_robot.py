@@ -89,6 +89,7 @@ class Workspace(NamedTuple):
         links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
         centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
         subspaces: What chart velocities cause, as twists at the world's origin, shape (nv, 6).
+        columns: The same by its columns, shape (6, nv).
         forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
         candidates: Bodies near a group.
         gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
@@ -110,6 +111,7 @@ class Workspace(NamedTuple):
     centres: Floats
     link_centres: Floats
     subspaces: Floats
+    columns: Floats
     forces: Floats
     inertias: Floats
     candidates: np.ndarray
@@ -137,6 +139,7 @@ def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
         np.empty((robot.groups.shape[0], 3)),
         np.empty((robot.link_joints.shape[0], 3)),
         np.empty((nv, 6)),
+        np.empty((6, nv)),
         np.empty((n, 6)),
         np.empty((n, 6, 6)),
         np.empty(tables.kinds.shape[0], np.int64),
