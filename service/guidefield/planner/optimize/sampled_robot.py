@@ -64,7 +64,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     moving = _moving(group)
     points = [in_blocks(some, -(-len(some) // SAMPLED_ROBOT.coarser)) for some in _points(group, moving)]
     counts = np.array([len(some) for some in points], np.int64)
-    blocks = [np.array([_ball(some[at : at + LANES_64]) for at in range(0, len(some), LANES_64)]) for some in points]
+    blocks = [_balls_about(some, LANES_64) for some in points]
     last = np.cumsum(counts)
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
     links = _links(group)
@@ -79,7 +79,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
         groups=np.column_stack(
             [np.array(joints, np.int64), last - counts, last, last - counts + -(-counts // SAMPLED_ROBOT.coarser)]
         ),
-        balls=np.array([_ball(some) for some in points]).reshape(-1, 4),
+        balls=np.concatenate([np.empty((0, 4)), *(_balls_about(some, len(some)) for some in points)]),
         blocks=np.ascontiguousarray(np.concatenate([np.empty((0, 4)), *blocks]).T),
         first_blocks=np.cumsum([0, *map(len, blocks)])[:-1],
         ignored=np.empty((len(moving), 0), bool),
@@ -136,11 +136,12 @@ def _balls(links: DistanceTables) -> np.ndarray:
     return np.column_stack([centres, 0.5 * np.linalg.norm(high - low, axis=1)])
 
 
-def _ball(points: np.ndarray) -> np.ndarray:
-    """Centre and radius of a ball about points."""
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    ball: np.ndarray = np.r_[centre, np.linalg.norm(points - centre, axis=1).max()]
-    return ball
+def _balls_about(points: np.ndarray, every: int) -> np.ndarray:
+    """Centre and radius of a ball about each so many of some points (n, 3), n > 0: shape (balls, 4)."""
+    first = np.arange(0, len(points), every)
+    centres = 0.5 * (np.minimum.reduceat(points, first) + np.maximum.reduceat(points, first))
+    away = np.linalg.norm(points - centres[np.arange(len(points)) // every], axis=1)
+    return np.column_stack([centres, np.maximum.reduceat(away, first)])
 
 
 def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
