@@ -103,7 +103,7 @@ CLEARANCE = numba_type(ClearanceModel)
 
 @uncounted
 def add_gradient(k: int, basis: Floats, weight: float, slope: Floats, gradient_out: Floats) -> None:
-    """Add a place's weighted gradient by z to that by the control points from k on."""
+    """Add a place's weighted gradient by z, shape (nv,), to that by the control points from k on, shape (n, nv)."""
     for a in range(4):
         share, into = weight * basis[a], gradient_out[k + a]
         for p in range(slope.shape[0]):
