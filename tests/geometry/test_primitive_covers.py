@@ -68,7 +68,7 @@ sizes = st.floats(0.002, 0.25)
 deltas = st.floats(0.008, 0.05)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(sizes, sizes, sizes, deltas)
 def test_boxes(x: float, y: float, z: float, delta: float) -> None:
     size = np.array([x, y, z])
