@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.placements import se3
-from guidefield.messages.scene import Box, HalfSpace, Scene
+from guidefield.messages.scene import Box, HalfSpace, PointCloud, Scene
 from guidefield.messages.streams import Deviation, Observation, StreamObstacle
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
 from guidefield.stream.obstacles import Assumption, Obstacles
+from guidefield.stream.shapes import shape_of
 
 TURNED = (0.5, -0.5, 0.5, 0.5)
 
@@ -64,3 +65,14 @@ def test_deviations_take_the_place_of_largest_speeds() -> None:
     assert places.rates[1] == pytest.approx(0.1 + 1.2 * reach, abs=1e-9)
     assert places.velocities[1].tolist() == [0.3, 0.0, 0.4]
     assert places.margins[1] == pytest.approx(0.003 + 0.01 + 0.1 * (places.rates[1] + 0.5), abs=1e-9)
+
+
+def test_of_a_cloud_neighbours_stand_together_however_it_is_given() -> None:
+    """Whoever gave points in any order had each leaf of the judge's tree and each box for ways about all."""
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3))
+    message = PointCloud(name="cloud", points=points.tolist(), radius=0.01)
+    shape = shape_of(build(Scene("room", obstacles=[message])).obstacles[0])
+    leaves = shape.links[:, 0] < 0
+    assert np.median(shape.nodes[leaves, 3]) < 0.4
+    assert np.median(shape.boxes[:, 12:15].max(axis=1)) < 0.5
+    assert np.array_equal(np.unique(shape.solids.points, axis=0), np.unique(points, axis=0))

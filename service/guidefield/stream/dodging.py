@@ -102,7 +102,8 @@ def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, wa
         foreseen: So many steps are foreseen.
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
-    width = STREAM.beside * STREAM.few // max(STREAM.few, len(drifting.boxes))
+    boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(robot.balls))
+    width = STREAM.beside * STREAM.few * STREAM.plain // (boxes * balls)
     wanted = read_only_views(Wanted(kept, STREAM.widening, STREAM.dear))
     rows, cost = dodged(robot, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
     points, times = _along(way, tube, steps[:rows], reached[:rows])

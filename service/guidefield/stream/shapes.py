@@ -180,8 +180,8 @@ def _triangles(corners: np.ndarray, closed: bool) -> JudgedShape:
 
 
 def _cloud(points: np.ndarray, radius: float) -> JudgedShape:
-    """Of points (n, 3), neighbours of which stand together."""
-    count = len(points)
+    """Of points (n, 3), put in an order in which neighbours stand together."""
+    points, count = points[_morton(points)], len(points)
     solids = Convexes(np.ones(count, int), points, np.zeros(count), np.zeros((count, 3)), np.full(count, radius))
     nodes, links = _tree(solids.balls)
     return JudgedShape(solids, nodes, links, None, False, _clusters(points, radius))
