@@ -67,9 +67,11 @@ def test_deviations_take_the_place_of_largest_speeds() -> None:
     assert places.margins[1] == pytest.approx(0.003 + 0.01 + 0.1 * (places.rates[1] + 0.5), abs=1e-9)
 
 
-def test_of_a_cloud_neighbours_stand_together_however_it_is_given() -> None:
+@pytest.mark.parametrize("stray", [0.0, 1e4])
+def test_of_a_cloud_neighbours_stand_together_however_it_is_given(stray: float) -> None:
     """Whoever gave points in any order had each leaf of the judge's tree and each box for ways about all."""
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (4000, 3))
+    points[7] += stray  # cameras see such
     message = PointCloud(name="cloud", points=points.tolist(), radius=0.01)
     shape = shape_of(build(Scene("room", obstacles=[message])).obstacles[0])
     leaves = shape.links[:, 0] < 0

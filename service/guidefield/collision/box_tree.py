@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.geometry.curve_order import curve_order
 from guidefield.kernels.cover.overlapping_boxes import overlaps_in_tree
 
 CHILDREN = 16
@@ -40,7 +41,7 @@ class BoxTree:
             low: Lower corners, shape (n, 3), finite [m].
             high: Upper corners, shape (n, 3) [m].
         """
-        order = _in_order(_places_on_curve(0.5 * (low + high)))
+        order = curve_order(0.5 * (low + high), _BITS)
         levels = [np.ascontiguousarray(np.take(np.hstack([low, high]), order, axis=0).T)]
         while levels[-1].shape[1] > CHILDREN:
             below = levels[-1]
@@ -78,28 +79,3 @@ class BoxTree:
         sizes = [level.shape[1] for level in self.levels]
         rows = np.ascontiguousarray(np.concatenate(self.levels, axis=1).T)
         return rows, np.cumsum([0, *sizes])
-
-
-def _in_order(places: np.ndarray) -> np.ndarray:
-    """The order of places (n,), of the same ones that of their indices: sooner found where no two are the same."""
-    order = np.argsort(places)
-    in_turn = places[order]
-    return np.argsort(places, kind="stable") if (in_turn[1:] == in_turn[:-1]).any() else order
-
-
-def _places_on_curve(points: np.ndarray) -> np.ndarray:
-    """Places (n,) of points (n, 3) on a Morton curve: the bits of their coordinates interleaved."""
-    if not len(points):
-        return np.empty(0, np.int64)
-    along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
-    least = along.min(axis=1, keepdims=True)
-    size = max(float((along.max(axis=1, keepdims=True) - least).max()), 1e-300)
-    cells = ((along - least) / size * (2**_BITS - 1)).astype(np.int64)
-    for shift, kept in _SPREAD:
-        cells = (cells | cells << shift) & kept
-    places: np.ndarray = cells[0] | cells[1] << 1 | cells[2] << 2
-    return places
-
-
-_SPREAD = ((16, 0xFF0000FF), (8, 0xF00F00F00F), (4, 0xC30C30C30C3), (2, 0x249249249249))
-"""Shifts and masks that put two zeros between the bits of a number of `_BITS` bits."""

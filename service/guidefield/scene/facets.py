@@ -13,7 +13,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.geometry.box_tree import on_curve
+from guidefield.geometry.curve_order import curve_order
 
 PATCH = 8192
 """Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
@@ -74,7 +74,7 @@ class Patches:
     def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
         self._vertices = vertices
         a, b, c = (vertices[column] for column in triangles.T)
-        order = np.argsort(on_curve(a + b + c), kind="stable")
+        order = curve_order(a + b + c)
         self._triangles, starts = triangles[order], np.arange(0, len(triangles), PATCH)
         low = np.minimum(np.minimum(a, b), c)[order]
         high = np.maximum(np.maximum(a, b), c)[order]

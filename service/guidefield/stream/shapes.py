@@ -10,6 +10,7 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.curve_order import curve_order
 from guidefield.kernels.stream.judge import JudgedShapes
 from guidefield.kernels.stream.separation import Solids
 from guidefield.messages import scene as messages
@@ -172,7 +173,7 @@ def _triangles(corners: np.ndarray, closed: bool) -> JudgedShape:
     """Of triangles (t, 3, 3)."""
     count = len(corners)
     solids = Convexes(np.full(count, 3), corners.reshape(-1, 3), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
-    solids = solids.ordered(_morton(corners.mean(axis=1)))
+    solids = solids.ordered(curve_order(corners.mean(axis=1)))
     nodes, links = _tree(solids.balls)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     boxes = _box_rows((0.5 * (low + high))[None], (0.5 * (high - low))[None], np.zeros(1))
@@ -181,7 +182,7 @@ def _triangles(corners: np.ndarray, closed: bool) -> JudgedShape:
 
 def _cloud(points: np.ndarray, radius: float) -> JudgedShape:
     """Of points (n, 3), put in an order in which neighbours stand together."""
-    points, count = points[_morton(points)], len(points)
+    points, count = points[curve_order(points)], len(points)
     solids = Convexes(np.ones(count, int), points, np.zeros(count), np.zeros((count, 3)), np.full(count, radius))
     nodes, links = _tree(solids.balls)
     return JudgedShape(solids, nodes, links, None, False, _clusters(points, radius))
@@ -214,21 +215,6 @@ def _below(plane: np.ndarray) -> np.ndarray:
     row[0, :12] = np.column_stack([basis, (plane[3] - half) * normal]).ravel()
     row[0, 12:15] = half
     return row
-
-
-def _morton(points: np.ndarray) -> np.ndarray:
-    """An order in which neighbours among points (n, 3) stand together."""
-    low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
-    cells = ((points - low) * (1023.0 / max(extent, 1e-12))).astype(np.int64).T
-    key = _spread(cells[0]) | _spread(cells[1]) << 1 | _spread(cells[2]) << 2
-    return np.argsort(key, kind="stable")
-
-
-def _spread(cells: np.ndarray) -> np.ndarray:
-    """Numbers of ten bits (n,) with two zeros after each bit."""
-    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-        cells = (cells | cells << shift) & mask
-    return cells
 
 
 def _tree(balls: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
