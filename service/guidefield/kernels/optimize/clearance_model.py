@@ -292,20 +292,29 @@ def _by_times(model: ClearanceModel, points: Floats, step: float, begin: float) 
 
 
 @uncounted
+def _bent(model: ClearanceModel, s: int, move: Floats, slope: Floats, total: float) -> float:
+    """A value with what a sample's Hessian adds to it for a move (nv,) of its coordinates; out: slope, shape (nv,)."""
+    nv = move.shape[0]
+    for p in range(nv):
+        row, value = model.hessians[s, p], 0.0
+        for q in range(nv):
+            value += row[q] * move[q]
+        slope[p] = value
+        total += 0.5 * move[p] * value
+    return float(total)
+
+
+@uncounted
 def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: float, scratch: Floats) -> float:
     """A model elsewhere: its value alone, see `expanded`."""
     n, nv = points.shape
-    total, move = model.value, scratch[:nv]
+    total, move, slope = model.value, scratch[:nv], scratch[nv : 2 * nv]
     for i in range(n):
         for p in range(nv):
             total += model.gradient[i, p] * (points[i, p] - model.points[i, p])
     for s in range(model.places):
         _moved_at(model, s, points, move)
-        for p in range(nv):
-            row, value = model.hessians[s, p], 0.0
-            for q in range(nv):
-                value += row[q] * move[q]
-            total += 0.5 * move[p] * value
+        total = _bent(model, s, move, slope, total)
     return total + _by_times(model, points, step, begin)[0]
 
 
@@ -332,12 +341,7 @@ def expanded(
     move, slope = scratch[:nv], scratch[nv : 2 * nv]
     for s in range(model.places):
         _moved_at(model, s, points, move)
-        for p in range(nv):
-            row, value = model.hessians[s, p], 0.0
-            for q in range(nv):
-                value += row[q] * move[q]
-            slope[p] = value
-            total += 0.5 * move[p] * value
+        total = _bent(model, s, move, slope, total)
         add_gradient(model.pieces[s], model.basis[s], 1.0, slope, gradient_out)
     of_times, by_u, by_begin = _by_times(model, points, step, begin)
     return total + of_times, by_u, by_begin
