@@ -9,8 +9,10 @@ import pytest
 
 from guidefield.aside import StoppedError
 from guidefield.messages import codec, scene as messages
+from guidefield.messages.own_scenes import make_own
 from guidefield.messages.requests import JointsGoal, PlanRequest
-from guidefield.messages.values import Float32Array
+from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene import built, obstacle
 from guidefield.scene.built import MANY, BuiltScenes
 
@@ -37,6 +39,16 @@ def test_numbers_of_numpy_mean_the_same() -> None:
         for given in (tuple(position.tolist()), tuple(position))
     )
     assert plain is numpys
+
+
+def test_a_scene_of_very_many_changes_is_built_though_all_before_are_held() -> None:
+    """Each was found from the one before it: of 1000 that somebody held that was too deep."""
+    kept, held = BuiltScenes(2), [make_own(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5)]))]
+    kept.of(held[0])
+    for k in range(1, 3001):
+        held.append(changed(held[-1], SceneDiff(move={"b": Placement((float(k), 0.0, 0.0))})))
+    assert kept.of(held[-1]).obstacles[0].placement.translation.tolist() == [3000.0, 0.0, 0.0]
+    assert kept.of(held[-1]) is kept.of(held[-1])
 
 
 def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:

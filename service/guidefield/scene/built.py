@@ -9,7 +9,7 @@ import numpy as np
 
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import scene as messages
-from guidefield.messages.own_scenes import Before, own
+from guidefield.messages.own_scenes import Before, Own, own
 from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
@@ -57,19 +57,23 @@ class BuiltScenes:
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
         """
-        mine, parts = own(message), dict[int, Content]()
-        if mine is not None and mine.content is not None:
-            return mine.content, parts
-        change = None if mine is None else mine.before
-        before = None if change is None else change.scene()
-        if change is not None and before is not None:
-            content, parts = changed_content(self._content(before, spent)[0], change, message)
-        else:
+        changes: list[tuple[messages.Scene, Own, Before]] = []
+        while (mine := own(message)) is not None and mine.content is None and mine.before is not None:
+            before = mine.before.scene()
+            if before is None:
+                break
+            changes.append((message, mine, mine.before))
+            message = before
+        content, parts = None if mine is None else mine.content, dict[int, Content]()
+        if content is None:
             if spent is not None and _has_many(message) and spent():
                 raise StoppedError(f"scene {message.name} was looked at")
             content, parts = scene_content(message)
-        if mine is not None:
-            mine.content = content
+            if mine is not None:
+                mine.content = content
+        for later, known, change in reversed(changes):
+            content, parts = changed_content(content, change, later)
+            known.content = content
         return content, parts
 
     def _built(self, message: messages.Scene, parts: dict[int, Content], spent: Spent | None) -> Scene:
