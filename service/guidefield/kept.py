@@ -6,7 +6,7 @@ import functools
 import threading
 import weakref
 from collections.abc import Callable
-from typing import Any, Concatenate, ParamSpec, TypeVar, cast
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
 Key = TypeVar("Key")
 Rest = ParamSpec("Rest")
@@ -15,7 +15,39 @@ Found = TypeVar("Found")
 MOST = 16
 """Answers about one object that are kept, those asked for last: clients choose arguments, and memory is bounded."""
 
-_MISSING: Any = object()
+MISSING: Any = object()
+"""In place of an answer that isn't there."""
+
+
+class Answers(Generic[Found]):
+    """What was found for objects, forgotten together with them.
+
+    Args:
+        most: So many about one object are kept, those asked for last.
+    """
+
+    def __init__(self, most: int = MOST) -> None:
+        self._known: weakref.WeakKeyDictionary[Any, dict[Any, Found]] = weakref.WeakKeyDictionary()
+        self._most = most
+        self._changing = threading.RLock()  # what is forgotten may ask for something as it goes
+
+    def of(self, owner: object, asked: object) -> Found:
+        """What was found for an object when this was asked; `MISSING` if nothing was."""
+        with self._changing:
+            answers = self._known.get(owner, {})
+            answer = answers.pop(asked, MISSING)
+            if answer is not MISSING:
+                answers[asked] = answer  # the last one asked for stands last
+            return cast(Found, answer)
+
+    def keep(self, owner: object, asked: object, answer: Found) -> Found:
+        """Keep an answer, unless another one was sooner; the one that is kept."""
+        with self._changing:
+            answers = self._known.setdefault(owner, {})
+            answer = answers.setdefault(asked, answer)
+            while len(answers) > self._most:
+                del answers[next(iter(answers))]
+            return answer
 
 
 def kept_with(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concatenate[Key, Rest], Found]:
@@ -40,23 +72,12 @@ def kept_by(
 
     `most` answers about one object are kept.
     """
-    known: weakref.WeakKeyDictionary[Any, dict[Any, Found]] = weakref.WeakKeyDictionary()
-    changing = threading.RLock()  # what is forgotten may ask for something as it goes
+    known = Answers[Found](most)
 
     @functools.wraps(find)
     def found(key: Key, /, *rest: Rest.args, **options: Rest.kwargs) -> Found:
-        answers = known.setdefault(owner(key), {})
         asked = (rest, *options.items())
-        with changing:
-            answer = answers.pop(asked, _MISSING)
-            if answer is not _MISSING:
-                answers[asked] = answer  # the last one asked for stands last
-                return cast(Found, answer)
-        answer = find(key, *rest, **options)
-        with changing:
-            answer = answers.setdefault(asked, answer)
-            while len(answers) > most:
-                del answers[next(iter(answers))]
-        return answer
+        answer = known.of(owner(key), asked)
+        return known.keep(owner(key), asked, find(key, *rest, **options)) if answer is MISSING else answer
 
     return found

@@ -7,7 +7,6 @@ the scene before stays as it is.
 from __future__ import annotations
 
 import functools
-import threading
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
-from guidefield.kept import MOST
+from guidefield.kept import MISSING, Answers
 
 FEW = 0.25
 """Where more of the obstacles than this share are others, all is sooner made anew."""
@@ -127,31 +126,24 @@ def carried(
     """
 
     def decorated(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:
-        known: weakref.WeakKeyDictionary[Any, dict[Any, Table]] = weakref.WeakKeyDictionary()
-        changing = threading.RLock()
+        known = Answers[Table]()
 
         @functools.wraps(make)
         def made(scene: Any, /, *rest: Rest.args, **options: Rest.kwargs) -> Table:
             asked = (rest, *options.items())
-            with changing:
-                answers = known.setdefault(scene, {})
-                if asked in answers:
-                    answers[asked] = answers.pop(asked)  # the last one asked for stands last
-                    return answers[asked]
-                found = _before(scene, known, asked)
+            table = known.of(scene, asked)
+            if table is not MISSING:
+                return table
+            found = _before(scene, known, asked)
             table = make(scene, *rest, **options) if found is None else over(*found, scene, *rest, **options)
-            with changing:
-                table = answers.setdefault(asked, table)
-                while len(answers) > MOST:
-                    del answers[next(iter(answers))]
-            return table
+            return known.keep(scene, asked, table)
 
         return made
 
     return decorated
 
 
-def _before(scene: Any, known: Any, asked: Any) -> tuple[Any, Rows] | None:
+def _before(scene: Any, known: Answers[Table], asked: object) -> tuple[Table, Rows] | None:
     """The table of the last scene before of which there is one, and the rows from there to here."""
     rows: Rows | None = None
     while scene in _BEFORE:
@@ -159,6 +151,7 @@ def _before(scene: Any, known: Any, asked: Any) -> tuple[Any, Rows] | None:
         scene, rows = before(), step if rows is None else rows.after(step)
         if scene is None or not rows.are_few:
             return None
-        if asked in (answers := known.get(scene, {})):
-            return answers[asked], rows
+        table = known.of(scene, asked)
+        if table is not MISSING:
+            return table, rows
     return None
