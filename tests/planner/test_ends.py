@@ -67,8 +67,17 @@ def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
     assert failure.details["cause"] == "in collision"
     assert failure.details["pair"][1] == "ball"
     assert failure.details["counts"][0] == failure.details["looked_at"]
-    assert "most often panda_" in failure.message
+    assert "panda_" in failure.message
+    assert failure.message.endswith("however it is reached")
     assert failure.details["solutions"] >= failure.details["looked_at"]
+
+
+def test_a_pose_at_which_elbows_touch_names_what_they_meet_most_often() -> None:
+    made = problem("panda", scene_of(ball(0.3, 0.0, 0.0, 0.4)), pose(), allowed_collisions=[("panda_link0", "ball")])
+    failure = refused(made)
+    assert failure.status is Status.NO_IK_SOLUTION
+    assert "most often panda_" in failure.message
+    assert failure.details["counts"][0] <= failure.details["looked_at"]
 
 
 def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:

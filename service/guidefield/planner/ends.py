@@ -7,11 +7,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import blocking_pairs
+from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.errors import Status
+from guidefield.planner.blocked_tip import blocked_tip
 from guidefield.planner.settings import GOALS, LEAVING
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
@@ -118,7 +119,16 @@ def tip_points(
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
             TIMED_OUT or PREEMPTED.
     """
-    result = _solved(problem, target, starts, count, _keep_some_distance)
+    tip = _Tip(problem, target)
+    result = _solved(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
+    if tip.blocked is not None and problem.budget.spent() is None:
+        raise StageFailed(
+            Status.NO_IK_SOLUTION,
+            f"no configuration reaches the goal pose: {tip.blocked.told()}, however it is reached",
+            stage="goal",
+            **result.details,
+            **tip.blocked.details(),
+        )
     if not result.solutions and result.rejected and not _hopeless(problem, result):
         result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
     if (found := _chosen_in_the_open(problem, result.solutions, chosen)) is not None:
@@ -171,6 +181,7 @@ def _solved(
     count: int,
     free: Callable[[Problem, ChartPoints], np.ndarray],
     most: int = SEARCH.most_rejected,
+    blocked: Callable[[], bool] = lambda: False,
 ) -> IkResult:
     return solve(
         problem.group,
@@ -181,8 +192,29 @@ def _solved(
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
         most=most,
-        stopped=lambda: problem.budget.spent() is not None,
+        stopped=lambda: blocked() or problem.budget.spent() is not None,
     )
+
+
+class _Tip:
+    """Whether something blocks the tip where it is to be, asked once nothing of what was found there is free.
+
+    Attributes:
+        blocked: What blocks it however the target is reached, if that is known.
+    """
+
+    def __init__(self, problem: Problem, target: PoseTarget) -> None:
+        self._problem, self._target = problem, target
+        self._asked = problem.scene.moves
+        self.blocked: BlockingPairs | None = None
+
+    def keeps_some_distance(self, problem: Problem, zs: ChartPoints) -> np.ndarray:
+        """Which chart points (n, nv) that reach the target are as `_keep_some_distance` has them: (n,), bool."""
+        free = _keep_some_distance(problem, zs)
+        if not (self._asked or free.any()):
+            self._asked = True
+            self.blocked = blocked_tip(problem.world, self._target, problem.group.expand_from_chart(zs[0]))
+        return free
 
 
 def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
