@@ -426,9 +426,10 @@ class Engine:
         return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings), version=version)
 
     def _change_scene(self, request: requests.ChangeScene) -> Done:
-        added = self._scene(changed(SceneMessage(request.name), SceneDiff(add=request.diff.add)))
+        coming = request.diff.add
+        warnings = self._scene(changed(SceneMessage(request.name), SceneDiff(add=coming))).warnings if coming else ()
         _, version = self._scenes.change(request.name, request.diff)
-        return Done(done=f"scene {request.name!r} is changed", warnings=list(added.warnings), version=version)
+        return Done(done=f"scene {request.name!r} is changed", warnings=list(warnings), version=version)
 
     def _delete_scene(self, request: requests.DeleteScene) -> Done:
         self._scenes.delete(request.name)

@@ -41,9 +41,12 @@ def checked_name(name: str, what: str) -> str:
 @contextlib.contextmanager
 def alone(lock: Path) -> Iterator[None]:
     """One process at a time is in such a block, of all that name the same file; it is made if it isn't there."""
-    with lock.open("w") as file:
+    file = os.open(lock, os.O_CREAT | os.O_WRONLY, 0o666)
+    try:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
+    finally:
+        os.close(file)
 
 
 def read_if_any(path: Path) -> bytes | None:

@@ -75,7 +75,7 @@ class SceneStore:
     """
 
     def __init__(self, folder: Path, limit: int = 1_000) -> None:
-        self._folder = folder
+        self._folder, self._lock = folder, folder / ".lock"
         self._limit = limit
         self._packaged = PackagedScenes()
         self._mutex = threading.RLock()
@@ -167,7 +167,7 @@ class SceneStore:
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
         """One thread of one process at a time changes the store."""
-        with self._mutex, alone(self._folder / ".lock"):
+        with self._mutex, alone(self._lock):
             yield
 
 
