@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.curve_order import FINEST, curve_order
+from guidefield.geometry.curve_order import FINEST, along_curve, changed_along, curve_order
 
 
 def code(cells: list[int], bits: int) -> int:
@@ -26,3 +26,30 @@ def test_the_order_is_that_of_interleaved_bits_and_of_the_same_ones_that_of_indi
 def test_no_points_and_one_place_have_an_order() -> None:
     assert curve_order(np.empty((0, 3))).tolist() == []
     assert curve_order(np.ones((3, 3))).tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_order_after_a_change_is_the_one_that_is_found_anew(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    points = np.concatenate([corners, rng.integers(0, 6, (int(rng.integers(0, 60)), 3)) / 5.0])  # many in one place
+    left = np.append([True, True], rng.random(len(points) - 2) < 0.8)
+    among = np.append([False, False], rng.random(int(left.sum()) - 2 + int(rng.integers(0, 5))) < 0.2)
+    among[int(left.sum()) :] = True
+    stayed = np.flatnonzero(left)[~among[: left.sum()]]
+    now = np.full(len(points), -1)
+    now[stayed] = np.flatnonzero(~among)
+    after = rng.integers(0, 6, (len(among), 3)) / 5.0
+    after[~among] = points[stayed]
+    fresh = np.flatnonzero(among).tolist()
+    known, expected = along_curve(points, 16), along_curve(after, 16)
+    found = changed_along(known, now, fresh, after[fresh], len(after))
+    assert found.along.order.tolist() == expected.order.tolist()
+    assert found.along.places.tolist() == expected.places.tolist()
+    assert found.along.is_of(np.hstack([after - 0.5, after + 0.5]))
+    assert not found.along.is_of(np.hstack([after, after + 0.5]))
+    others, numbers = iter(found.fresh.tolist()), list[int]()
+    for begin, count in found.runs:
+        stood = known.order[begin : begin + count]
+        numbers += now[stood].tolist() if begin >= 0 else [fresh[next(others)] for _ in range(count)]
+    assert numbers == expected.order.tolist()

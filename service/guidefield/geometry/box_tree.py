@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.geometry.curve_order import curve_order
+from guidefield.geometry.curve_order import along_curve
+from guidefield.kernels.cover.box_levels import boxes_of_pairs
 from guidefield.kernels.distance.triangle_distance import LEAF
 
 Floats = NDArray[np.float64]
@@ -36,23 +37,16 @@ def box_tree(low: Floats, high: Floats) -> BoxTree:
         low: Lower corners, shape (n, 3) [m], n >= 1, finite.
         high: Upper corners, shape (n, 3) [m].
     """
-    order = curve_order(0.5 * (low + high))
+    along = along_curve(0.5 * (low + high))
+    nodes = box_nodes(np.take(np.hstack([low, high]), along.order, axis=0))
+    return BoxTree(nodes, (len(nodes) + 1) // 2, along.order)
+
+
+def box_nodes(boxes: Floats) -> Floats:
+    """The nodes of a tree over boxes, shape (n, 6), n >= 1, in the order in which its leaves hold them."""
     leaves = 1
-    while leaves * LEAF < len(order):
+    while leaves * LEAF < len(boxes):
         leaves *= 2
-    boxes = np.tile(np.array([np.inf, -np.inf]).repeat(3), (leaves * LEAF, 1))
-    boxes[: len(order)] = np.take(np.hstack([low, high]), order, axis=0)
-    level = _united(boxes.reshape(leaves, LEAF, 6))
-    levels = [level]
-    while len(level) > 1:
-        level = _united(level.reshape(-1, 2, 6))
-        levels.append(level)
-    return BoxTree(np.ascontiguousarray(np.concatenate(levels[::-1])), leaves, order)
-
-
-def _united(boxes: Floats) -> Floats:
-    """Boxes (m, 6) about groups of boxes (m, k, 6)."""
-    low, high = boxes[:, 0, :3], boxes[:, 0, 3:]
-    for other in range(1, boxes.shape[1]):  # one after the other, which NumPy does in a fifth of what `min` takes
-        low, high = np.minimum(low, boxes[:, other, :3]), np.maximum(high, boxes[:, other, 3:])
-    return np.hstack([low, high])
+    nodes = np.empty((2 * leaves - 1, 6))
+    boxes_of_pairs(np.ascontiguousarray(boxes), LEAF, nodes)
+    return nodes

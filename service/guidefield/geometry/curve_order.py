@@ -2,44 +2,106 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+
+from guidefield.kernels.cover.box_levels import middles_within
+from guidefield.kernels.cover.curve_places import changed_order, curve_places
 
 FINEST = 21
 """Bits of one coordinate of a place on the curve: three fit into 63."""
 
-_SPREAD = (
-    (32, 0x001F00000000FFFF),
-    (16, 0x001F0000FF0000FF),
-    (8, 0x100F00F00F00F00F),
-    (4, 0x10C30C30C30C30C3),
-    (2, 0x1249249249249249),
-)
-"""Shifts and masks that put two zeros between the bits of a number of `FINEST` bits at most."""
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
-def curve_order(points: NDArray[np.float64], bits: int = FINEST) -> NDArray[np.int64]:
+class Along(NamedTuple):
+    """Points along the curve.
+
+    Attributes:
+        order: Their numbers, in the order of their places on it; of the same place in that of the numbers, shape (n,).
+        places: Those places, shape (n,).
+        corners: The lower, then the upper corner of the box about the points, shape (6,).
+        bits: Of each coordinate of a place.
+    """
+
+    order: Integers
+    places: Integers
+    corners: Floats
+    bits: int
+
+    def is_of(self, boxes: Floats) -> bool:
+        """Whether the points are in the same box if they are the middles of boxes (n, 6): so places mean the same."""
+        corners = np.empty(6)
+        middles_within(boxes, corners)
+        return bool((corners == self.corners).all())
+
+
+class Changed(NamedTuple):
+    """What a change of the points makes of their order.
+
+    Attributes:
+        along: The points along the same curve.
+        runs: Of those that stand one behind the other in the order as before where the first of them stood there, and
+            how many they are; -1 and how many of others.
+        fresh: The others in that order, indices among the others.
+    """
+
+    along: Along
+    runs: list[tuple[int, int]]
+    fresh: Integers
+
+
+def curve_order(points: Floats, bits: int = FINEST) -> Integers:
     """Indices (n,) of points in the order of their places on the curve; of the same place in that of their indices.
 
     Args:
         points: Shape (n, 3), finite.
         bits: Of each coordinate of a place, at most `FINEST`.
     """
+    return along_curve(points, bits).order
+
+
+def along_curve(points: Floats, bits: int = FINEST) -> Along:
+    """Points, shape (n, 3), along the curve, as `curve_order` has them."""
     if not len(points):
-        return np.empty(0, np.int64)
-    places = _places(points, bits)
+        return Along(np.empty(0, np.int64), np.empty(0, np.int64), np.array([np.inf, -np.inf]).repeat(3), bits)
+    along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
+    corners = np.concatenate([along.min(axis=1), along.max(axis=1)])
+    places = _places(points, corners, bits)
     order = np.argsort(places)  # sooner than a stable one, and the same where no two places are
     in_turn = places[order]
-    return np.argsort(places, kind="stable") if (in_turn[1:] == in_turn[:-1]).any() else order
+    if (in_turn[1:] == in_turn[:-1]).any():
+        order = np.argsort(places, kind="stable")
+    return Along(order, in_turn, corners, bits)
 
 
-def _places(points: NDArray[np.float64], bits: int) -> NDArray[np.int64]:
-    """Places (n,) on the curve: the bits of the coordinates in turn."""
-    along = np.ascontiguousarray(points.T)  # NumPy takes a third of the time for coordinates one behind the other
-    least = along.min(axis=1, keepdims=True)
-    size = max(float((along.max(axis=1, keepdims=True) - least).max()), 1e-300)
-    cells = ((along - least) / size * (2**bits - 1)).astype(np.int64)
-    for shift, kept in _SPREAD:
-        cells = (cells | cells << shift) & kept
-    places: NDArray[np.int64] = cells[0] | cells[1] << 1 | cells[2] << 2
+def changed_along(known: Along, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> Changed:
+    """The order of points of which some are others. It is right if the box about all of them is what it was.
+
+    Args:
+        known: The points before.
+        now: The number that each of those has now, by its number then, -1 of those that are gone, shape (m,); those
+            that are left keep their order.
+        fresh: The numbers of the others.
+        points: Where these are, shape (k, 3), in no other place than the box about those before.
+        count: How many there are now.
+    """
+    numbers = np.array(fresh, np.int64)
+    places = _places(points, known.corners, known.bits)
+    turn = np.lexsort((numbers, places)) if len(numbers) > 1 else np.arange(len(numbers))
+    most = 2 * (len(numbers) + len(known.order) - (count - len(numbers))) + 1
+    order, in_turn, runs = np.empty(count, np.int64), np.empty(count, np.int64), np.empty((most, 2), np.int64)
+    found = changed_order(known.order, known.places, now, numbers[turn], places[turn], order, in_turn, runs)
+    return Changed(known._replace(order=order, places=in_turn), list(map(tuple, runs[:found].tolist())), turn)
+
+
+def _places(points: Floats, corners: Floats, bits: int) -> Integers:
+    """Places (n,) on the curve through the cube that a box, shape (6,), is in."""
+    places = np.empty(len(points), np.int64)
+    size = max(float((corners[3:] - corners[:3]).max()), 1e-300)
+    curve_places(np.ascontiguousarray(points), corners[:3], size, 2**bits - 1, places)
     return places

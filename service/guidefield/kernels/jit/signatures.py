@@ -79,6 +79,11 @@ def compiled(signature: Any) -> Callable[[Kernel], Kernel]:
     return made(signature, fastmath=FASTMATH)
 
 
+def exact_kernel(signature: Any) -> Callable[[Kernel], Kernel]:
+    """Decorator of a kernel of one signature whose numbers are the same wherever they stand in an array."""
+    return made(signature)
+
+
 def lane_part(kernel: Kernel) -> Kernel:
     """Decorator of parts of lane kernels: compiled into the caller.
 
