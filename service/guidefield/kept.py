@@ -49,6 +49,11 @@ class Answers(Generic[Found]):
                 del answers[next(iter(answers))]
             return answer
 
+    def forget(self, owner: object, asked: object) -> None:
+        """Forget what was found for an object when this was asked, if anything was."""
+        with self._changing:
+            self._known.get(owner, {}).pop(asked, None)
+
 
 def kept_with(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concatenate[Key, Rest], Found]:
     """Call a function once for the same arguments, and keep what it finds as long as its first argument lives.

@@ -33,13 +33,15 @@ def test_a_tree_finds_the_boxes_that_overlap(count, asked, seed):
     rng = np.random.default_rng(seed)
     (low, high), (first, last) = boxes(rng, count), boxes(rng, asked)
     expected = ((low[None] <= last[:, None]) & (high[None] >= first[:, None])).all(axis=2)
-    found = BoxTree.of(low, high).overlapping(first, last)
+    found = BoxTree.of(np.hstack([low, high])).overlapping(first, last)
     assert list(zip(*(part.tolist() for part in found), strict=True)) == list(zip(*np.nonzero(expected), strict=True))
 
 
 def test_a_tree_finds_all_of_many_that_overlap_one():
     low, high = boxes(np.random.default_rng(5), 3000)
-    asked, found = BoxTree.of(low, high).overlapping(np.full((2, 3), -np.inf), np.array([[np.inf] * 3, [-20.0] * 3]))
+    asked, found = BoxTree.of(np.hstack([low, high])).overlapping(
+        np.full((2, 3), -np.inf), np.array([[np.inf] * 3, [-20.0] * 3])
+    )
     assert not asked.any()
     np.testing.assert_array_equal(found, np.arange(3000))
 

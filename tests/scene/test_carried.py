@@ -11,18 +11,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.certify.cores import obstacle_cores
+from guidefield.collision import box_tree
 from guidefield.collision.certify.tables import _obstacles as certified
+from guidefield.collision.lanes import scene_tables
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.minimum.tables import _obstacle_parts
-from guidefield.collision.obstacle_boxes import obstacle_boxes, own_boxes
+from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
-from guidefield.scene import carried as room, content, obstacle
+from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
 from guidefield.scene.built import BuiltScenes
-from guidefield.scene.carried import Rows, carried
+from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.moving_tables import moving_tables
 from guidefield.scene.nearest_to_ball import nearest_to_ball
@@ -105,9 +106,8 @@ def tables(scene: Scene) -> dict[str, Any]:
         "known": (scene.names, scene.others, scene.moves, scene.end, scene.convex, scene.faces, scene.most_faces),
         "warnings": scene.warnings,
         "placed": placed_rows(scene),
-        "own": own_boxes(scene),
-        "boxes": (boxes.along_own_axes, boxes.endless, boxes.bounded, boxes.tree.order, boxes.tree.levels),
-        "cores": obstacle_cores(scene),
+        "boxes": (boxes.along_own_axes, boxes.endless, boxes.bounded, boxes.tree.along, boxes.tree.nodes),
+        "cores": (boxes.cores, boxes.discs, boxes.rounded),
         "certified": certified(scene, b""),
         "distances": distance_tables(scene),
         "lanes": (lane_scene(scene).owners, lane_scene(scene).tables),
@@ -133,7 +133,7 @@ def copied(scene: messages.Scene) -> messages.Scene:
 
 
 @settings(deadline=None, max_examples=10)
-@given(st.integers(0, 10**6), st.sampled_from([3, 40, 300]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
+@given(st.integers(0, 10**6), st.sampled_from([40, 300, 500]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
     rng, kept = np.random.default_rng(seed), BuiltScenes(16)
     kinds = {"odd": odd, "moves": moves}
@@ -154,7 +154,7 @@ def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count
         if not scene.moves:
             near, expected = nearest_to_ball(scene, BALL), nearest_to_ball(alone, BALL)
             assert bits(near[:3]) == bits(expected[:3])
-            assert bits(tables(near.scene)) == bits(tables(expected.scene))
+            assert bits(tables(near.of(scene))) == bits(tables(expected.of(alone)))
     assert [bits(tables(scene)) for scene in seen] == before, "what an earlier version was it is still"
 
 
@@ -212,21 +212,63 @@ def test_scenes_that_others_may_change_are_known_by_all_that_is_in_them() -> Non
     assert kept.of(after).obstacles[2].message == after.obstacles[2]
 
 
+def stood(rng: np.random.Generator, before: int, now: int) -> np.ndarray:
+    """Where so many stood among so many before, -1 of others; those that stayed in their order."""
+    source = np.full(now, -1)
+    stayed = int(rng.integers(0, min(before, now) + 1))
+    source[np.sort(rng.permutation(now)[:stayed])] = np.sort(rng.permutation(before)[:stayed])
+    return source
+
+
+def test_rows_are_what_their_runs_say() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        before, count = rng.integers(0, 9, 2).tolist()
+        source = stood(rng, before, count)
+        rows, new = Rows.of(source, before), 100 + np.arange((source < 0).sum())
+        assert (rows.count, rows.source.tolist()) == (count, source.tolist())
+        assert rows.fresh == np.flatnonzero(source < 0).tolist()
+        assert rows.gone == sorted({*range(before)} - {*source.tolist()})
+        values, others = np.arange(before), iter(new.tolist())
+        expected = [next(others) if k < 0 else k for k in source.tolist()]
+        assert rows.carry(values, new).tolist() == rows.listed(values.tolist(), new.tolist()) == expected
+        assert rows.now[source[source >= 0]].tolist() == np.flatnonzero(source >= 0).tolist()
+        assert rows.stayed(range(before)) == np.flatnonzero(source >= 0).tolist()
+        some, now = (np.flatnonzero(rng.random(k) < 0.6) for k in (before, count))
+        found = [some.tolist().index(k) if k in some else -1 for k in source[now].tolist()]
+        assert rows.among(some, now).source.tolist() == found
+
+
+def test_very_many_runs_are_carried_over_alike() -> None:
+    source = np.where(np.arange(1000) % 5 == 0, -1, np.arange(1000))
+    rows, new = Rows.of(source, 1000), -1.0 - np.arange(200)
+    assert len(rows.runs) > room.MANY_RUNS
+    assert rows.carry(np.arange(1000.0), new)[source >= 0].tolist() == source[source >= 0].tolist()
+    assert rows.carry(np.arange(1000.0), new)[source < 0].tolist() == new.tolist()
+
+
+def test_rows_of_a_change_are_those_of_what_it_does() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        before = int(rng.integers(0, 9))
+        gone = np.flatnonzero(rng.random(before) < 0.3)
+        source = np.delete(np.arange(before), gone)
+        moved, added = np.flatnonzero(rng.random(len(source)) < 0.3), int(rng.integers(0, 3))
+        source[moved] = -1
+        source = np.append(source, np.full(added, -1))
+        rows = Rows.changed(before, gone.tolist(), moved.tolist(), len(source))
+        assert rows.runs == Rows.of(source, before).runs
+
+
 def test_changes_one_after_the_other_are_one() -> None:
     rng = np.random.default_rng(1)
-    for _ in range(200):
-        counts = rng.integers(1, 8, 3)
-        first, second = (
-            Rows(np.where(rng.random(now) < 0.3, -1, rng.permutation(before * now)[:now] % before), int(before))
-            for before, now in itertools.pairwise(counts)
-        )
-        values, new, newer = np.arange(counts[0]), 100 + np.arange(9), 200 + np.arange(9)
-        after = second.of(first.of(values, new[: len(first.fresh)]), newer[: len(second.fresh)])
+    for _ in range(300):
+        counts = rng.integers(0, 9, 3).tolist()
+        first, second = (Rows.of(stood(rng, before, now), before) for before, now in itertools.pairwise(counts))
         both = second.after(first)
-        assert both.before == counts[0]
-        np.testing.assert_array_equal(both.of(values, after[both.fresh]), after)
-        assert (after[both.fresh] >= 100).all()
-        assert both.listed(values.tolist(), after[both.fresh].tolist()) == after.tolist()
+        expected = np.append(first.source, -1)[second.source]
+        assert (both.before, both.source.tolist()) == (counts[0], expected.tolist())
+        assert both.runs == Rows.of(expected, counts[0]).runs
 
 
 def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_where_much_changed() -> None:
@@ -241,17 +283,73 @@ def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_w
         calls.append("made")
         return []
 
-    kept, message = BuiltScenes(8), boxes(20)
+    kept, message = BuiltScenes(8), boxes(MANY)
     table(kept.of(message))
     for k in range(3):
         message = changed(message, SceneDiff(move={f"b{k}": Placement()}))
         scene = kept.of(message)
     assert table(scene) is table(scene)
     assert calls == ["made", "over 3"]
-    message = changed(message, SceneDiff(move={f"b{k}": Placement() for k in range(10)}))
+    message = changed(message, SceneDiff(move={f"b{k}": Placement() for k in range(MANY // 2)}))
     table(kept.of(message))
     assert calls == ["made", "over 3", "made"]
     assert room.FEW < 0.5
+
+
+def test_where_one_of_many_moves_nothing_is_sorted_nor_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept, message = BuiltScenes(8), boxes(500)
+    first = kept.of(message)
+    before = bits(tables(first))
+    moved = kept.of(changed(message, SceneDiff(move={"b7": Placement((0.1, 0.2, 0.3))})))
+    for where in (box_tree, of_distances):
+        monkeypatch.setattr(where, "along_curve", None)
+    monkeypatch.setattr(scene_tables, "primitive_tables", only_one(scene_tables.primitive_tables))
+    found = obstacle_boxes(moved), distance_tables(moved), lane_scene(moved).tables
+    monkeypatch.undo()
+    alone = build(copied(moved.message))
+    expected = obstacle_boxes(alone), distance_tables(alone), lane_scene(alone).tables
+    assert bits([vars(found[0].tree), found[1:]]) == bits([vars(expected[0].tree), expected[1:]])
+    assert bits(tables(moved)) == bits(tables(alone))
+    assert bits(tables(first)) == before
+
+
+def only_one(kernel: Callable[..., int]) -> Callable[..., int]:
+    """The kernel of primitives where it is asked for one."""
+
+    def made(placed: np.ndarray, *rest: Any) -> int:
+        assert len(placed) == 12
+        return kernel(placed, *rest)
+
+    return made
+
+
+def test_an_obstacle_that_leaves_the_box_about_all_is_carried_over_alike() -> None:
+    kept, message = BuiltScenes(8), boxes(400)
+    tables(kept.of(message))
+    for place in ((90.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
+        message = changed(message, SceneDiff(move={"b7": Placement(place)}))
+        assert bits(tables(kept.of(message))) == bits(tables(build(copied(message))))
+
+
+def test_tables_of_two_versions_are_at_hand_and_those_of_an_earlier_one_are_made_again() -> None:
+    made: list[Scene] = []
+
+    @carried(lambda known, rows, scene: [*known])
+    def table(scene: Scene) -> list[str]:
+        made.append(scene)
+        return []
+
+    kept, messages_ = BuiltScenes(8), [boxes(MANY)]
+    for k in range(3):
+        messages_.append(changed(messages_[-1], SceneDiff(move={f"b{k}": Placement()})))
+    scenes = [kept.of(message) for message in messages_]
+    for scene in scenes:
+        table(scene)
+    assert made == scenes[:1]
+    assert table(scenes[2]) is table(scenes[2])
+    assert made == scenes[:1]
+    table(scenes[0])
+    assert made == [scenes[0]] * 2
 
 
 def test_nothing_of_what_is_known_of_a_scene_travels() -> None:

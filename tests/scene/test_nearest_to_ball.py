@@ -11,7 +11,8 @@ from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
-from guidefield.scene.nearest_to_ball import MANY, has_many, nearest_to_ball
+from guidefield.scene.carried import MANY
+from guidefield.scene.nearest_to_ball import has_many, nearest_to_ball
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball
 from tests.scene.test_carried import OTHERS, PLACED
@@ -41,8 +42,9 @@ def test_no_place_in_the_ball_has_lost_its_nearest(seed: int, odd: float) -> Non
     scene = build(scattered(seed, 120, odd))
     ball = Ball(*rng.normal(scale=1.5, size=3).tolist(), float(rng.uniform(0.05, 0.8)))
     kept = nearest_to_ball(scene, ball)
-    assert kept.scene.obstacles == tuple(scene.obstacles[k] for k in kept.chosen)
-    assert kept.scene.message.obstacles == [scene.message.obstacles[k] for k in kept.chosen]
+    met = kept.of(scene)
+    assert met.obstacles == tuple(scene.obstacles[k] for k in kept.chosen)
+    assert met.message.obstacles == [scene.message.obstacles[k] for k in kept.chosen]
     for _ in range(40):
         away = rng.normal(size=3)
         place = np.array(ball[:3]) + away / np.linalg.norm(away) * ball.radius * rng.uniform() ** (1.0 / 3.0)
@@ -68,7 +70,7 @@ def test_what_is_far_behind_something_near_is_left_out() -> None:
 def test_what_may_be_touched_is_kept_and_nothing_is_left_out_for_it() -> None:
     balls = [messages.Sphere(name=f"f{k}", radius=0.1, position=(2.0 + 2.0 * k, 0.0, 0.0)) for k in range(9)]
     scene = build(messages.Scene("s", obstacles=balls))
-    ball = Ball(0.0, 0.0, 0.0, 0.5)
+    ball = Ball(0, 0, 0, 0.5)
     assert nearest_to_ball(scene, ball).chosen.tolist() == [0]
     assert nearest_to_ball(scene, ball, frozenset({"f0"})).chosen.tolist() == [0, 1]
     assert nearest_to_ball(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
@@ -93,11 +95,11 @@ def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:
     first = nearest_to_ball(kept.of(scene), ball)
     out, within = f"b{(set(range(2000)) - set(first.chosen.tolist())).pop()}", f"b{first.chosen[0]}"
     moved = changed(scene, SceneDiff(move={out: Placement((5.0, 5.0, 5.0))}))
-    assert nearest_to_ball(kept.of(moved), ball).scene is first.scene
+    assert nearest_to_ball(kept.of(moved), ball).some is first.some
     removed = changed(moved, SceneDiff(remove=[out]))
-    assert nearest_to_ball(kept.of(removed), ball).scene is first.scene
+    assert nearest_to_ball(kept.of(removed), ball).some is first.some
     comes = changed(removed, SceneDiff(move={within: Placement((0.5, 0.0, 0.0))}))
-    last = nearest_to_ball(kept.of(comes), ball).scene
-    assert last is not first.scene
-    assert first.scene.obstacle(within).message == scene.obstacles[first.chosen[0]]
+    last = nearest_to_ball(kept.of(comes), ball).some
+    assert last is not first.some
+    assert first.some.obstacle(within).message == scene.obstacles[first.chosen[0]]
     assert last.obstacle(within).message.position == (0.5, 0.0, 0.0)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from guidefield.geometry.curve_order import curve_order
+from guidefield.geometry.curve_order import Along, along_curve, changed_along
+from guidefield.kernels.cover.box_levels import boxes_above
 from guidefield.kernels.cover.overlapping_boxes import overlaps_in_tree
+from guidefield.read_only import ReadOnly
+from guidefield.scene.carried import Rows
 
 CHILDREN = 16
 """Boxes behind one box of the next level."""
@@ -21,36 +23,59 @@ _BITS = 16
 
 
 @dataclass(frozen=True, eq=False)
-class BoxTree:
+class BoxTree(ReadOnly):
     """Boxes in the order of their centres along a Morton curve, and above them boxes about every `CHILDREN` of them.
 
     Attributes:
-        order: Index of each box as it was given, in the order in which the tree has them, shape (n,).
-        levels: Lower and upper corners, coordinate by coordinate, each of shape (6, m) [m]: the boxes themselves, then
-            those about them, up to a level of `CHILDREN` at most.
+        along: The centres in that order.
+        nodes: Lower, then upper corners, shape (m, 6) [m]: of the boxes themselves, then of those about them, up to a
+            level of `CHILDREN` at most.
+        firsts: Where each level begins among them, and the number of all, shape (levels + 1,).
     """
 
-    order: np.ndarray
-    levels: tuple[np.ndarray, ...]
+    along: Along
+    nodes: np.ndarray
+    firsts: np.ndarray
 
     @classmethod
-    def of(cls, low: np.ndarray, high: np.ndarray) -> BoxTree:
-        """Sort boxes.
+    def of(cls, boxes: np.ndarray) -> BoxTree:
+        """Sort boxes, lower, then upper corners, shape (n, 6), finite [m]."""
+        along = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:]), _BITS)
+        nodes, firsts = _room(len(boxes))
+        if len(boxes):
+            np.take(boxes, along.order, axis=0, out=nodes[: len(boxes)], mode="clip")
+        boxes_above(nodes, firsts, CHILDREN)
+        return cls(along, nodes, firsts)
+
+    def changed(self, rows: Rows, fresh: np.ndarray) -> BoxTree | None:
+        """The tree of boxes of which some are others: the very one, or None where it has to be made anew.
 
         Args:
-            low: Lower corners, shape (n, 3), finite [m].
-            high: Upper corners, shape (n, 3) [m].
+            rows: Where the boxes stood among those before.
+            fresh: The others, shape (k, 6) [m].
         """
-        order = curve_order(0.5 * (low + high), _BITS)
-        levels = [np.ascontiguousarray(np.take(np.hstack([low, high]), order, axis=0).T)]
-        while levels[-1].shape[1] > CHILDREN:
-            below = levels[-1]
-            starts = np.arange(0, below.shape[1], CHILDREN)
-            corners = np.minimum.reduceat(below[:3], starts, axis=1), np.maximum.reduceat(below[3:], starts, axis=1)
-            levels.append(np.vstack(corners))
-        for array in (order, *levels):
-            array.setflags(write=False)
-        return cls(order, tuple(levels))
+        if not rows.count or not rows.before:
+            return None
+        along, runs, turn = changed_along(
+            self.along, rows.now, rows.fresh, 0.5 * (fresh[:, :3] + fresh[:, 3:]), rows.count
+        )
+        nodes, firsts = _room(rows.count)
+        boxes = nodes[: rows.count]
+        Rows(runs, rows.before).carry(self.boxes, fresh[turn], boxes)
+        if not along.is_of(boxes):
+            return None
+        boxes_above(nodes, firsts, CHILDREN)
+        return BoxTree(along, nodes, firsts)
+
+    @property
+    def order(self) -> np.ndarray:
+        """Index of each box as it was given, in the order in which the tree has them, shape (n,)."""
+        return self.along.order
+
+    @property
+    def boxes(self) -> np.ndarray:
+        """The boxes themselves, shape (n, 6)."""
+        return self.nodes[: len(self.along.order)]
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of the boxes overlap which of others; boxes that touch do.
@@ -62,20 +87,21 @@ class BoxTree:
         Returns:
             Index of one of the others and index of a box as it was given, both of shape (k,), in this order.
         """
-        boxes, firsts = self._rows
         low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
         pairs = np.empty((FEW * len(low), 2), np.int64)
-        count = overlaps_in_tree(boxes, firsts, CHILDREN, low, high, pairs)
+        count = overlaps_in_tree(self.nodes, self.firsts, CHILDREN, low, high, pairs)
         if count > len(pairs):
             pairs = np.empty((count, 2), np.int64)
-            overlaps_in_tree(boxes, firsts, CHILDREN, low, high, pairs)
+            overlaps_in_tree(self.nodes, self.firsts, CHILDREN, low, high, pairs)
         asked, found = pairs[:count, 0], self.order[pairs[:count, 1]]
         sorted_ = np.lexsort((found, asked))
         return asked[sorted_], found[sorted_]
 
-    @cached_property
-    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """The boxes of all levels as rows, shape (m, 6) [m], and where each level begins and the last one ends."""
-        sizes = [level.shape[1] for level in self.levels]
-        rows = np.ascontiguousarray(np.concatenate(self.levels, axis=1).T)
-        return rows, np.cumsum([0, *sizes])
+
+def _room(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Room for the nodes of a tree of so many boxes, shape (m, 6), and where its levels begin."""
+    sizes = [count]
+    while sizes[-1] > CHILDREN:
+        sizes.append(-(-sizes[-1] // CHILDREN))
+    firsts = np.cumsum([0, *sizes])
+    return np.empty((int(firsts[-1]), 6)), firsts

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.collision.box_tree import BoxTree
-from guidefield.kept import kept_with
-from guidefield.messages import scene as messages
+from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
+from guidefield.read_only import ReadOnly
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.placed import rows_of
 from guidefield.scene.scene import Scene
 
 ROUNDING = 1e-9
@@ -20,34 +21,77 @@ ROUNDING = 1e-9
 
 
 class OwnBoxes(NamedTuple):
-    """Boxes about obstacles along their own axes, and what is about these along the world's.
+    """Boxes about obstacles along their own axes, what is about these along the world's, and cores.
 
     Attributes:
-        axes: Their axes as columns, shape (n, 3, 3).
-        middles: Their middles in the world, shape (n, 3) [m].
+        axes: Their axes as columns, row by row, shape (n, 9).
+        centres: Their middles along the axes, shape (n, 3) [m].
         halves: Half extents, shape (n, 3) [m]; those of a half-space are infinite.
-        centres: The middles along the axes, shape (n, 3) [m].
-        low, high: Corners of boxes along the world's axes that contain them, a hair wider than they have to be, shape
-            (n, 3) [m, world].
+        cores: Half extents of boxes whose corners are those of the obstacles' cores, as `certify.cores` has them, shape
+            (n, 3) [m]. Of what is neither a ball, a cylinder nor a capsule the box about it is the core.
+        discs: Radii of the cores' discs about the last axis, shape (n,) [m].
+        rounded: Radii of the balls at each point of a core, shape (n,) [m]; infinite for those without an end.
+        boxes: Lower, then upper corners of boxes along the world's axes that contain them, a hair wider than they have
+            to be, shape (n, 6) [m, world].
     """
 
     axes: np.ndarray
-    middles: np.ndarray
-    halves: np.ndarray
     centres: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    halves: np.ndarray
+    cores: np.ndarray
+    discs: np.ndarray
+    rounded: np.ndarray
+    boxes: np.ndarray
 
 
-class ObstacleBoxes:
+@dataclass(frozen=True, eq=False)
+class ObstacleBoxes(ReadOnly):
     """Boxes about the obstacles of a scene, as they are placed at first.
 
-    Args:
-        own: As `own_boxes` has them.
+    Attributes:
+        axes, centres, halves, cores, discs, rounded: As `OwnBoxes` has them.
+        endless: Those without an end, ascending indices, shape (e,).
+        bounded: The others, shape (b,).
+        tree: A tree of the boxes about those, along the world's axes.
     """
 
-    def __init__(self, own: OwnBoxes) -> None:
-        self._own = own
+    axes: np.ndarray
+    centres: np.ndarray
+    halves: np.ndarray
+    cores: np.ndarray
+    discs: np.ndarray
+    rounded: np.ndarray
+    endless: np.ndarray
+    bounded: np.ndarray
+    tree: BoxTree
+
+    @classmethod
+    def of(cls, own: OwnBoxes) -> ObstacleBoxes:
+        """Of some boxes."""
+        endless, bounded = _split(own.halves)
+        return cls(*own[:-1], endless, bounded, BoxTree.of(own.boxes[bounded] if len(endless) else own.boxes))
+
+    def changed(self, rows: Rows, own: OwnBoxes) -> ObstacleBoxes | None:
+        """Of obstacles of which some are others, with boxes of these; None where they have to be made anew."""
+        halves, (others, finite) = rows.carry(self.halves, own.halves), _split(own.halves)
+        if len(self.endless) or len(others):
+            endless, bounded = _split(halves)
+            tree = self.tree.changed(rows.among(self.bounded, bounded), own.boxes[finite])
+        else:
+            endless, bounded, tree = others, np.arange(rows.count), self.tree.changed(rows, own.boxes)
+        if tree is None:
+            return None
+        return ObstacleBoxes(
+            axes=rows.carry(self.axes, own.axes),
+            centres=rows.carry(self.centres, own.centres),
+            halves=halves,
+            cores=rows.carry(self.cores, own.cores),
+            discs=rows.carry(self.discs, own.discs),
+            rounded=rows.carry(self.rounded, own.rounded),
+            endless=endless,
+            bounded=bounded,
+            tree=tree,
+        )
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which obstacles may be in which of some boxes along the world's axes.
@@ -83,7 +127,7 @@ class ObstacleBoxes:
         found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
         return found
 
-    @cached_property
+    @property
     def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The boxes along the obstacles' own axes.
 
@@ -91,44 +135,23 @@ class ObstacleBoxes:
             Their axes as columns, shape (o, 3, 3), centres along them and half extents, both of shape (o, 3) [m]; the
             extents of a half-space are infinite.
         """
-        return self._own.axes, self._own.centres, self._own.halves
-
-    @cached_property
-    def endless(self) -> np.ndarray:
-        """Those without an end, ascending indices, shape (e,)."""
-        return np.flatnonzero(self._is_endless)
-
-    @cached_property
-    def bounded(self) -> np.ndarray:
-        """The others, shape (b,)."""
-        return np.flatnonzero(~self._is_endless)
-
-    @cached_property
-    def tree(self) -> BoxTree:
-        """A tree of the boxes about those, along the world's axes."""
-        corners = self._own.low, self._own.high
-        return BoxTree.of(*(corners if not len(self.endless) else (one[self.bounded] for one in corners)))
-
-    @cached_property
-    def _is_endless(self) -> np.ndarray:
-        return np.asarray(np.isinf(self._own.halves).any(axis=1))
+        return self.axes.reshape(-1, 3, 3), self.centres, self.halves
 
 
-@kept_with
-def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
-    """The boxes about a scene's obstacles; made once for each scene."""
-    return ObstacleBoxes(own_boxes(scene))
+def _split(halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of some boxes are endless, by their half extents (n, 3), and which aren't; ascending indices."""
+    endless = np.isinf(halves).any(axis=1)
+    return np.flatnonzero(endless), np.flatnonzero(~endless)
 
 
-def _over(known: OwnBoxes, rows: Rows, scene: Scene) -> OwnBoxes:
-    fresh = _own_boxes([scene.obstacles[index] for index in rows.fresh.tolist()])
-    return OwnBoxes(*(rows.of(array, others) for array, others in zip(known, fresh, strict=True)))
+def _over(known: ObstacleBoxes, rows: Rows, scene: Scene) -> ObstacleBoxes | None:
+    return known.changed(rows, own_boxes([scene.obstacles[index] for index in rows.fresh]))
 
 
 @carried(_over)
-def own_boxes(scene: Scene) -> OwnBoxes:
-    """The boxes about a scene's obstacles, made once."""
-    return _own_boxes(scene.obstacles)
+def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
+    """The boxes about a scene's obstacles; made once for each scene."""
+    return ObstacleBoxes.of(own_boxes(scene.obstacles))
 
 
 def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
@@ -142,66 +165,27 @@ def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndar
     Returns:
         Lower and upper corners, both of shape (n, 3) [m, world].
     """
-    boxes = _own_boxes(obstacles)
-    return boxes.low, boxes.high
+    boxes = own_boxes(obstacles).boxes
+    return boxes[:, :3], boxes[:, 3:]
 
 
-def _own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
-    """The same of any obstacles.
-
-    Of primitives they are made of what is declared, many at once.
-    """
-    count = len(obstacles)
-    axes, middles, halves = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
-    kinds = np.array([_KINDS.get(type(one.message), -1) for one in obstacles], int)
-    for kind, half_extents in enumerate(_HALVES):
-        rows = np.flatnonzero(kinds == kind)
-        if len(rows):
-            declared: list[Any] = [obstacles[row].message for row in rows.tolist()]
-            axes[rows] = _axes(declared)
-            middles[rows] = [one.position for one in declared]
-            halves[rows] = [half_extents(one) for one in declared]
-    for row in np.flatnonzero(kinds < 0).tolist():
-        axes[row], middles[row], halves[row] = _own_box(obstacles[row])
-    with np.errstate(invalid="ignore"):  # of what is endless
-        reach = np.einsum("nij,nj->ni", np.abs(axes), halves)
-        reach[np.isinf(halves)] = np.inf
-    low, high = middles - reach, middles + reach
-    wider = ROUNDING * (1.0 + np.maximum(np.abs(low), np.abs(high)))
-    return OwnBoxes(axes, middles, halves, np.einsum("ni,nij->nj", middles, axes), low - wider, high + wider)
-
-
-def _axes(declared: list[Any]) -> np.ndarray:
-    """The axes of primitives of one kind as columns, shape (n, 3, 3)."""
-    if isinstance(declared[0], messages.Sphere):
-        return np.tile(np.eye(3), (len(declared), 1, 1))
-    turned = np.array([one.quaternion_xyzw for one in declared], float)
-    x, y, z, w = (turned / np.linalg.norm(turned, axis=1, keepdims=True)).T
-    rotations = np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-    return rotations.transpose(2, 0, 1)
-
-
-_KINDS: dict[type, int] = {messages.Box: 0, messages.Sphere: 1, messages.Cylinder: 2, messages.Capsule: 3}
-
-_HALVES: tuple[Callable[[Any], tuple[float, float, float]], ...] = (
-    lambda m: (0.5 * m.size[0], 0.5 * m.size[1], 0.5 * m.size[2]),
-    lambda m: (m.radius, m.radius, m.radius),
-    lambda m: (m.radius, m.radius, 0.5 * m.length),
-    lambda m: (m.radius, m.radius, 0.5 * m.length + m.radius),
-)
-"""Half extents of a primitive's box along its own axes [m], by `_KINDS`."""
+def own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
+    """Boxes about obstacles; of primitives they are made of what is declared, many at once."""
+    placed, count = rows_of(obstacles), len(obstacles)
+    axes, middles = np.empty((count, 9)), np.empty((count, 3))
+    halves, cores, discs, rounded = np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count)
+    primitive_boxes(placed, axes, middles, halves, cores, discs, rounded)
+    for row, one in enumerate(obstacles):
+        if not one.placed:
+            axes[row], middles[row], halves[row] = _own_box(one)
+            cores[row], discs[row], rounded[row] = halves[row], 0.0, 0.0
+    centres, boxes = np.empty((count, 3)), np.empty((count, 6))
+    along_both(axes, middles, halves, ROUNDING, centres, boxes)
+    return OwnBoxes(axes, centres, halves, cores, discs, rounded, boxes)
 
 
 def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about one that is no bounded primitive: axes as columns, its middle in the world, half extents [m]."""
-    axes = np.array(obstacle.placement.rotation)
-    if isinstance(obstacle.message, messages.HalfSpace):
-        return axes, np.zeros(3), np.full(3, np.inf)
+    """The box about one that is no primitive: axes as columns (9,), its middle in the world, half extents [m]."""
     low, high = obstacle.box
-    return axes, obstacle.placement.act(0.5 * (low + high)), 0.5 * (high - low) + obstacle.rounding
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) + obstacle.rounding
+    return np.array(obstacle.placement.rotation).ravel(), obstacle.placement.act(middle), half

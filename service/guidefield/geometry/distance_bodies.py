@@ -40,7 +40,7 @@ _FEW = 32
 _FLAT = 1e-9
 """Share of its size within which a surface is flat."""
 
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """By how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]."""
 
 
@@ -229,7 +229,7 @@ def boxes_in_world(placements: Floats, bounds: Floats) -> Floats:
     bounds[endless] = 0.0
     centres, halves = 0.5 * (bounds[:, :3] + bounds[:, 3:]), 0.5 * (bounds[:, 3:] - bounds[:, :3])
     middles = np.einsum("bij,bj->bi", placements[:, :, :3], centres) + placements[:, :, 3]
-    reach = np.einsum("bij,bj->bi", np.abs(placements[:, :, :3]), halves) + _ROUNDING * (1.0 + np.abs(middles))
+    reach = np.einsum("bij,bj->bi", np.abs(placements[:, :, :3]), halves) + ROUNDING * (1.0 + np.abs(middles))
     reach[endless] = np.inf
     return np.hstack([middles - reach, middles + reach])
 

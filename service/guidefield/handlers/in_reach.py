@@ -35,7 +35,8 @@ def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
     met, pairs = scene, problem.world.pairs
     if many:
         nearest = nearest_to_ball(scene, reach, scene.names.intersection(chain(*problem.allowed_collisions)))
-        met, pairs = nearest.scene, pairs.among(nearest.chosen)
+        if nearest.some is not None:
+            met, pairs = nearest.some, pairs.among(nearest.chosen)
     if large:
         met = done_aside(lambda: within_ball(met, reach), spent, lambda: f"what is in reach of scene {scene.name}")
     if met is scene:

@@ -7,29 +7,96 @@ from __future__ import annotations
 
 import copy
 import weakref
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from guidefield.messages.scene import Scene
+from guidefield.messages.scene import Obstacle, Scene
 
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
 
+MOST_GONE = 256
+"""Where more obstacles are gone the others are numbered anew."""
+
 
 class Before(NamedTuple):
-    """What a scene was before a change; obstacles behind those that are left were added.
+    """What a scene was before a change.
 
     Attributes:
         scene: The scene then, as long as anybody has it.
-        left: Which of its obstacles are left, in their order; a range where it is all of them.
-        moved: Which of the obstacles of the scene now are others than those that stood in their places.
+        removed: Which of its obstacles are gone, ascending.
+        moved: Which of the obstacles that are left are others now, by where they stand now, ascending.
+        added: How many stand behind those.
     """
 
     scene: weakref.ref[Scene]
-    left: Sequence[int]
+    removed: Sequence[int]
     moved: Sequence[int]
+    added: int
+
+
+class Places:
+    """Where the obstacles of a scene stand, by their names; what a change does to it is noted, for all are many.
+
+    Obstacles have numbers in the order in which they came: one stands as many places before its number as of those
+    before it are gone. Versions of a scene share the numbers, so that a name may have got another one in a version of
+    which this one knows nothing. Then they are numbered anew.
+
+    Args:
+        obstacles: Of the scene; nobody changes them.
+    """
+
+    def __init__(self, obstacles: Sequence[Obstacle]) -> None:
+        self._obstacles = obstacles
+        self._numbered: tuple[dict[str, int], Sequence[int]] | None = None
+
+    def of(self, name: str) -> int | None:
+        """The index of an obstacle; None if there is none of that name."""
+        numbers, gone = self._numbers()
+        number = numbers.get(name)
+        if number is None:
+            return None
+        before = bisect_left(gone, number)
+        if self._stands(name, number - before) and not (before < len(gone) and gone[before] == number):
+            return number - before
+        self._numbered = None
+        return self._numbers()[0].get(name)
+
+    def after(self, obstacles: Sequence[Obstacle], removed: Sequence[int], added: int) -> Places:
+        """Those of the obstacles of a scene that a change made of this one.
+
+        Args:
+            obstacles: As they are now, those behind that were added.
+            removed: Which of the obstacles here are gone, ascending.
+            added: How many were added.
+        """
+        places, (numbers, gone) = Places(obstacles), self._numbers()
+        if len(gone) + len(removed) <= MOST_GONE:
+            gone = sorted([*gone, *(_number_of(index, gone) for index in removed)]) if removed else gone
+            for index in range(len(obstacles) - added, len(obstacles)):
+                numbers[obstacles[index].name] = index + len(gone)
+            places._numbered = numbers, gone
+        return places
+
+    def _stands(self, name: str, index: int) -> bool:
+        return index < len(self._obstacles) and self._obstacles[index].name == name
+
+    def _numbers(self) -> tuple[dict[str, int], Sequence[int]]:
+        """The number of each name, and the numbers that are gone, ascending."""
+        if self._numbered is None:
+            self._numbered = {one.name: index for index, one in enumerate(self._obstacles)}, ()
+        return self._numbered
+
+
+def _number_of(index: int, gone: Sequence[int]) -> int:
+    """The number of what stands at an index, where some numbers are gone, ascending."""
+    number = index
+    while (higher := index + bisect_right(gone, number)) > number:
+        number = higher
+    return number
 
 
 @dataclass
@@ -38,12 +105,12 @@ class Own:
 
     Attributes:
         before: What it was before it was changed; None: it came as it is.
-        places: Index of each obstacle by its name, once somebody asked.
+        places: Where its obstacles stand, once somebody asked.
         content: What it is known by among those that were built, once somebody asked.
     """
 
     before: Before | None = None
-    places: dict[str, int] | None = None
+    places: Places | None = None
     content: bytes | None = None
 
 
@@ -58,15 +125,14 @@ def own(scene: Scene) -> Own | None:
     return scene.__dict__.get("own")
 
 
-def places_of(scene: Scene) -> dict[str, int]:
-    """Index of each obstacle by its name; nobody changes it."""
+def places_of(scene: Scene) -> Places:
+    """Where its obstacles stand, by their names."""
     known = own(scene)
-    if known is not None and known.places is not None:
-        return known.places
-    places = {one.name: index for index, one in enumerate(scene.obstacles)}
-    if known is not None:
-        known.places = places
-    return places
+    if known is None:
+        return Places(scene.obstacles)
+    if known.places is None:
+        known.places = Places(scene.obstacles)
+    return known.places
 
 
 def to_give(scene: Scene) -> Scene:

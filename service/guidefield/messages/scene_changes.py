@@ -11,12 +11,14 @@ import msgspec
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages.faults import listed, meant
-from guidefield.messages.own_scenes import Before, Own, make_own, own, places_of
+from guidefield.messages.own_scenes import Before, Own, Places, make_own, own, places_of
 from guidefield.messages.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, Sphere
 from guidefield.messages.values import Message, Name, Placement, Reply
 
 MOST_CHANGES = 100_000
 """Most obstacles that one change may add, move or remove."""
+FEW = 64
+"""So few obstacles are sooner taken out one by one, of thousands."""
 VERSIONS_KEPT = 16
 """So many versions of a stored scene can be asked for, the newest included."""
 
@@ -127,63 +129,74 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
     """
     if not (change.remove or change.move or change.add) and name in ("", scene.name):
         return scene
-    left: Sequence[int] = range(len(scene.obstacles))
     places, obstacles = places_of(scene), [*scene.obstacles]
-    if change.remove:
-        left = _left(scene.name, places, change.remove)
-        obstacles = [*map(scene.obstacles.__getitem__, left)]
-        asked = change.move or change.add
-        places = {one.name: index for index, one in enumerate(obstacles)} if asked else {}
+    removed = _removed(scene, places, change.remove)
+    if removed:
+        obstacles = _without(obstacles, removed)
+        places = places.after(obstacles, removed, 0)
     moved = _move(scene.name, obstacles, places, change.move)
     if change.add:
-        places = _add(scene.name, obstacles, places, change.add)
+        _require_new(scene.name, places, change.add)
+        obstacles += change.add
+        places = places.after(obstacles, (), len(change.add))
     after = copy.copy(scene)  # what a change leaves is not checked again
     msgspec.structs.force_setattr(after, "name", name or scene.name)
     msgspec.structs.force_setattr(after, "obstacles", obstacles)
     if own(scene) is not None:
-        make_own(after, Own(Before(weakref.ref(scene), left, moved), places or None))
+        make_own(after, Own(Before(weakref.ref(scene), removed, moved, len(change.add)), places))
     return after
 
 
-def _left(scene: str, places: Mapping[str, int], gone: Sequence[str]) -> list[int]:
-    """Which obstacles are left, by the places of all."""
-    left = dict(places)
-    for index, name in enumerate(gone):
-        if name not in left:
-            raise _absent(scene, name, left, f"remove[{index}]")
-        del left[name]
-    return list(left.values())
+def _removed(scene: Scene, places: Places, names: Sequence[str]) -> list[int]:
+    """Which obstacles go, ascending, by the places of all."""
+    removed: set[int] = set()
+    for index, name in enumerate(names):
+        place = places.of(name)
+        if place is None or place in removed:
+            left = [one for at, one in enumerate(scene.obstacles) if at not in removed]
+            raise _absent(scene.name, name, left, f"remove[{index}]")
+        removed.add(place)
+    return sorted(removed)
 
 
-def _move(
-    scene: str, obstacles: list[Obstacle], places: Mapping[str, int], moves: Mapping[str, Placement]
-) -> list[int]:
+def _without(obstacles: list[Obstacle], removed: Sequence[int]) -> list[Obstacle]:
+    """Obstacles without some of them, by their indices."""
+    if len(removed) > FEW:
+        gone = set(removed)
+        return [one for index, one in enumerate(obstacles) if index not in gone]
+    for index in reversed(removed):
+        del obstacles[index]
+    return obstacles
+
+
+def _move(scene: str, obstacles: list[Obstacle], places: Places, moves: Mapping[str, Placement]) -> list[int]:
     """Put those that move where they are from now on; which these are. The others aren't looked at."""
-    absent = next((name for name in moves if name not in places), None)
-    if absent is not None:
-        raise _absent(scene, absent, places, f"move.{absent}")
-    moved = sorted(places[name] for name in moves)
+    moved = list[int]()
+    for name in moves:
+        place = places.of(name)
+        if place is None:
+            raise _absent(scene, name, obstacles, f"move.{name}")
+        moved.append(place)
+    moved.sort()
     for place in moved:
         obstacles[place] = _moved(obstacles[place], moves[obstacles[place].name])
     return moved
 
 
-def _add(scene: str, obstacles: list[Obstacle], there: Mapping[str, int], coming: Sequence[Obstacle]) -> dict[str, int]:
-    """Put those that come behind the others; the places of all."""
-    places = dict(there)
+def _require_new(scene: str, there: Places, coming: Sequence[Obstacle]) -> None:
+    """Refuse an obstacle that comes under a name that is taken."""
+    new = set[str]()
     for index, one in enumerate(coming):
         path = f"add[{index}].name"
-        if one.name in places and one.name not in there:
+        if one.name in new:
             raise _refused(f"two obstacles {one.name!r} are to be added to scene {scene!r}", one.name, path)
-        if one.name in there:
+        if there.of(one.name) is not None:
             raise _refused(
                 f"scene {scene!r} has an obstacle {one.name!r} already; `remove` it in the same change to replace it",
                 one.name,
                 path,
             )
-        places[one.name] = len(obstacles)
-        obstacles.append(one)
-    return places
+        new.add(one.name)
 
 
 def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
@@ -209,8 +222,8 @@ def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
     return moved
 
 
-def _absent(scene: str, name: str, there: Iterable[str], path: str) -> SceneInvalid:
-    names = [*there]
+def _absent(scene: str, name: str, there: Iterable[Obstacle], path: str) -> SceneInvalid:
+    names = [one.name for one in there]
     others = f"there are {listed(names)}" if names else "there is none left"
     return _refused(f"scene {scene!r} has no obstacle {name!r}; {meant(name, names)}{others}", name, path)
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before, Own, own
@@ -84,7 +82,7 @@ class BuiltScenes:
         before, rows = found
         if spent is None:
             return scenes.changed(before, message, rows, parts)
-        fresh = [message.obstacles[index] for index in rows.fresh.tolist()]
+        fresh = [message.obstacles[index] for index in rows.fresh]
         return _in_time(lambda: scenes.changed(before, message, rows, parts), message.name, _are_many(fresh), spent)
 
     def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
@@ -94,7 +92,8 @@ class BuiltScenes:
             before = mine.before.scene()
             if before is None:
                 return None
-            step = rows_of(mine.before, len(message.obstacles), len(before.obstacles))
+            removed, moved = mine.before.removed, mine.before.moved
+            step = Rows.changed(len(before.obstacles), removed, moved, len(message.obstacles))
             rows = step if rows is None else rows.after(step)
             known = own(before)
             built = None if known is None or known.content is None else self._scenes.get(known.content)
@@ -102,20 +101,6 @@ class BuiltScenes:
                 return (built, rows) if rows.are_few else None
             message = before
         return None
-
-
-def rows_of(change: Before, count: int, before: int) -> Rows:
-    """Where the obstacles of a scene stood before a change.
-
-    Args:
-        change: The change.
-        count: How many there are.
-        before: How many there were.
-    """
-    source, left = np.full(count, -1), change.left
-    source[: len(left)] = np.arange(len(left)) if isinstance(left, range) else left
-    source[change.moved] = -1
-    return Rows(source, before)
 
 
 def _built_in_time(message: messages.Scene, contents: dict[int, Content], spent: Spent) -> Scene:

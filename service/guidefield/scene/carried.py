@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import functools
 import weakref
-from collections.abc import Callable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from itertools import accumulate
+from typing import Any, Concatenate, Generic, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -20,92 +22,209 @@ from guidefield.kept import MISSING, Answers
 FEW = 0.25
 """Where more of the obstacles than this share are others, all is sooner made anew."""
 
+MANY = 256
+"""Tables of fewer obstacles are as soon made anew."""
+
+MANY_RUNS = 64
+"""More runs are sooner taken row by row than run by run."""
+
 Rest = ParamSpec("Rest")
 Table = TypeVar("Table")
 Value = TypeVar("Value")
 
 
+Run = tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Where the obstacles of a scene stood in the one that it was changed from.
+    """Where the obstacles of a scene stood in the one that it was changed from; those that stayed keep their order.
 
     Attributes:
-        source: Index there of each obstacle, -1 of one that is another, shape (n,).
+        runs: Obstacles that stand one behind the other now as before: where the first of them stood, and how many they
+            are; -1 and how many of others.
         before: How many obstacles there were.
     """
 
-    source: np.ndarray
+    runs: Sequence[Run]
     before: int
 
+    @classmethod
+    def of(cls, source: np.ndarray, before: int) -> Rows:
+        """By where each of the obstacles stood, -1 of one that is another, shape (n,)."""
+        others = source < 0
+        steps = np.where(others[1:], ~others[:-1], others[:-1] | (np.diff(source) != 1))
+        begins = np.flatnonzero(np.append(True, steps)[: len(source)])
+        counts = np.diff(np.append(begins, len(source)))
+        return cls(list(zip(source[begins].tolist(), counts.tolist(), strict=True)), before)
+
+    @classmethod
+    def changed(cls, before: int, removed: Iterable[int], moved: Sequence[int], count: int) -> Rows:
+        """By what a change does.
+
+        Args:
+            before: How many there were.
+            removed: Which of these aren't there any more, ascending.
+            moved: Which of those that are left are others, by where they stand now, ascending.
+            count: How many there are now; those behind the ones that are left are others.
+        """
+        runs, place, others = list[Run](), 0, 0
+        for begin, many in _between(removed, before):
+            at, end = place, place + many
+            while others < len(moved) and moved[others] < end:
+                runs += [(begin + at - place, moved[others] - at), (-1, 1)]
+                at, others = moved[others] + 1, others + 1
+            runs.append((begin + at - place, end - at))
+            place = end
+        return cls(_joined([*runs, (-1, count - place)]), before)
+
     @cached_property
-    def fresh(self) -> np.ndarray:
-        """Which are others, ascending indices, shape (k,)."""
-        return np.flatnonzero(self.source < 0)
+    def count(self) -> int:
+        """How many obstacles there are."""
+        return sum(count for _, count in self.runs)
+
+    @cached_property
+    def source(self) -> np.ndarray:
+        """Where each obstacle stood, -1 of one that is another, shape (n,)."""
+        source, place = np.full(self.count, -1), 0
+        for begin, count in self.runs:
+            if begin >= 0:
+                source[place : place + count] = np.arange(begin, begin + count)
+            place += count
+        return source
+
+    @cached_property
+    def now(self) -> np.ndarray:
+        """Where each of the obstacles before stands, -1 of one that isn't there any more, shape (m,)."""
+        now, place = np.full(self.before, -1), 0
+        for begin, count in self.runs:
+            if begin >= 0:
+                now[begin : begin + count] = np.arange(place, place + count)
+            place += count
+        return now
+
+    @cached_property
+    def fresh(self) -> list[int]:
+        """Which are others, ascending."""
+        fresh, place = list[int](), 0
+        for begin, count in self.runs:
+            if begin < 0:
+                fresh += range(place, place + count)
+            place += count
+        return fresh
+
+    @cached_property
+    def gone(self) -> list[int]:
+        """Which of those before aren't there any more, ascending."""
+        gone, end = list[int](), 0
+        for begin, count in self.runs:
+            if begin >= 0:
+                gone += range(end, begin)
+                end = begin + count
+        return [*gone, *range(end, self.before)]
 
     @cached_property
     def in_place(self) -> bool:
         """Whether those that stayed stand where they stood, and there are as many as before."""
-        return len(self.source) == self.before and bool(
-            ((self.source < 0) | (self.source == np.arange(self.before))).all()
-        )
+        return self.count == self.before and self.fresh == self.gone
 
     @property
     def are_few(self) -> bool:
         """Whether so few are others that tables are worth to be carried over."""
-        return len(self.fresh) <= FEW * len(self.source)
+        return len(self.fresh) <= FEW * self.count
 
-    def of(self, rows: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+    def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Rows of obstacles, of shape (n, ...), made of those of the obstacles before, with those of the others put in.
 
         Args:
             rows: One of each obstacle before, shape (m, ...).
             fresh: One of each of the others, shape (k, ...).
+            out: Gets them, shape (n, ...); None: an array is made.
         """
-        carried: np.ndarray = rows.copy() if self.in_place else np.take(rows, self.source, axis=0)
-        carried[self.fresh] = fresh
+        carried = np.empty((self.count, *rows.shape[1:]), rows.dtype) if out is None else out
+        if len(self.runs) > MANY_RUNS:
+            np.take(rows, self.source, axis=0, out=carried, mode="wrap")
+            carried[self.fresh] = fresh
+            return carried
+        place = new = 0
+        for begin, count in self.runs:
+            if begin < 0:
+                carried[place : place + count] = fresh[new : new + count]
+                new += count
+            else:
+                carried[place : place + count] = rows[begin : begin + count]
+            place += count
         return carried
 
     def listed(self, values: Sequence[Value], fresh: Sequence[Value]) -> list[Value]:
         """The same of a list."""
         if self.in_place:
             carried = [*values]
-            for index, value in zip(self.fresh.tolist(), fresh, strict=True):
+            for index, value in zip(self.fresh, fresh, strict=True):
                 carried[index] = value
             return carried
-        others, carried = iter(fresh), []
-        for begin, count in self._runs:
+        carried, new = [], 0
+        for begin, count in self.runs:
             if begin < 0:
-                carried.append(next(others))
+                carried += fresh[new : new + count]
+                new += count
             else:
                 carried += values[begin : begin + count]
         return carried
 
-    @cached_property
-    def _runs(self) -> list[tuple[int, int]]:
-        """Where obstacles stood that stand one behind the other now as before, and how many; -1 of each other one."""
-        source = self.source
-        begins = np.flatnonzero(np.append(True, (source[:-1] < 0) | (np.diff(source) != 1))[: len(source)])
-        counts = np.diff(np.append(begins, len(source)))
-        return list(zip(source[begins].tolist(), counts.tolist(), strict=True))
+    def stayed(self, before: Sequence[int]) -> list[int]:
+        """Where some of those before stand that are still there, both ascending."""
+        if not before:
+            return []
+        now: list[int] = self.now[np.array(before)].tolist()
+        return [index for index in now if index >= 0]
 
-    @cached_property
-    def gone(self) -> np.ndarray:
-        """Which of those before aren't there any more, ascending indices there, shape (g,)."""
-        if self.in_place:
-            return self.fresh
-        left = np.zeros(self.before, bool)
-        left[self.source[self.source >= 0]] = True
-        return np.flatnonzero(~left)
-
-    def now(self, before: Sequence[int]) -> list[int]:
-        """Where some of those before stand, that are still there."""
-        chosen = np.isin(self.source, np.array(before, np.int64)) if before else np.zeros(0, bool)
-        return np.flatnonzero(chosen).tolist()
+    def among(self, before: np.ndarray, now: np.ndarray) -> Rows:
+        """The same of some of the obstacles, both before and now ascending indices."""
+        source = self.source[now]
+        place = np.minimum(np.searchsorted(before, source), len(before) - 1)
+        stood = before[place] == source if len(before) else np.zeros(len(now), bool)
+        return Rows.of(np.where(stood, place, -1), len(before))
 
     def after(self, earlier: Rows) -> Rows:
         """Both changes as one, this one the later."""
-        stayed = np.append(earlier.source, -1)  # what is another stays another
-        return Rows(stayed[self.source], earlier.before)
+        ends, runs = list(accumulate(count for _, count in earlier.runs)), list[Run]()
+        for begin, count in self.runs:
+            if begin < 0:
+                runs.append((begin, count))
+                continue
+            at, end, which = begin, begin + count, bisect_right(ends, begin)
+            while at < end:
+                first, many = earlier.runs[which]
+                taken = min(end, ends[which]) - at
+                runs.append((first if first < 0 else first + many - (ends[which] - at), taken))
+                at, which = at + taken, which + 1
+        return Rows(_joined(runs), earlier.before)
+
+
+def _between(some: Iterable[int], count: int) -> Iterator[Run]:
+    """Where those begin of so many that aren't among some ascending ones, and how many are one behind the other."""
+    begin = 0
+    for one in some:
+        if one > begin:
+            yield begin, one - begin
+        begin = one + 1
+    if begin < count:
+        yield begin, count - begin
+
+
+def _joined(runs: Iterable[Run]) -> list[Run]:
+    """Runs without empty ones, and those as one that go on where the one before ends, or are both of others."""
+    joined = list[Run]()
+    for begin, count in runs:
+        if not count:
+            continue
+        last, many = joined[-1] if joined else (-2, 0)
+        if begin == (last if begin < 0 else last + many) and (begin < 0) == (last < 0):
+            joined[-1] = last, many + count
+        else:
+            joined.append((begin, count))
+    return joined
 
 
 def note(scene: Any, before: Any, rows: Rows) -> None:
@@ -117,12 +236,13 @@ _BEFORE: weakref.WeakKeyDictionary[Any, tuple[weakref.ref[Any], Rows]] = weakref
 
 
 def carried(
-    over: Callable[Concatenate[Table, Rows, Any, Rest], Table],
+    over: Callable[Concatenate[Table, Rows, Any, Rest], Table | None],
 ) -> Callable[[Callable[Concatenate[Any, Rest], Table]], Callable[Concatenate[Any, Rest], Table]]:
     """Make what a function makes of a scene once, as `kept_with` does; if the scene is a changed one, by `over`.
 
     Args:
-        over: Makes it of that of the scene before, given this, the rows, the scene and what else the function takes.
+        over: Makes it of that of the scene before, given this, the rows, the scene and what else the function takes;
+            None where it is sooner made anew.
     """
 
     def decorated(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:
@@ -134,17 +254,32 @@ def carried(
             table = known.of(scene, asked)
             if table is not MISSING:
                 return table
-            found = _before(scene, known, asked)
-            table = make(scene, *rest, **options) if found is None else over(*found, scene, *rest, **options)
-            return known.keep(scene, asked, table)
+            found = _before(scene, known, asked) if len(scene.obstacles) >= MANY else None
+            over_it = None if found is None else over(found.table, found.rows, scene, *rest, **options)
+            if found is not None:
+                found.forget_earlier(known, asked)
+            return known.keep(scene, asked, make(scene, *rest, **options) if over_it is None else over_it)
 
         return made
 
     return decorated
 
 
-def _before(scene: Any, known: Answers[Table], asked: object) -> tuple[Table, Rows] | None:
+class _Found(NamedTuple, Generic[Table]):
     """The table of the last scene before of which there is one, and the rows from there to here."""
+
+    scene: Any
+    table: Table
+    rows: Rows
+
+    def forget_earlier(self, known: Answers[Table], asked: object) -> None:
+        """Forget the table of what this scene was before: those of two scenes are at hand, not those of all."""
+        earlier = _BEFORE[self.scene][0]() if self.scene in _BEFORE else None
+        if earlier is not None:
+            known.forget(earlier, asked)
+
+
+def _before(scene: Any, known: Answers[Table], asked: object) -> _Found[Table] | None:
     rows: Rows | None = None
     while scene in _BEFORE:
         before, step = _BEFORE[scene]
@@ -153,5 +288,5 @@ def _before(scene: Any, known: Answers[Table], asked: object) -> tuple[Table, Ro
             return None
         table = known.of(scene, asked)
         if table is not MISSING:
-            return table, rows
+            return _Found(scene, table, rows)
     return None

@@ -59,10 +59,9 @@ def changed_content(before: bytes, change: Before, message: messages.Scene) -> t
     Returns:
         The hash, and those of the obstacles that are others, by index.
     """
-    left = None if isinstance(change.left, range) else change.left
-    others = [*change.moved, *range(len(change.left), len(message.obstacles))]
+    others = [*change.moved, *range(len(message.obstacles) - change.added, len(message.obstacles))]
     fresh = {index: content_of(message.obstacles[index]) for index in others}
-    return _hashed([before, message.name, left, others, [one.all for one in fresh.values()]]), fresh
+    return _hashed([before, message.name, change.removed, others, [one.all for one in fresh.values()]]), fresh
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)

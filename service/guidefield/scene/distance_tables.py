@@ -2,56 +2,110 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.box_tree import box_nodes
+from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.geometry.distance_bodies import (
+    ROUNDING,
     Body,
     BodyRows,
     balls_about,
     body_rows,
     body_tables,
-    boxes_in_world,
     flat_frame,
     joined_rows,
     primitive,
     triangulated,
 )
-from guidefield.kept import kept_with
 from guidefield.kernels.collide.primitive import (
-    BOX as BOX_PLACED,
-    CAPSULE as CAPSULE_PLACED,
     HALF_SPACE as HALF_SPACE_PLACED,
 )
-from guidefield.kernels.distance.distance import BOX, CAPSULE, CYLINDER, HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.collide.primitive_bodies import primitive_bodies
+from guidefield.kernels.distance.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.read_only import read_only
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.placed import placed_rows, unplaced
-from guidefield.scene.scene import Scene
+from guidefield.scene.placed import placed_rows, rows_of, unplaced
+from guidefield.scene.scene import Scene, is_other
 
 
-@kept_with
+class _Standing(NamedTuple):
+    """Bodies that rest.
+
+    Attributes:
+        tables: As the kernels read them.
+        along: The middles of the boxes about those in the tree, numbered as the obstacles that they are of.
+    """
+
+    tables: DistanceTables
+    along: Along
+
+
 def distance_tables(scene: Scene) -> DistanceTables:
     """Tables of the obstacles of a scene that rest; computed once for each scene.
 
     A closed mesh is a solid for each of its connected pieces, together with the hollows within it, so that pieces that
     overlap are told apart from hollows.
     """
+    return _standing(scene).tables
+
+
+def _over(known: _Standing, rows: Rows, scene: Scene) -> _Standing | None:
+    """The same of a scene that was changed, where nothing but boxes, cylinders and capsules came or went."""
+    fresh, tables, order = [scene.obstacles[index] for index in rows.fresh], known.tables, known.along.order
+    placed, first = rows_of(fresh), len(tables.kinds) - len(order)
+    endless, left = rows.now[tables.obstacles[:first]], len(order) - int((rows.now[order] < 0).sum())
+    if (endless < 0).any() or any(is_other(one) for one in fresh) or (placed[:, 0] == HALF_SPACE_PLACED).any():
+        return None
+    others = _declared(placed)
+    middles = 0.5 * (others.boxes[:, :3] + others.boxes[:, 3:])
+    along, runs, turn = changed_along(known.along, rows.now, rows.fresh, middles, left + len(fresh))
+    step = Rows([(0, first), *((at if at < 0 else first + at, count) for at, count in runs)], len(tables.kinds))
+    boxes = step.carry(tables.boxes, others.boxes[turn])
+    if step.count == first or (tables.kinds[step.gone] >= HALF_SPACE).any() or not along.is_of(boxes[first:]):
+        return None
+    tables = tables._replace(
+        kinds=step.carry(tables.kinds, others.kinds[turn]),
+        obstacles=np.concatenate([endless, along.order]),
+        placements=step.carry(tables.placements, others.placements[turn]),
+        sizes=step.carry(tables.sizes, others.sizes[turn]),
+        bounds=step.carry(tables.bounds, others.bounds[turn]),
+        boxes=boxes,
+        spans=_carried_zeros(step, tables.spans),
+        nodes=box_nodes(boxes[first:]),
+        clouds=_carried_zeros(step, tables.clouds),
+    )
+    read_only(*tables)
+    return _Standing(tables, along)
+
+
+def _carried_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
+    """Numbers of bodies of which the others have none: the very same where nobody has."""
+    if rows.count == rows.before and not values.any():
+        return values
+    return rows.carry(values, np.zeros((rows.count, *values.shape[1:]), values.dtype))
+
+
+@carried(_over)
+def _standing(scene: Scene) -> _Standing:
     bodies, owners = _in_order(scene)
     endless, inside = _split(bodies.kinds == HALF_SPACE)
-    nodes = np.empty((0, 6))
-    if len(inside):
-        boxes = np.take(bodies.boxes, inside, axis=0) if len(endless) else bodies.boxes
-        tree = box_tree(boxes[:, :3], boxes[:, 3:])
-        nodes, inside = tree.nodes, inside[tree.order]
-    order = np.concatenate([endless, inside])
-    return body_tables(bodies.ordered(order), owners[order], nodes)
+    boxes = np.take(bodies.boxes, inside, axis=0) if len(endless) else bodies.boxes
+    along = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:]))
+    nodes = box_nodes(np.take(boxes, along.order, axis=0)) if len(inside) else np.empty((0, 6))
+    order = np.concatenate([endless, inside[along.order]])
+    tables = body_tables(bodies.ordered(order), owners[order], nodes)
+    return _Standing(tables, along._replace(order=tables.obstacles[len(endless) :]))
 
 
 def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
     """The bodies of all obstacles that rest, in the order of these, and which each is of, shape (n,)."""
-    primitives, placed = _primitives(scene), placed_rows(scene)
+    placed = placed_rows(scene)
+    primitives = _declared(placed)
     declared = np.delete(np.arange(len(placed)), scene.others)
     half_spaces, bounded = (declared[chosen] for chosen in _split(placed[declared, 0] == HALF_SPACE_PLACED))
     if len(bounded) == len(placed):
@@ -70,47 +124,20 @@ def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.flatnonzero(chosen), np.flatnonzero(~chosen)
 
 
-def _over(known: BodyRows, rows: Rows, scene: Scene) -> BodyRows:
-    fresh = _declared(placed_rows(scene)[rows.fresh])
-    return BodyRows(
-        kinds=rows.of(known.kinds, fresh.kinds),
-        sizes=rows.of(known.sizes, fresh.sizes),
-        bounds=rows.of(known.bounds, fresh.bounds),
-        placements=rows.of(known.placements, fresh.placements),
-        surfaces={},
-        clouds=rows.of(known.clouds, fresh.clouds),
-        boxes=rows.of(known.boxes, fresh.boxes),
-    )
-
-
-@carried(_over)
-def _primitives(scene: Scene) -> BodyRows:
-    """A row for each obstacle of a scene; that of what is no box, cylinder or capsule at rest says nothing."""
-    return _declared(placed_rows(scene))
-
-
 def _declared(placed: np.ndarray) -> BodyRows:
     """Boxes, cylinders and capsules that are declared by `PLACED`, shape (n, 12)."""
-    declared, (x, y, z, w), radius = placed[:, 0], placed[:, 1:5].T, placed[:, -1]
-    halves, half = placed[:, 8:11], placed[:, 10]
-    box, capsule = declared == BOX_PLACED, declared == CAPSULE_PLACED
-    long = half + np.where(capsule, radius, 0.0)
-    reach = np.where(box[:, None], halves, np.column_stack([radius, radius, long]))
-    placements = np.empty((len(placed), 3, 4))
-    placements[:, 0, :3] = np.column_stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)])
-    placements[:, 1, :3] = np.column_stack([2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)])
-    placements[:, 2, :3] = np.column_stack([2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)])
-    placements[:, :, 3] = placed[:, 5:8]
-    bounds = np.hstack([-reach, reach])
-    return BodyRows(
-        kinds=np.where(box, BOX, np.where(capsule, CAPSULE, CYLINDER)),
-        sizes=np.where(box[:, None], halves, np.column_stack([radius, half, np.zeros(len(placed))])),
-        bounds=bounds,
-        placements=placements,
+    count = len(placed)
+    rows = BodyRows(
+        kinds=np.empty(count, np.int64),
+        sizes=np.empty((count, 3)),
+        bounds=np.empty((count, 6)),
+        placements=np.empty((count, 3, 4)),
         surfaces={},
-        clouds=np.zeros(len(placed), np.int64),
-        boxes=boxes_in_world(placements, bounds),
+        clouds=np.zeros(count, np.int64),
+        boxes=np.empty((count, 6)),
     )
+    primitive_bodies(placed, ROUNDING, rows.kinds, rows.sizes, rows.bounds, rows.placements, rows.boxes)
+    return rows
 
 
 def bodies_of(obstacle: Obstacle) -> list[Body]:

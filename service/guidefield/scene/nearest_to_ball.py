@@ -12,15 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.collide.primitive import BOX, CAPSULE, HALF_SPACE
-from guidefield.scene.carried import Rows, carried
+from guidefield.kernels.collide.gaps_from_ball import gaps_from_ball
+from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.placed import rows_of
 from guidefield.scene.scene import Scene, declared_with, with_others
 from guidefield.scene.within_ball import Ball
-
-MANY = 256
-"""Among fewer obstacles the tables of all are made as soon."""
 
 NOBODY: frozenset[str] = frozenset()
 
@@ -35,13 +32,17 @@ class Nearest(NamedTuple):
         least: How far each obstacle is at least from any place in the ball, shape (n,) [m].
         most: How far it is at most, shape (n,) [m].
         chosen: Which may be nearest, ascending indices, shape (k,).
-        scene: The scene with these alone.
+        some: The scene with these alone; None: they are all of it.
     """
 
     least: np.ndarray
     most: np.ndarray
     chosen: np.ndarray
-    scene: Scene
+    some: Scene | None
+
+    def of(self, scene: Scene) -> Scene:
+        """What is left of the scene, which this was found of."""
+        return self.some or scene
 
 
 def has_many(scene: Scene) -> bool:
@@ -51,20 +52,32 @@ def has_many(scene: Scene) -> bool:
 
 def _over(known: Nearest, rows: Rows, scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> Nearest:
     """The same of a scene that was changed; the scene with these alone is the very one, if none of them is another."""
-    fresh = _gaps([scene.obstacles[index] for index in rows.fresh.tolist()], ball, named)
-    least, most = rows.of(known.least, fresh[0]), rows.of(known.most, fresh[1])
+    fresh = _gaps([scene.obstacles[index] for index in rows.fresh], ball, named)
+    least, most = rows.carry(known.least, fresh[0]), rows.carry(known.most, fresh[1])
     chosen = _chosen(least, most)
-    there = rows.source[chosen]
-    if np.array_equal(there, known.chosen):
-        return Nearest(least, most, chosen, known.scene)
-    place = np.minimum(np.searchsorted(known.chosen, there), len(known.chosen) - 1)
-    step = Rows(np.where(known.chosen[place] == there, place, -1), len(known.chosen))
+    return Nearest(least, most, chosen, _some(known, rows, scene, chosen))
+
+
+def _some(known: Nearest, rows: Rows, scene: Scene, chosen: np.ndarray) -> Scene | None:
+    """The scene with those that are chosen alone, None if they are all of it; the one before if it has the same."""
+    some = known.some
+    if some is None or len(chosen) == rows.count:
+        return _of(scene, chosen)
+    if len(chosen) < MANY:
+        obstacles = tuple(map(scene.obstacles.__getitem__, chosen.tolist()))
+        return some if obstacles == some.obstacles else _of(scene, chosen)
+    step = rows.among(known.chosen, chosen)
+    if not step.fresh and not step.gone:
+        return some
     new = chosen[step.fresh].tolist()
-    declared = step.listed(known.scene.message.obstacles, [scene.message.obstacles[index] for index in new])
-    met = with_others(
-        known.scene, step, [scene.obstacles[index] for index in new], declared_with(scene.message, declared)
-    )
-    return Nearest(least, most, chosen, met)
+    declared = step.listed(some.message.obstacles, [scene.message.obstacles[index] for index in new])
+    fresh = [scene.obstacles[index] for index in new]
+    return with_others(some, step, fresh, declared_with(scene.message, declared))
+
+
+def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
+    """A scene with some of its obstacles alone, ascending indices; None if they are all of it."""
+    return None if len(chosen) == len(scene.obstacles) else scene.of(chosen.tolist())
 
 
 @carried(_over)
@@ -79,7 +92,7 @@ def nearest_to_ball(scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) ->
     """
     least, most = _gaps(scene.obstacles, ball, named)
     chosen = _chosen(least, most)
-    return Nearest(least, most, chosen, scene.of(chosen.tolist()))
+    return Nearest(least, most, chosen, _of(scene, chosen))
 
 
 def _chosen(least: np.ndarray, most: np.ndarray) -> np.ndarray:
@@ -91,18 +104,9 @@ def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> t
 
     Of those that are named, and of what is no primitive, nothing is known.
     """
-    middle, radius, placed = np.array(ball[:3]), ball.radius, rows_of(obstacles)
-    kinds, centres, halves, round_ = placed[:, 0], placed[:, 5:8], placed[:, 8:11], placed[:, 11]
-    apart = np.sqrt(((centres - middle) ** 2).sum(axis=1))
-    wider = ROUNDING * (1.0 + np.abs(centres).max(axis=1, initial=0.0) + np.abs(middle).max())
-    box, capsule, endless = kinds == BOX, kinds == CAPSULE, kinds == HALF_SPACE
-    long, unknown = halves[:, 2], ~placed.any(axis=1)
+    placed, least, most = rows_of(obstacles), np.empty(len(obstacles)), np.empty(len(obstacles))
+    gaps_from_ball(placed, np.array(ball, float), ROUNDING, least, most)
     if named:
-        unknown |= np.array([one.name in named for one in obstacles])
-    about = np.where(box, np.sqrt((halves**2).sum(axis=1)), np.where(capsule, long + round_, np.hypot(long, round_)))
-    within = np.where(box, halves.min(axis=1, initial=np.inf), np.where(capsule, round_, np.minimum(long, round_)))
-    least, most = apart - about, apart - within
-    most[endless] = ((middle - centres) * halves).sum(axis=1)[endless]
-    least, most = least - radius - wider, np.maximum(most + radius, 0.0) + wider
-    least[endless | unknown], most[unknown] = -np.inf, np.inf
+        unknown = [one.name in named for one in obstacles]
+        least[unknown], most[unknown] = -np.inf, np.inf
     return least, most

@@ -20,7 +20,7 @@ def rows_of(obstacles: Sequence[Obstacle]) -> np.ndarray:
 
 
 def _over(known: np.ndarray, rows: Rows, scene: Scene) -> np.ndarray:
-    placed = rows.of(known, rows_of([scene.obstacles[index] for index in rows.fresh.tolist()]))
+    placed = rows.carry(known, rows_of([scene.obstacles[index] for index in rows.fresh]))
     placed.setflags(write=False)
     return placed
 

@@ -50,7 +50,7 @@ class Scene:
     @cached_property
     def others(self) -> tuple[int, ...]:
         """Which obstacles are no primitives at rest, ascending indices: of thousands it is few that need a look."""
-        return tuple(index for index, one in enumerate(self.obstacles) if _is_other(one))
+        return tuple(index for index, one in enumerate(self.obstacles) if is_other(one))
 
     @cached_property
     def end(self) -> float:
@@ -158,8 +158,7 @@ def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mappin
     Raises:
         SceneInvalid: as `build`.
     """
-    others = rows.fresh.tolist()
-    fresh = [obstacle.build(message.obstacles[index], index, contents.get(index)) for index in others]
+    fresh = [obstacle.build(message.obstacles[index], index, contents.get(index)) for index in rows.fresh]
     return with_others(before, rows, fresh, message)
 
 
@@ -188,15 +187,16 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
         guide_planes=before.guide_planes,
         warnings=tuple(warning for one in obstacles for warning in one.warnings) if warned else (),
     )
-    gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.gone.tolist()), fresh))
-    vars(scene)["names"] = before.names if gone == come else before.names.difference(gone).union(come)
-    others = [index for index, one in zip(rows.fresh.tolist(), fresh, strict=True) if _is_other(one)]
-    vars(scene)["others"] = tuple(sorted([*rows.now(before.others), *others]))
+    gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.gone), fresh))
+    names = before.names.difference(gone) if gone - come else before.names  # a set of thousands is copied once
+    vars(scene)["names"] = names.union(come) if come - gone else names
+    others = [index for index, one in zip(rows.fresh, fresh, strict=True) if is_other(one)]
+    vars(scene)["others"] = tuple(sorted([*rows.stayed(before.others), *others]))
     note(scene, before, rows)
     return scene
 
 
-def _is_other(one: Obstacle) -> bool:
+def is_other(one: Obstacle) -> bool:
     """Whether an obstacle is no primitive at rest."""
     return one.motion is not None or not one.placed
 

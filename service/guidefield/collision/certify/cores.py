@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
-
-from guidefield.collision.obstacle_boxes import obstacle_boxes
-from guidefield.messages import scene as messages
-from guidefield.scene.carried import Rows, carried
-from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.scene import Scene
 
 MOST_CORNERS = 512
 """Of a hull of more its box is the core: to look at all of its corners takes as long as Coal does."""
@@ -62,43 +55,3 @@ def _box_of(points: np.ndarray) -> np.ndarray:
 
 _SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _ENDS = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-
-
-Cores = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def _over(known: Cores, rows: Rows, scene: Scene) -> Cores:
-    halves = obstacle_boxes(scene).along_own_axes[2][rows.fresh]
-    fresh = _cores([scene.obstacles[index] for index in rows.fresh.tolist()], halves)
-    cores, discs, rounded = (rows.of(array, others) for array, others in zip(known, fresh, strict=True))
-    return cores, discs, rounded
-
-
-@carried(_over)
-def obstacle_cores(scene: Scene) -> Cores:
-    """The cores of obstacles, their corners those of boxes along their own axes.
-
-    Of what is neither a ball, a cylinder nor a capsule the box about it is the core.
-
-    Returns:
-        Half extents of the boxes, shape (o, 3), radii of discs about the last axis and of balls, both of shape (o,)
-        [m]; infinite for those without an end.
-    """
-    return _cores(scene.obstacles, obstacle_boxes(scene).along_own_axes[2])
-
-
-_ROUND: dict[type, int] = {messages.Sphere: 1, messages.Cylinder: 2, messages.Capsule: 3}
-
-
-def _cores(obstacles: Sequence[Obstacle], halves: np.ndarray) -> Cores:
-    """The same of any obstacles, with the half extents of their boxes, shape (o, 3) [m]."""
-    kinds = np.array([_ROUND.get(type(one.message), 0) for one in obstacles], int)
-    balls, cylinders, capsules = (kinds == kind for kind in (1, 2, 3))
-    cores, discs, rounded = halves.copy(), np.zeros(len(halves)), np.zeros(len(halves))
-    discs[cylinders] = halves[cylinders, 0]
-    rounded[balls | capsules] = halves[balls | capsules, 0]
-    cores[balls] = 0.0
-    cores[cylinders | capsules, :2] = 0.0
-    cores[capsules, 2] -= rounded[capsules]
-    rounded[np.isinf(halves).any(axis=1)] = np.inf
-    return cores, discs, rounded

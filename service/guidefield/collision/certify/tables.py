@@ -6,16 +6,16 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies
 from guidefield.collision.box_tree import CHILDREN
-from guidefield.collision.certify.cores import core_of, obstacle_cores
+from guidefield.collision.certify.cores import core_of
 from guidefield.collision.hulls import link_hulls
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
-from guidefield.kept import kept_with
 from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.scene.carried import Rows, carried
 from guidefield.scene.scene import Scene
 
 
@@ -61,28 +61,34 @@ def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRo
     return robot
 
 
-@kept_with
+def _over(_: CertifiedObstacles, _rows: Rows, scene: Scene, left_out: bytes) -> CertifiedObstacles:
+    return _made(scene, left_out)
+
+
+@carried(_over)
 def _obstacles(scene: Scene, left_out: bytes) -> CertifiedObstacles:
-    """The obstacles of a scene, and the pairs that are left out, an array of int64."""
+    """The obstacles of a scene, and the pairs that are left out, an array of int64; their arrays are those of boxes."""
+    return _made(scene, left_out)
+
+
+def _made(scene: Scene, left_out: bytes) -> CertifiedObstacles:
     boxes = obstacle_boxes(scene)
-    axes, middles, halves = boxes.along_own_axes
-    cores, discs, rounded = obstacle_cores(scene)
-    levels = boxes.tree.levels
+    order = boxes.tree.order
     obstacles = CertifiedObstacles(
-        axes=_rows(axes.reshape(-1, 9), 9),
-        middles=_rows(middles, 3),
-        halves=_rows(halves, 3),
-        cores=_rows(cores, 3),
-        discs=_rows(discs),
-        rounded=_rows(rounded),
-        nodes=np.ascontiguousarray(np.concatenate([level.T for level in levels])),
-        levels=np.cumsum([0, *(level.shape[1] for level in levels)]),
+        axes=boxes.axes,
+        middles=boxes.centres,
+        halves=boxes.halves,
+        cores=boxes.cores,
+        discs=boxes.discs,
+        rounded=boxes.rounded,
+        nodes=boxes.tree.nodes,
+        levels=boxes.tree.firsts,
         children=CHILDREN,
-        order=boxes.bounded[boxes.tree.order].astype(np.int64),
-        endless=boxes.endless.astype(np.int64),
+        order=boxes.bounded[order] if len(boxes.endless) else order,
+        endless=boxes.endless,
         left_out=np.frombuffer(left_out, np.int64),
     )
-    read_only(*(one for one in obstacles if isinstance(one, np.ndarray)))
+    read_only(*obstacles)
     return obstacles
 
 

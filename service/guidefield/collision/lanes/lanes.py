@@ -62,12 +62,14 @@ class BatchCollision:
         words: The same as the kernels know it, a packed `LaneWorld`.
         memory: What it works in, see lane_memory.
         begins: Where in it the first array is [bytes].
+        scene: The obstacles as the kernels know them, whose memory the words tell.
     """
 
     world: World
     words: Words
     memory: np.ndarray
     begins: int
+    scene: LaneScene
 
     @classmethod
     def build(cls, world: World) -> BatchCollision:
@@ -77,13 +79,13 @@ class BatchCollision:
         all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
         moving, left_out = world.pairs.moving, world.pairs.bodies_left_out()
         begins = lay_out(words, scene.words, layout.offsets, scene.owners, moving, left_out, memory, all_words)
-        return cls(world, all_words, memory, begins)
+        return cls(world, all_words, memory, begins, scene)
 
     @cached_property
     def tables(self) -> LaneWorld:
         """The world as arrays."""
-        robot, _, scene, layout = _of(self.world)
-        views = layout.views(self.memory, self.begins)
+        robot, _, _, layout = _of(self.world)
+        scene, views = self.scene, layout.views(self.memory, self.begins)
         return LaneWorld(
             joints=robot.joints,
             bodies=robot.bodies,

@@ -16,25 +16,26 @@ import pinocchio as pin
 from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
-from guidefield.collision.lanes.memory import scene_memory
+from guidefield.collision.lanes.memory import LaneMemory, scene_memory
 from guidefield.collision.preparation import Told
 from guidefield.geometry.mesh_pieces import remembered_triangle_tree
 from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
 from guidefield.kept import kept_with
-from guidefield.kernels.collide.arena import SCENE_WORDS
+from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
-from guidefield.kernels.collide.parts import LINK, SHAPE, Parts
+from guidefield.kernels.collide.parts import FIRST_BLOCK, LINK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import primitive_tables
 from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
-from guidefield.kernels.simd.blocks import BLOCK
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.placed import placed_rows, unplaced
+from guidefield.scene.placed import placed_rows, rows_of, unplaced
 from guidefield.scene.scene import Scene
 
 CLUSTER = 1
@@ -70,13 +71,15 @@ class LaneScene:
 
     Attributes:
         owners: Which obstacle of the scene each of them stands for, shape (n,).
-        words: As the kernels know them, obstacles and parts, packed.
+        words: As the kernels know them, obstacles and parts, packed: true as long as this is held.
         made: Makes the same as arrays; holds their memory.
+        memory: That memory, and where in it the first array is [bytes]; None where there are others than primitives.
     """
 
     owners: np.ndarray
     words: Words
     made: Callable[[], tuple[LaneObstacles, Parts]]
+    memory: tuple[np.ndarray, int] | None = None
 
     @cached_property
     def tables(self) -> tuple[LaneObstacles, Parts]:
@@ -84,7 +87,41 @@ class LaneScene:
         return self.made()
 
 
-@kept_with
+def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
+    """The same of a scene of primitives where some have others of their kind in their places."""
+    if known.memory is None or scene.others or not rows.in_place:
+        return None
+    memory, begins = known.memory
+    layout = scene_memory(len(known.owners), len(known.owners))
+    moved = np.empty_like(memory)
+    there = -moved.ctypes.data % LINE
+    end = 8 * layout.size - LINE
+    moved.view(np.uint8)[there : there + end] = memory.view(np.uint8)[begins : begins + end]
+    views = layout.views(moved, there)
+    for index in rows.fresh:
+        if not _put(views, index, *_primitives(rows_of([scene.obstacles[index]]), np.zeros(1, np.int64)).tables):
+            return None
+    moved.setflags(write=False)
+    words = moved.ctypes.data + there + layout.offsets
+    words[0] = known.words[0]
+    return _in_memory(known.owners, words, layout, moved, there)
+
+
+def _put(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Parts) -> bool:
+    """Write a primitive over another one in the tables of many; False if that is of another kind."""
+    if views["kinds"][index] != one.kinds[0]:
+        return False
+    block, lane = divmod(index, LANES)
+    views["boxes"][AROUND * block : AROUND * (block + 1)].reshape(-1, LANES)[:, lane] = one.boxes[::LANES]
+    for name, array in {"primitives": one.primitives, "balls": parts.balls, "numbers": parts.numbers}.items():
+        views[name].reshape(len(views["kinds"]), -1)[index] = array
+    if one.kinds[0] == BOX:
+        first = views["shapes"].reshape(-1, SHAPE)[index, FIRST_BLOCK]
+        views["vertices"][BLOCK * first : BLOCK * (first + 1)] = parts.vertices
+    return True
+
+
+@carried(_over)
 def lane_scene(scene: Scene) -> LaneScene:
     """Build the tables of a scene's obstacles: primitives by a kernel, of the others those that are known by obstacle.
 
@@ -118,13 +155,18 @@ def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
     memory, words = np.zeros(layout.size, np.int64), np.empty(SCENE_WORDS, np.int64)
     begins = primitive_tables(placed.ravel(), layout.offsets, memory, words)
     memory.setflags(write=False)
+    return _in_memory(owners, words, layout, memory, begins)
+
+
+def _in_memory(owners: np.ndarray, words: Words, layout: LaneMemory, memory: np.ndarray, begins: int) -> LaneScene:
+    """Tables of primitives alone that are in some memory."""
 
     def made() -> tuple[LaneObstacles, Parts]:
         views = layout.views(memory, begins)
         obstacles = LaneObstacles(len(owners), *(views[name] for name in LaneObstacles._fields[1:]))
         return obstacles, Parts(**{name: views[name] for name in Parts._fields})
 
-    return LaneScene(owners, words, made)
+    return LaneScene(owners, words, made, (memory, begins))
 
 
 def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tuple[LaneObstacles, Parts]:

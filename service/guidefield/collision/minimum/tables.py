@@ -94,9 +94,9 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 def resting_obstacles(world: World) -> RestingObstacles:
     """The obstacles of a world; see `is_served`."""
     roots, parts = _obstacle_parts(world.scene)
-    axes, centres, halves = (np.array(one, order="C") for one in world.boxes.along_own_axes)
+    axes, centres, halves = world.boxes.along_own_axes
     rows = np.ascontiguousarray(axes.transpose(0, 2, 1)).reshape(len(axes), 9)
-    read_only(rows, centres, halves)
+    read_only(rows)
     return RestingObstacles(rows, centres, halves, roots, parts)
 
 

@@ -1,0 +1,86 @@
+"""Where obstacles stand by their names, through changes and in versions that are changed apart from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.errors import SceneInvalid
+from guidefield.messages import own_scenes
+from guidefield.messages.own_scenes import Places, make_own, places_of
+from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.values import Placement
+
+NAMES = [f"o{k}" for k in range(14)]
+
+
+def spheres(*names: str) -> Scene:
+    return make_own(Scene("s", obstacles=[Sphere(name=name, radius=0.1) for name in names]))
+
+
+def diff(rng: np.random.Generator, scene: Scene) -> SceneDiff:
+    """Something that fits a scene; names that went come again."""
+    there = [one.name for one in scene.obstacles]
+    gone = [name for name in there if rng.random() < 0.2]
+    left = [name for name in there if name not in gone]
+    absent = rng.permutation([name for name in NAMES if name not in left])
+    come = absent[: int(rng.integers(0, min(4, len(absent) + 1)))].tolist()
+    moved = [name for name in left if rng.random() < 0.2]
+    return SceneDiff(
+        add=[Sphere(name=name, radius=0.2) for name in come],
+        move={name: Placement((1.0, 2.0, float(rng.random()))) for name in moved},
+        remove=gone,
+    )
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6))
+def test_names_are_found_in_all_versions_whatever_became_of_others(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    versions = [spheres(*NAMES[:7])]
+    for _ in range(12):
+        scene = versions[int(rng.integers(len(versions)))]
+        versions.append(changed(scene, diff(rng, scene)))
+        for version in rng.permutation(len(versions))[:3].tolist():
+            _require_all_found(versions[version])
+    for scene in versions:
+        _require_all_found(scene)
+
+
+def _require_all_found(scene: Scene) -> None:
+    expected = {one.name: index for index, one in enumerate(scene.obstacles)}
+    assert {name: places_of(scene).of(name) for name in NAMES} == {name: expected.get(name) for name in NAMES}
+
+
+def test_where_very_many_are_gone_the_others_are_numbered_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_scenes, "MOST_GONE", 2)
+    scene = spheres(*NAMES)
+    for name in NAMES[:6]:
+        scene = changed(scene, SceneDiff(remove=[name]))
+        _require_all_found(scene)
+
+
+def test_a_change_numbers_no_names_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = spheres(*NAMES[:7])
+    assert places_of(scene).of("o1") == 1
+    numbered: list[Places] = []
+    real = Places._numbers
+    monkeypatch.setattr(
+        Places, "_numbers", lambda self: (numbered.append(self) if self._numbered is None else None, real(self))[1]
+    )
+    for change in (SceneDiff(remove=["o2"]), SceneDiff(add=[Sphere(name="o9", radius=0.1)]), SceneDiff(remove=["o9"])):
+        scene = changed(scene, change)
+        assert places_of(scene).of("o6") == 5
+    assert not numbered
+
+
+def test_what_is_removed_twice_or_comes_twice_is_refused() -> None:
+    scene = spheres("a", "b")
+    with pytest.raises(SceneInvalid, match="no obstacle 'a'"):
+        changed(scene, SceneDiff(remove=["a", "a"]))
+    twice = [Sphere(name="c", radius=0.1), Sphere(name="c", radius=0.1)]
+    with pytest.raises(SceneInvalid, match="two obstacles 'c'"):
+        changed(scene, SceneDiff(add=twice))
+    assert changed(scene, SceneDiff(add=twice[:1])).obstacles[2].name == "c"
