@@ -148,6 +148,20 @@ def test_folders_are_ours_whatever_numba_has_read_again(package: Path, tmp_path:
     assert Path(used).parent == Path(whole)
 
 
+READ_ONLY = """
+import tempfile
+def refused(*_, **__):
+    raise OSError("read-only file system")
+tempfile.TemporaryFile = refused
+"""
+
+
+def test_kept_kernels_are_loaded_where_nothing_can_be_written(package: Path, tmp_path: Path) -> None:
+    run(REPORT, package, NUMBA_CACHE_DIR=str(tmp_path))
+    _, folder = run(READ_ONLY + REPORT, package, NUMBA_CACHE_DIR=str(tmp_path)).split()
+    assert folder.startswith(str(tmp_path))
+
+
 @pytest.mark.parametrize("first", ["", "1"])
 def test_plain_machine_code_is_kept_apart(package: Path, tmp_path: Path, first: str) -> None:
     script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"

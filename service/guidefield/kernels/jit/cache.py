@@ -40,6 +40,9 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
     def from_function(cls, function: Callable[..., object], file: str) -> KernelCacheLocator | None:
         """A locator if the function is one of our kernels.
 
+        Whether a folder can be written is asked where there is none yet, and by numba before it writes: of one on a
+        disk that is only read kernels are loaded.
+
         Raises:
             OSError: if its folder cannot be made or written; set ``NUMBA_CACHE_DIR`` to a writable one.
         """
@@ -47,7 +50,8 @@ class KernelCacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]  # num
         if folder is None:
             return None
         locator = cls(function, file, folder)
-        locator.ensure_cache_path()
+        if not folder.is_dir():
+            locator.ensure_cache_path()
         return locator
 
     def get_cache_path(self) -> str:

@@ -95,6 +95,12 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 class _Loading(CompileResultCacheImpl):  # type: ignore[misc]
     """Makes a kernel of what was kept of it: what only its callers' compiler wants is read when that asks for it."""
 
+    def reduce(self, cres: Any) -> Any:
+        """What is kept of a kernel: of the environments of all that numba compiled into it, those that it uses."""
+        *kept, environments = super().reduce(cres)
+        code = str(cres.library._final_module)
+        return (*kept, tuple(one for one in environments if code.count(one.env_name) > 1))
+
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         """The same as numba's, with the library of a kernel."""
         kept, fndesc, env, signature, objectmode, lifted, annotation, reload_init, referenced = payload
