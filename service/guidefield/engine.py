@@ -6,6 +6,7 @@ and runs stays light.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import functools
 import importlib
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import msgspec
 
 from guidefield.aside import StoppedError
+from guidefield.collector import waiting_collector
 from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
@@ -201,12 +203,13 @@ class Engine:
         came = time.monotonic() if came is None else came
         try:
             decoded = codec.decode_request(request)
-            began, load = None, _once(self._robot)
-            if received is None:
-                read = time.monotonic() - came
-                ready = self._was_ready(decoded, load)
-                received = began = came if ready else time.monotonic() - read
-            reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, load, began))
+            with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
+                began, load = None, _once(self._robot)
+                if received is None:
+                    read = time.monotonic() - came
+                    ready = self._was_ready(decoded, load)
+                    received = began = came if ready else time.monotonic() - read
+                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, load, began))
         except GuidefieldError:
             self._counters["refused"] += 1
             raise
@@ -217,10 +220,15 @@ class Engine:
         self._counters["answered"] += 1
         return reply
 
+    def _is_first(self, request: requests.Request, received: float | None) -> bool:
+        """Whether a request is the first that needs kernels, and nothing was loaded for it ahead."""
+        needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
+        return needs and received is None and not self._compiled
+
     def _was_ready(self, request: requests.Request, load: Load) -> bool:
         """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
         compiled = self._compiled
-        if isinstance(request, requests.MotionRequest | requests.KinematicsRequest) and not compiled:
+        if self._is_first(request, None):
             compile_kernels(_log.warning)
             self._compiled = True
         if isinstance(request, requests.PlanRequest):
@@ -240,9 +248,10 @@ class Engine:
             RobotInvalid: if a robot is unknown or can't be used.
         """
         compile_kernels(_log.info)
-        for room in ("handlers.plan", "handlers.certify", "recorder.recorder", "recorder.given_recorder"):
-            importlib.import_module(f"guidefield.{room}")
-        importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
+        with waiting_collector():
+            for room in ("handlers.plan", "handlers.certify", "recorder.recorder", "recorder.given_recorder"):
+                importlib.import_module(f"guidefield.{room}")
+            importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
         preparation = importlib.import_module("guidefield.collision.preparation")
         for robot in robots:

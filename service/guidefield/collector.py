@@ -1,0 +1,23 @@
+"""Python's collector of garbage, which has nothing to do while much is loaded."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+from collections.abc import Iterator
+
+
+@contextlib.contextmanager
+def waiting_collector() -> Iterator[None]:
+    """No garbage is looked for meanwhile, in this process.
+
+    Loading makes a million objects that stay: the collector looks through them again and again, for a tenth of the time
+    of all. Where it was off before it stays off.
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
