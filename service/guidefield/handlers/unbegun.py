@@ -65,6 +65,22 @@ def timed_out_loading(run_id: str, head: RunHead) -> MotionReply:
     return _unbegun(run_id, head, Status.TIMED_OUT, message, details, Timing(load=head.allowed, total=head.allowed))
 
 
+def timed_out_reading(run_id: str, head: RunHead, waited: float) -> MotionReply:
+    """TIMED_OUT where a request can't be read within the time that it allows.
+
+    Args:
+        run_id: Name of the run that did not begin.
+        head: What the request says about it.
+        waited: How long it took to see that [s].
+    """
+    message = (
+        f"reading the request takes longer than the {head.allowed:g} s that it allows; allow more, send points and "
+        "triangles packed, or store the scene and name it"
+    )
+    details = {_field(head): head.allowed, "stage": "load"}
+    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, Timing(load=waited, total=waited))
+
+
 def time_up_waiting(allowed: float) -> TimedOut:
     """What is told of a request that makes no run, whose time [s] was up before anybody began with it."""
     message = f"all workers were busy for the {allowed:g} s that were allowed; ask again, or allow more"
