@@ -58,6 +58,14 @@ class Pairs(ReadOnly):
         found[~own, 0], found[~own, 1] = self.moving[mixed // count], self.links + mixed % count
         return found
 
+    def mixed(self) -> tuple[np.ndarray, np.ndarray]:
+        """The body and the obstacle of each pair with obstacles, each of shape (len - n_self,)."""
+        pairs = np.arange(len(self.moving) * self.obstacles)
+        if len(self.left_out):
+            pairs = np.delete(pairs, self.left_out)
+        rows, obstacles = np.divmod(pairs, max(1, self.obstacles))
+        return self.moving[rows], obstacles
+
     def of(self, pair: int) -> tuple[int, int]:
         """Bodies of one pair; sooner had than by `bodies`."""
         if pair < self.n_self:

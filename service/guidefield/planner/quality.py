@@ -177,7 +177,7 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         return time.monotonic() >= until and problem.budget.spent()
 
     times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = np.unique(np.r_[times[:: MEASURING.fewer], times[-1]]), float(times[0]), float(times[-1])
+    coarse, start, end = _ascending(np.append(times[:: MEASURING.fewer], times[-1])), float(times[0]), float(times[-1])
     curve = Curve(trajectory.bezier(), trajectory.piece_times())
     surveyor = Surveyor(with_nearest(problem.timed_world, curve, coarse), curve)
     spans = [(start, end), *([inside] if inside else [])]
@@ -325,24 +325,21 @@ class _Way(NamedTuple):
         begins: When they begin and the last one ends, shape (m + 1,) [s].
         times: Many times along it, shape (n,) [s].
         lengths: Joint distance travelled by then, shape (n,) [rad or m].
+        stride: Equal joint distances up to its length are so far apart [rad or m].
+        evenly: When it has travelled them, shape (k,) [s].
     """
 
     pieces: ChartCurves
     begins: np.ndarray
     times: np.ndarray
     lengths: np.ndarray
+    stride: float
+    evenly: np.ndarray
 
     @property
     def length(self) -> float:
         """Joint distance of all of it [rad or m]."""
         return float(self.lengths[-1])
-
-    @property
-    def evenly(self) -> tuple[np.ndarray, np.ndarray]:
-        """Equal joint distances up to its length, (k,) [rad or m], and when it has travelled them, (k,) [s]."""
-        count = min(max(math.ceil(self.length / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
-        lengths = np.linspace(0.0, self.length, count)
-        return lengths, np.interp(lengths, self.lengths, self.times)
 
 
 @kept_with
@@ -352,9 +349,17 @@ def _way(trajectory: MotionInTime) -> _Way:
     times = np.linspace(trajectory.times[0], trajectory.times[-1], many)
     lengths = np.empty(many)
     travelled(pieces, begins, times, lengths)
-    way = _Way(cast(ChartCurves, pieces), begins, times, lengths)
+    length = float(lengths[-1])
+    count = min(max(math.ceil(length / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
+    evenly = np.linspace(0.0, length, count)
+    way = _Way(cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times))
     read_only(*way)
     return way
+
+
+def _ascending(times: np.ndarray) -> np.ndarray:
+    """Times (k,) in order, each once; those that are so already are given back."""
+    return times if (times[1:] > times[:-1]).all() else np.unique(times)
 
 
 def _samples(
@@ -364,21 +369,20 @@ def _samples(
     way, inside = _way(trajectory), None
     if way.length > 2.0 * MEASURING.end_stretch:
         ends = np.array([MEASURING.end_stretch, way.length - MEASURING.end_stretch])
-        when_travelled(*way, MEASURING.finer, ends)
+        when_travelled(way.pieces, way.begins, way.times, way.lengths, MEASURING.finer, ends)
         inside = (float(ends[0]), float(ends[1]))
-    times = way.evenly[1]
+    times = way.evenly.copy()
     if problem.scene.moves or way.length <= 0.0:
         count = max(len(times), int(np.ceil(trajectory.duration * MEASURING.samples_a_second)) + 1)
         times = np.linspace(way.times[0], way.times[-1], min(count, MEASURING.most_samples))
     times[[0, -1]] = way.times[[0, -1]]
-    times = np.unique(times)
+    times = _ascending(times)
     return times, np.interp(times, way.times, way.lengths), inside
 
 
 def _bending(trajectory: Trajectory) -> float:
     """Integral of the squared curvature by length, times the length."""
     way = _way(trajectory)
-    lengths, times = way.evenly
-    if way.length <= 0.0 or len(times) < 3:
+    if way.length <= 0.0 or len(way.evenly) < 3:
         return 0.0
-    return squared_turns(way.pieces, way.begins, times) / float(lengths[1]) * way.length
+    return squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length

@@ -54,8 +54,9 @@ class TimedWorld(ReadOnly):
     @classmethod
     def of(cls, resting: World, moving: World) -> TimedWorld:
         """From the two worlds."""
-        moves = [one.motion is not None for one in moving.scene.obstacles] if moving.scene.moves else []
-        movers = np.flatnonzero(moves)
+        if not moving.scene.moves:
+            return cls(resting, moving, np.empty(0, np.int64), (), ())
+        movers = np.flatnonzero([one.motion is not None for one in moving.scene.obstacles])
         pairs = moving.pairs.of_obstacles(movers)
         of = (moving.pairs.bodies(pairs)[:, 1] - moving.pairs.links).tolist()
         balls = {index: _ball(moving.scene.obstacles[index]) for index in movers.tolist()}

@@ -11,6 +11,7 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.scene_tables import primitive_parts, surface_parts
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.motion_bound import motion_bound
+from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.parts import Parts
@@ -93,8 +94,13 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 
 def resting_obstacles(world: World) -> RestingObstacles:
     """The obstacles of a world; see `is_served`."""
-    roots, parts = _obstacle_parts(world.scene)
-    axes, centres, halves = world.boxes.along_own_axes
+    return _resting(world.scene)
+
+
+@kept_with
+def _resting(scene: Scene) -> RestingObstacles:
+    roots, parts = _obstacle_parts(scene)
+    axes, centres, halves = obstacle_boxes(scene).along_own_axes
     rows = np.ascontiguousarray(axes.transpose(0, 2, 1)).reshape(len(axes), 9)
     read_only(rows)
     return RestingObstacles(rows, centres, halves, roots, parts)
@@ -102,10 +108,9 @@ def resting_obstacles(world: World) -> RestingObstacles:
 
 def body_pairs(world: World) -> BodyPairs:
     """All pairs of a world."""
-    every = np.arange(len(world.pairs))
-    first, second = world.pairs.bodies(every).T
-    second = np.where(every < world.pairs.n_self, second, second - world.pairs.links)
-    pairs = BodyPairs(np.ascontiguousarray(first), second, *_seen_between(world.group, world.pairs.own.tobytes()))
+    own, (moving, obstacles) = world.pairs.own, world.pairs.mixed()
+    first, second = np.concatenate([own[:, 0], moving]), np.concatenate([own[:, 1], obstacles])
+    pairs = BodyPairs(first, second, *_seen_between(world.group, own.tobytes()))
     read_only(*pairs)
     return pairs
 

@@ -57,11 +57,13 @@ class Trajectory(ReadOnly):
     velocities: ChartRates
     stretch: float = 1.0
     accelerations: ChartRates = field(init=False)
+    _ends: ChartRates = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
         last = at_end[-1:] if len(at_end) else np.zeros_like(self.velocities)
         object.__setattr__(self, "accelerations", np.concatenate([at_start, last]))
+        object.__setattr__(self, "_ends", at_end)
         super().__post_init__()
 
     @property
@@ -77,8 +79,7 @@ class Trajectory(ReadOnly):
     @cached_property
     def _jerks(self) -> np.ndarray:
         """Of the pieces, shape (n - 1, nv) [rad/s³ or m/s³]."""
-        at_start, at_end = piece_accelerations(self.times, self.positions, self.velocities)
-        jerks: np.ndarray = (at_end - at_start) / np.diff(self.times)[:, None]
+        jerks: np.ndarray = (self._ends - self.accelerations[:-1]) / np.diff(self.times)[:, None]
         read_only(jerks)
         return jerks
 
@@ -96,9 +97,17 @@ class Trajectory(ReadOnly):
         Piece i runs from ``times[i]`` to ``times[i + 1]``. A motion that goes nowhere is one piece of four equal
         points, so that whoever judges the pieces judges its only configuration.
         """
+        return self._bezier
+
+    @cached_property
+    def _bezier(self) -> ChartCurves:
+        """See `bezier`."""
         if len(self.times) == 1:
-            return np.repeat(self.positions[None], 4, axis=1)
-        return bezier(self.times, self.positions, self.velocities)
+            curves = np.repeat(self.positions[None], 4, axis=1)
+        else:
+            curves = bezier(self.times, self.positions, self.velocities)
+        read_only(curves)
+        return curves
 
     def piece_times(self) -> np.ndarray:
         """When the pieces of `bezier` begin, and the last one ends, shape (m + 1,) [s]."""

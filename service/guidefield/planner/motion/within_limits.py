@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
 from guidefield.collision.certify.position_limits import excesses
@@ -33,9 +35,12 @@ def leaving(
 
 def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartCurves:
     """Control points of a cubic Hermite curve's pieces, shape (n - 1, 4, c); arguments as those of `leaving`."""
-    third = np.diff(knots)[:, None] / 3.0
+    third = (knots[1:] - knots[:-1])[:, None] / 3.0
     start, end = values[:-1], values[1:]
-    return np.stack([start, start + slopes[:-1] * third, end - slopes[1:] * third, end], axis=1)
+    curves = cast(ChartCurves, np.empty((len(start), 4, values.shape[1])))
+    curves[:, 0], curves[:, 3] = start, end
+    curves[:, 1], curves[:, 2] = start + slopes[:-1] * third, end - slopes[1:] * third
+    return curves
 
 
 def smoothly_within(

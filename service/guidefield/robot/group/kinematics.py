@@ -11,6 +11,7 @@ import pinocchio as pin
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
 from guidefield.read_only import read_only
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.group.lent_data import lent_data
@@ -63,17 +64,10 @@ class Kinematics:
     @cached_property
     def tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
         """What the kernels want of the group and its tip, see `frame_positions`."""
-        group = self.group
-        frame = group.model.frames[group.tip_id]
-        rows = (
-            np.array(group.expand_velocity, float, order="C"),
-            np.array(group.expand_offset, float),
-            np.array(group.expand(group.q_origin), float),
-            np.array(frame.placement.translation),
-        )
-        read_only(*rows)
-        expand, offset, origin, point = rows
-        return joints_of(group), expand, offset, origin, int(frame.parentJoint), point
+        expand, offset, carrier, point = _alike_tip(self.group, self.group.tip_id)
+        origin = np.array(self.group.expand(self.group.q_origin), float)
+        read_only(origin)
+        return joints_of(self.group), expand, offset, origin, carrier, point
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).
@@ -86,3 +80,13 @@ class Kinematics:
         # Pinocchio gives one joint's Jacobian as a vector
         jacobian: np.ndarray = J.reshape(6, -1) @ self.group.expand_velocity
         return jacobian
+
+
+@kept_with_alike
+def _alike_tip(group: PlanningGroup, tip_id: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+    """Of a frame what `frame_positions` wants of it and the group, but for where rotation vectors start."""
+    frame = group.model.frames[tip_id]
+    expand, offset = np.array(group.expand_velocity, float, order="C"), np.array(group.expand_offset, float)
+    point = np.array(frame.placement.translation)
+    read_only(expand, offset, point)
+    return expand, offset, int(frame.parentJoint), point

@@ -37,6 +37,8 @@ def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangen
         rates: z' at each, shape (n, nv) [rad/s or m/s]; or any other rows that the map is to be applied to.
     """
     found = cast(Tangents, np.array(rates, float))
+    if group.is_euclidean:
+        return found
     turns = _rotation_columns(group)
     if turns.size:
         vectors, rows = zs[:, turns], rates[:, turns]
@@ -60,8 +62,10 @@ def tangent_accelerations(
         rates: z' at each, shape (n, nv) [rad/s or m/s].
         accelerations: z'' at each, shape (n, nv) [rad/s^2 or m/s^2].
     """
-    found, there = tangents(group, zs, accelerations), tangents(group, zs, rates)
-    turns = _rotation_columns(group)
+    found = tangents(group, zs, accelerations)
+    if group.is_euclidean:
+        return found
+    there, turns = tangents(group, zs, rates), _rotation_columns(group)
     if turns.size:
         vectors, rows = zs[:, turns], rates[:, turns]
         (_, g, df, dg), once = _factors(vectors), _cross(vectors, rows)
