@@ -31,12 +31,16 @@ MOST_LINES = 1_000
 """Lines about robots that were sent that are kept."""
 
 
+_Stamp = tuple[int, int, int, int]
+"""When a file was written, its size, and which one it is."""
+
+
 @dataclass(frozen=True)
 class _Loaded:
     """A robot, and what its files were when it was loaded."""
 
     robot: RobotModel
-    stamps: dict[Path, tuple[int, int] | None]
+    stamps: dict[Path, _Stamp | None]
 
 
 class Catalog:
@@ -145,8 +149,8 @@ def _key(reference: RobotReference | SentRobot) -> str:
     if isinstance(reference, UrdfText):
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
         return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
-    path = Path(reference.path).expanduser().resolve()
-    return f"file:{path}:{reference.srdf_path}:{reference.package_dirs}:{reference.root_joint}"
+    files = f"{Path(reference.path).expanduser()}:{reference.srdf_path}:{reference.package_dirs}"
+    return f"file:{Path.cwd()}:{files}:{reference.root_joint}"
 
 
 def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[Path]:
@@ -155,13 +159,13 @@ def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[Pat
         return []
     meshes = etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")
     named = [reference.path, reference.srdf_path, *(mesh.get("filename") for mesh in meshes)]
-    return [Path(name).expanduser().resolve() for name in named if name]
+    return list({Path(name).expanduser().absolute() for name in named if name})
 
 
-def _stamp(file: Path) -> tuple[int, int] | None:
-    """What changes with a file: when it was written and its size; None where there is none."""
+def _stamp(file: Path) -> _Stamp | None:
+    """What changes with a file, or with a link that leads to it; None where there is none."""
     try:
         found = file.stat()
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return found.st_mtime_ns, found.st_size, found.st_ino, found.st_dev

@@ -56,6 +56,7 @@ class PlanningGroup:
         velocity_limits, acceleration_limits: Shape (nv,).
         expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
         expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
+        places: Where the planned joints' values stand in a configuration of the whole robot, shape (nq,).
         alike: What groups share that differ in q_reference, q_origin and the limits of their rates only.
     """
 
@@ -74,6 +75,7 @@ class PlanningGroup:
     acceleration_limits: ChartRate
     expand_velocity: np.ndarray
     expand_offset: ModelChartPoint
+    places: np.ndarray
     alike: Alike
 
     @cached_property
@@ -133,13 +135,8 @@ class PlanningGroup:
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
-        part: Configuration = q_whole[self._places]
+        part: Configuration = q_whole[self.places]
         return part
-
-    @cached_property
-    def _places(self) -> np.ndarray:
-        """Where the planned joints' values stand in a configuration of the whole robot, shape (nq,)."""
-        return reference_of(self.space, self.robot, np.arange(self.robot.model.nq)).astype(int)
 
     def integrate(self, q: Configuration, v: Tangent) -> Configuration:
         """Configuration, shape (nq,), reached from q, shape (nq,), along the tangent v, shape (nv,)."""
@@ -342,6 +339,8 @@ class PlanningGroup:
         acceleration_scaling: float,
     ) -> PlanningGroup:
         """The same group with other limits by joint name, then scaled."""
+        if not (velocity or acceleration) and velocity_scaling == acceleration_scaling == 1.0:
+            return self
         joints = tuple(
             dataclasses.replace(
                 joint,

@@ -59,7 +59,8 @@ def select(
     known[key] = reduced
     while len(known) > MOST_KNOWN:
         del known[next(iter(known))]
-    q_reference, q_origin = np.array(q_reference, float), reference_of(reduced["space"], robot, q_reference)
+    q_reference = np.array(q_reference, float)
+    q_origin = q_reference[reduced["places"]]
     read_only(q_reference, q_origin)
     return PlanningGroup(robot=robot, tip=tip, q_reference=q_reference, q_origin=q_origin, **reduced)
 
@@ -96,6 +97,7 @@ def _reduce(
         "acceleration_limits": np.concatenate([j.acceleration for j in joints]),
         "expand_velocity": matrix,
         "expand_offset": offset,
+        "places": reference_of(space, robot, np.arange(robot.model.nq)).astype(np.int64),
     }
     read_only(*arrays.values())
     return {

@@ -73,9 +73,12 @@ def configuration_from_wire(
                 f"joint {name!r} follows {joint.mimic.driver!r} and can't be given: give {joint.mimic.driver!r}",
                 joint=name,
             )
-        if max(map(abs, value if isinstance(value, list) else (value,)), default=0.0) > FURTHEST:
+        if (max(map(abs, value), default=0.0) if isinstance(value, list) else abs(value)) > FURTHEST:
             raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name)
-        q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
+        if joint.nq == 1 and not isinstance(value, list):
+            q[joint.idx_q] = value
+        else:
+            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
     follow(robot.joints, q)
     return q
 
@@ -93,14 +96,12 @@ def configuration_to_wire(joints: Sequence[Joint], q: IndexedConfiguration) -> P
 
 def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[LimitFault]:
     """Values of a configuration, shape (nq,), beyond their limits, in the joints' order."""
-    faults = []
-    for joint in joints:
-        if joint.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
-            continue
-        value, lower, upper = float(q[joint.idx_q]), float(joint.lower[0]), float(joint.upper[0])
-        if not lower <= value <= upper:
-            faults.append(LimitFault(joint.name, value, lower, upper))
-    return faults
+    values: list[float] = q.tolist()
+    return [
+        LimitFault(joint.name, values[joint.idx_q], *limits)
+        for joint in joints
+        if (limits := joint.limits) is not None and not limits[0] <= values[joint.idx_q] <= limits[1]
+    ]
 
 
 def clamp(joints: Sequence[Joint], q: RobotConfiguration) -> RobotConfiguration:

@@ -64,13 +64,13 @@ def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
         joints: The joints, with those that they follow among them.
         q: Configuration in their order, shape (nq,).
     """
-    by_name = {joint.name: joint for joint in joints}
-    for joint in joints:
-        if joint.mimic is not None:
-            driver = by_name[joint.mimic.driver]
-            values = [q[one.idx_q : one.idx_q + one.nq] for one in (driver, joint)]
-            z = joint.mimic.multiplier * chart.to_chart(driver, values[0], values[0]) + joint.mimic.offset
-            q[joint.idx_q : joint.idx_q + joint.nq] = chart.from_chart(joint, z, values[1])
+    followers = [(joint, joint.mimic) for joint in joints if joint.mimic is not None]
+    by_name = {joint.name: joint for joint in joints} if followers else {}
+    for joint, mimic in followers:
+        driver = by_name[mimic.driver]
+        values = [q[one.idx_q : one.idx_q + one.nq] for one in (driver, joint)]
+        z = mimic.multiplier * chart.to_chart(driver, values[0], values[0]) + mimic.offset
+        q[joint.idx_q : joint.idx_q + joint.nq] = chart.from_chart(joint, z, values[1])
 
 
 def expansion(joints: Sequence[Joint], model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,13 @@ class Joint:
     velocity_source: LimitSource
     acceleration_source: LimitSource
     mimic: Mimic | None = None
+
+    @cached_property
+    def limits(self) -> tuple[float, float] | None:
+        """Lower and upper limit [rad or m] of a joint whose configuration is its one value; None of another."""
+        if self.kind not in (JointKind.REVOLUTE, JointKind.PRISMATIC):
+            return None
+        return float(self.lower[0]), float(self.upper[0])
 
 
 @dataclass(frozen=True)
@@ -153,7 +161,11 @@ class RobotModel:
 
     def joint(self, name: str) -> Joint | None:
         """The movable joint of that name, or None."""
-        return next((joint for joint in self.joints if joint.name == name), None)
+        return self._joints_by_name.get(name)
+
+    @cached_property
+    def _joints_by_name(self) -> dict[str, Joint]:
+        return {joint.name: joint for joint in reversed(self.joints)}
 
     def link_of_geometry(self, index: int) -> str:
         """Name of the link that a collision shape belongs to."""
@@ -165,10 +177,18 @@ class RobotModel:
         Raises:
             UnknownFrame: if there is none of that name; lists those there are.
         """
-        index = frame_index(self.model, name)
+        index = self._frame_ids.get(name)
+        if index is None:
+            index = frame_index(self.model, name)
         if index is None:
             frames = [frame.name for frame in self.model.frames][1:]
             raise UnknownFrame(
                 f"robot {self.name!r} has no frame {name!r}; it has {', '.join(frames)}", frame=name, available=frames
             )
+        self._frame_ids[name] = index
         return index
+
+    @cached_property
+    def _frame_ids(self) -> dict[str, int]:
+        """Indices of frames that were asked for: Pinocchio looks through all of them."""
+        return {}
