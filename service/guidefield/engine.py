@@ -335,7 +335,7 @@ class Engine:
         run = Run(run_id, request, self._runs, record_to, key, progress, asking.later)
         try:
             try:
-                return run.end(answered(run, time.monotonic() if asking.began is None else asking.began))
+                return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
             except StoppedError as stopped:
                 from guidefield.handlers.unbegun import stopped_loading
 

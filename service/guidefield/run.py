@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import msgspec
 
 from guidefield.errors import UnknownObject, without_path
 from guidefield.later import Work
-from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, error_of
+from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, Timing, error_of
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressTold
 from guidefield.stores.runs import NoRuns, Runs, RunStore
@@ -150,13 +151,24 @@ class Run:
         shared = self._runs.bodies_folder() if self._record_to is None else None
         return Place(kept_at, shared or cache_folder(), whole=shared is None)
 
-    def end(self, reply: _R) -> _R:
+    def end(self, reply: _R, received: float | None = None) -> _R:
         """The reply as it is sent, with where its recording is and with what could not be kept; keeps it.
+
+        What came after its timing was told counts as measuring, but for what a recording takes.
+
+        Args:
+            reply: What the run came to.
+            received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
 
         Where the disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
         """
         place = None if self._recording is None else self._recording.written
-        sent = msgspec.structs.replace(reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
+        timing = reply.timing
+        if received is not None and self._recording is None:
+            timing = _until(timing, time.monotonic() - received)
+        sent = msgspec.structs.replace(
+            reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts], timing=timing
+        )
         try:
             self._runs.finish(self.run_id, sent)
         except OSError as error:
@@ -175,6 +187,11 @@ class Run:
             self._runs.fail(self.run_id, error)
         except OSError:
             _log.exception("the end of run %s is not kept", self.run_id)
+
+
+def _until(timing: Timing, total: float) -> Timing:
+    """The times of a run that took so long in all [s]."""
+    return msgspec.structs.replace(timing, total=total, measure=timing.measure + max(0.0, total - timing.total))
 
 
 class _Warnings:

@@ -66,20 +66,28 @@ def test_a_reply_has_everything_the_wire_promises() -> None:
     assert reply.metrics.joint_path_length >= np.hypot(0.6, 0.356) - 1e-6
     spent = msgspec.to_builtins(reply.timing)
     total = spent.pop("total")
-    assert 0.0 < sum(spent.values()) <= total
+    assert sum(spent.values()) == pytest.approx(total)
     assert spent["ends"] > 0.0
     assert spent["measure"] > 0.0
     assert reply.seed == 7
     assert codec.encode(reply)
 
 
-def test_most_of_the_time_is_told_by_its_stages() -> None:
-    def share() -> float:
-        spent = msgspec.to_builtins(ask(start=READY, goal=joints(panda_joint1=0.6)).timing)
-        return sum(spent.values()) / spent["total"] - 1.0
+@pytest.mark.parametrize("goal", [0.6, 9.0])
+def test_the_stages_tell_all_the_time_that_an_answer_takes(goal: float) -> None:
+    goes = {"goal": joints(panda_joint1=goal), "start": READY, "guide_planes": []}
+    request = {"robot": "panda", "scene": "table", "recording": "off", **goes, **PATIENT}
 
-    # the first in a process loads what it needs, and another process may come between the stages of any
-    assert max(share() for _ in range(5)) > 0.5
+    def untold() -> float:
+        begin = time.perf_counter()
+        spent = msgspec.to_builtins(answer(request).timing)
+        whole = time.perf_counter() - begin
+        total = spent.pop("total")
+        assert sum(spent.values()) == pytest.approx(total)
+        return whole - total
+
+    # the first in a process loads what it needs, and another process may come after any
+    assert min(untold() for _ in range(10)) < 0.1e-3
 
 
 def test_a_refusal_counts_no_time_twice() -> None:
@@ -87,7 +95,8 @@ def test_a_refusal_counts_no_time_twice() -> None:
     assert reply.status.name == "GOAL_STATE_INVALID"
     spent = msgspec.to_builtins(reply.timing)
     total = spent.pop("total")
-    assert 0.0 < spent["certify"] < sum(spent.values()) <= total
+    assert 0.0 < spent["certify"] < total
+    assert sum(spent.values()) == pytest.approx(total)
 
 
 def test_a_sample_rate_gives_even_samples() -> None:

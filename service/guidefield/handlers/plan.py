@@ -78,11 +78,8 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    measured, begin = None, time.monotonic()
-    if made.trajectory is not None:
-        measured = clearance(made.trajectory, problem)
-    measure_seconds = time.monotonic() - begin
-    seconds = {"queue": began - received, "load": load_seconds, "measure": measure_seconds}
+    measured = None if made.trajectory is None else clearance(made.trajectory, problem)
+    seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, measured, run_id, received, seconds, warnings)
     if recording is not None:
         recording.finish(reply, lambda: None if measured is None else clearance_profile(measured, problem))

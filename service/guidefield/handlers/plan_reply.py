@@ -45,14 +45,12 @@ def reply_to(
         measured: How far the trajectory keeps from everything; None without one.
         run_id: Name of the run.
         received: As in `answer_plan`.
-        seconds: Time that waiting, loading and measuring took [s].
+        seconds: Time that waiting and loading took [s]; what came after the planner's stages is measuring.
         warnings: What was odd before planning.
     """
-    group, begin = problem.group, time.monotonic()
+    group = problem.group
     metrics = motion_metrics(made.trajectory, problem.kinematics)
     path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
-    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
-    spent["measure"] += time.monotonic() - begin
     return PlanReply(
         run_id=run_id,
         status=replies.Outcome(
@@ -80,7 +78,6 @@ def reply_to(
             evaluations=made.verdict.evaluations,
         ),
         metrics=metrics,
-        timing=replies.Timing(total=time.monotonic() - received, **spent),
         counters=replies.Counters(
             iterations=problem.counters.iterations,
             potential_evaluations=problem.robot_field.evaluations,
@@ -90,7 +87,14 @@ def reply_to(
         planner=request.planner,
         objective=request.objective,
         recording=None,
+        timing=_timing(made, seconds, time.monotonic() - received),
     )
+
+
+def _timing(made: Plan, seconds: Mapping[str, float], total: float) -> replies.Timing:
+    """Time by stage [s]: measuring has what is left of all of it."""
+    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
+    return replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent)
 
 
 def _covered(made: Plan) -> str:

@@ -39,10 +39,15 @@ class Stage:
 
 
 class Stages:
-    """Keeps the time of every stage and tells the observer."""
+    """Keeps the time of every stage and tells the observer.
+
+    A stage begins where the one before ended, the first where this is made: what leads from one to the next is counted.
+    """
 
     def __init__(self, conditions: Conditions) -> None:
         self._conditions = conditions
+        self._ended = time.perf_counter()
+        self._within = 0
         self.left: list[StageLeft] = []
         self.seconds: dict[str, float] = {}
 
@@ -55,15 +60,19 @@ class Stages:
             message: One sentence for a person.
             plane: Index of the guide plane that it is about.
         """
+        begin = time.perf_counter() if self._within else self._ended
         self._conditions.tell(StageEntered(name, message))
-        stage, begin = Stage(), time.perf_counter()
+        stage = Stage()
+        self._within += 1
         try:
             yield stage
         except StageFailed as failed:
             stage.outcome = stage.outcome or failed.ending.message
             raise
         finally:
-            seconds = time.perf_counter() - begin
+            self._within -= 1
+            self._ended = time.perf_counter()
+            seconds = self._ended - begin
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
             left = StageLeft(name, stage.outcome, seconds, plane)
             self.left.append(left)
