@@ -10,6 +10,7 @@ from guidefield.kept import kept_with
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
 from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
@@ -79,6 +80,13 @@ class Sources(ReadOnly):
 @kept_with
 def sources_of(group: PlanningGroup) -> Sources:
     """The box that samples of a group fill."""
+    endless = ~np.isfinite(group.upper - group.lower)
+    return _alike_sources(group, group.chart(group.q_origin)[endless].tobytes() if endless.any() else b"")
+
+
+@kept_with_alike
+def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
+    """The same, with the values of the coordinates without limits where the group's chart starts, in order."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), group.periods.astype(np.float32)
     lengths, rotations = np.zeros(group.nv, bool), []
     for joint in group.joints:
@@ -86,9 +94,9 @@ def sources_of(group: PlanningGroup) -> Sources:
             lengths[joint.idx_v : joint.idx_v + joint.nv][TRANSLATION[joint.kind]] = True
         if joint.kind in ROTATION:
             rotations.append(joint.idx_v + ROTATION[joint.kind].start)
-    endless, origin = ~np.isfinite(upper - lower), group.chart(group.q_origin)
+    endless, origin = ~np.isfinite(upper - lower), np.frombuffer(origins)
     reach = np.where(lengths, ROAM, np.where(group.winds, WIND, np.pi))
-    lower[endless], upper[endless] = (origin - reach)[endless], (origin + reach)[endless]
+    lower[endless], upper[endless] = origin - reach[endless], origin + reach[endless]
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)
     vectors = np.array(rotations, np.int64)

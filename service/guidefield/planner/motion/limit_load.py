@@ -40,7 +40,7 @@ def limit_load(
     speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
     hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
     at_start, at_end = piece_accelerations(times, positions, velocities)
-    jerks = np.abs(at_end - at_start) / np.diff(times)[:, None]
+    jerks = np.abs(at_end - at_start) / (times[1:] - times[:-1])[:, None]
     return max(
         float((speeds / velocity_limits).max()),
         math.sqrt(float((accelerations / acceleration_limits).max())),

@@ -21,6 +21,7 @@ from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.path_curve import PathCurve
 from guidefield.planner.motion.settings import TIMING
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import lengths_of
 from guidefield.robot.model.spaces import ChartPoint, ChartRate, ChartRates
 
 
@@ -103,7 +104,7 @@ def fastest(curve: PathCurve, limits: Limits) -> Progress:
     first, between, second = first[::2], first[1::2], second[::2]
     # the steps of the grid count in r, with (dr/du)² = 1 + (weight |q'| / its mean)²: nearly the length
     places = curve.points[1:-1]
-    mean = float(np.linalg.norm(np.diff(places, axis=0), axis=1).mean())
+    mean = float(lengths_of(places).mean())
     scale = TIMING.length_weight / mean
     rate, rate_between = (np.sqrt(1.0 + ((scale * of) ** 2).sum(axis=1)) for of in (first, between))
     bend = scale**2 * (first * second).sum(axis=1) / rate**2  # (d²r/du²) / (dr/du)
@@ -134,11 +135,14 @@ def _speeds(first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Li
     """
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
-    accelerations = np.ascontiguousarray(np.broadcast_to(limits.acceleration, (len(steps), len(limits.acceleration))))
+    accelerations = np.empty((len(steps), len(limits.acceleration)))
+    accelerations[:] = limits.acceleration
     controllable, squares = np.empty(len(slowness)), np.empty(len(slowness))
     path_parameterization.fastest_speeds(first, second, steps, slowness**-2.0, accelerations, controllable, squares)
     rates = np.sqrt(squares)
-    return _Speeds(np.r_[0.0, np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]))], rates)  # d²r/dt² is constant
+    times = np.zeros(len(rates))
+    np.cumsum(2.0 * steps / (rates[:-1] + rates[1:]), out=times[1:])  # d²r/dt² is constant
+    return _Speeds(times, rates)
 
 
 def _in_time(curve: PathCurve, progress: Progress, pieces: int) -> BSpline:

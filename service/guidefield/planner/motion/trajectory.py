@@ -173,7 +173,7 @@ def piece_accelerations(
         positions: Chart points, shape (n, nv) [rad or m].
         velocities: Shape (n, nv) [rad/s or m/s].
     """
-    dt = np.diff(times)[:, None]
-    mean = np.diff(positions, axis=0) / dt
+    dt = (times[1:] - times[:-1])[:, None]
+    mean = (positions[1:] - positions[:-1]) / dt
     start, end = velocities[:-1], velocities[1:]
     return (6.0 * mean - 4.0 * start - 2.0 * end) / dt, (2.0 * start + 4.0 * end - 6.0 * mean) / dt

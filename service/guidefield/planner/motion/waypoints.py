@@ -16,6 +16,13 @@ def length_of(path: ChartPoints, units: np.ndarray | float = 1.0) -> float:
     return float(np.sqrt(np.einsum("ij,ij->i", along, along)).sum())
 
 
+def lengths_of(path: ChartPoints) -> np.ndarray:
+    """Lengths of the straight pieces of a path of chart points (n, nv), shape (n - 1,) [rad or m]."""
+    along = path[1:] - path[:-1]
+    lengths: np.ndarray = np.sqrt((along * along).sum(axis=1))
+    return lengths
+
+
 def polyline(path: ChartPoints) -> ChartCurves:
     """Straight pieces between chart points, shape (n, nv), as Bezier control points, shape (n - 1, 2, nv).
 
@@ -31,7 +38,7 @@ def distinct(path: ChartPoints) -> ChartPoints:
 
     What is within `CURVE.repeated` of the one before repeats it.
     """
-    if len(path) > 1 and np.linalg.norm(np.diff(path, axis=0), axis=1).min() > CURVE.repeated:
+    if len(path) > 1 and lengths_of(path).min() > CURVE.repeated:
         return path
     kept = [path[0]]
     for waypoint in path[1:-1]:
@@ -50,7 +57,7 @@ def subdivided(path: ChartPoints, spacing: float) -> ChartPoints:
 
     There are three at least.
     """
-    lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    lengths = lengths_of(path)
     parts = np.maximum(np.ceil(lengths / spacing).astype(np.int64), 2 if len(path) == 2 else 1)
     piece = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[piece]

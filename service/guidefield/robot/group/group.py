@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import Alike
+from guidefield.robot.group.alike import Alike, kept_with_alike
 from guidefield.robot.group.metric import units_of
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
@@ -25,6 +25,7 @@ from guidefield.robot.model.spaces import (
     Configuration,
     ModelChartPoint,
     ModelConfiguration,
+    ModelConfigurations,
     RobotConfiguration,
     Tangent,
     WireRow,
@@ -111,27 +112,17 @@ class PlanningGroup:
     @cached_property
     def units(self) -> np.ndarray:
         """What counts as one radian in each coordinate of the chart, shape (nv,) [rad or m]: the group's metric."""
-        units = units_of(self.joints)
-        read_only(units)
-        return units
+        return _units(self)
 
     @cached_property
     def periods(self) -> np.ndarray:
         """By how much an angle that wraps comes back to where it was, 0 for other coordinates, shape (nv,) [rad]."""
-        periods = np.zeros(self.nv)
-        for joint in self.joints:
-            if joint.kind in chart.ANGLE:
-                periods[joint.idx_v + chart.ANGLE[joint.kind]] = 2.0 * np.pi
-        read_only(periods)
-        return periods
+        return _periods(self)
 
     @cached_property
     def winds(self) -> np.ndarray:
         """Which coordinates of the chart are angles without limits whose whole turns count, shape (nv,), bool."""
-        turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in self.joints])
-        winds: np.ndarray = turns & ~np.isfinite(self.upper - self.lower)
-        read_only(winds)
-        return winds
+        return _winds(self)
 
     def part_of(self, q_whole: RobotConfiguration) -> Configuration:
         """The planned joints' part, shape (nq,), of a configuration of the whole robot, shape (robot.model.nq,)."""
@@ -180,6 +171,13 @@ class PlanningGroup:
             return cast(ModelConfiguration, self.from_chart(z))
         expanded = self.expand_chart(z)
         return np.concatenate([chart.from_chart(joint, expanded[at], origin) for joint, at, origin in self._all_joints])
+
+    def expand_each(self, zs: ChartPoints) -> ModelConfigurations:
+        """The same of chart points (k, nv), shape (k, model.nq)."""
+        if self.space is self.model and self.nq == self.nv:
+            return cast(ModelConfigurations, zs)
+        expanded = np.array([self.expand_from_chart(z) for z in zs])
+        return cast(ModelConfigurations, expanded.reshape(len(zs), self.model.nq))
 
     @cached_property
     def _all_joints(self) -> tuple[tuple[Joint, slice, np.ndarray], ...]:
@@ -359,6 +357,31 @@ class PlanningGroup:
             velocity_limits=velocity_scaling * np.concatenate([joint.velocity for joint in joints]),
             acceleration_limits=acceleration_scaling * np.concatenate([joint.acceleration for joint in joints]),
         )
+
+
+@kept_with_alike
+def _units(group: PlanningGroup) -> np.ndarray:
+    units = units_of(group.joints)
+    read_only(units)
+    return units
+
+
+@kept_with_alike
+def _periods(group: PlanningGroup) -> np.ndarray:
+    periods = np.zeros(group.nv)
+    for joint in group.joints:
+        if joint.kind in chart.ANGLE:
+            periods[joint.idx_v + chart.ANGLE[joint.kind]] = 2.0 * np.pi
+    read_only(periods)
+    return periods
+
+
+@kept_with_alike
+def _winds(group: PlanningGroup) -> np.ndarray:
+    turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in group.joints])
+    winds: np.ndarray = turns & ~np.isfinite(group.upper - group.lower)
+    read_only(winds)
+    return winds
 
 
 def _at_q(joint: Joint) -> slice:
