@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.collision.box_tree import BoxTree
+from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
 from guidefield.read_only import ReadOnly
 from guidefield.scene.carried import Rows, carried
@@ -31,6 +32,7 @@ class OwnBoxes(NamedTuple):
             (n, 3) [m]. Of what is neither a ball, a cylinder nor a capsule the box about it is the core.
         discs: Radii of the cores' discs about the last axis, shape (n,) [m].
         rounded: Radii of the balls at each point of a core, shape (n,) [m]; infinite for those without an end.
+        filled: Whether what Coal knows of the obstacle fills its core, 1 or 0, shape (n,).
         boxes: Lower, then upper corners of boxes along the world's axes that contain them, a hair wider than they have
             to be, shape (n, 6) [m, world].
     """
@@ -41,6 +43,7 @@ class OwnBoxes(NamedTuple):
     cores: np.ndarray
     discs: np.ndarray
     rounded: np.ndarray
+    filled: np.ndarray
     boxes: np.ndarray
 
 
@@ -49,7 +52,7 @@ class ObstacleBoxes(ReadOnly):
     """Boxes about the obstacles of a scene, as they are placed at first.
 
     Attributes:
-        axes, centres, halves, cores, discs, rounded: As `OwnBoxes` has them.
+        axes, centres, halves, cores, discs, rounded, filled: As `OwnBoxes` has them.
         endless: Those without an end, ascending indices, shape (e,).
         bounded: The others, shape (b,).
         tree: A tree of the boxes about those, along the world's axes.
@@ -61,6 +64,7 @@ class ObstacleBoxes(ReadOnly):
     cores: np.ndarray
     discs: np.ndarray
     rounded: np.ndarray
+    filled: np.ndarray
     endless: np.ndarray
     bounded: np.ndarray
     tree: BoxTree
@@ -88,6 +92,7 @@ class ObstacleBoxes(ReadOnly):
             cores=rows.carry(self.cores, own.cores),
             discs=rows.carry(self.discs, own.discs),
             rounded=rows.carry(self.rounded, own.rounded),
+            filled=rows.carry(self.filled, own.filled),
             endless=endless,
             bounded=bounded,
             tree=tree,
@@ -181,7 +186,8 @@ def own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
             cores[row], discs[row], rounded[row] = halves[row], 0.0, 0.0
     centres, boxes = np.empty((count, 3)), np.empty((count, 6))
     along_both(axes, middles, halves, ROUNDING, centres, boxes)
-    return OwnBoxes(axes, centres, halves, cores, discs, rounded, boxes)
+    filled = (placed.any(axis=1) & (placed[:, 0] != HALF_SPACE)).astype(np.int64)
+    return OwnBoxes(axes, centres, halves, cores, discs, rounded, filled, boxes)
 
 
 def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -52,9 +52,7 @@ def too_long_to_read(payload: object, began: float) -> RunHead | None:
         return None
     now = time.monotonic()
     if found.type is None:
-        head: RunHead = PlanHead(
-            found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed
-        )
+        head: RunHead = PlanHead(found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed)
     elif found.type == CERTIFY:
         head = CertifyHead(found.run_id, found.allowed_time)
     else:

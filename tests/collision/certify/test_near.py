@@ -39,11 +39,21 @@ def found(world, joints, centres, own, mixed, left=None, robot=None):
     every = np.array([pair for pairs in some for pair in pairs], np.int64)
     rows = np.column_stack([every, world.pairs.bodies(every)])
     starts, asked = np.cumsum([0, *map(len, some)]), np.empty((10_000, ASKED), np.int64)
-    arguments = joints.reshape(*joints.shape[:2], 12), centres, own, mixed, starts, rows, asked
+    arguments = joints.reshape(*joints.shape[:2], 12), centres, own, mixed, starts, rows, asked, np.empty(10_000)
     count = find_near(robot or certified_robot(world), certified_obstacles(world), *arguments)
     for _, pair, *bodies in asked[:count].tolist():
         assert tuple(bodies) == world.pairs.of(pair)
     return sorted(map(tuple, asked[:count, :2].tolist())), count
+
+
+def apart_at_most(world, joints, centres, pair, margin):
+    """How far a pair is apart at most at one configuration, as the kernel tells it where it doesn't keep a margin."""
+    asked, told = np.empty((1, ASKED), np.int64), np.empty(1)
+    own, mixed = np.full((1, world.pairs.n_self), margin), np.full((1, world.pairs.links), margin)
+    rows = np.column_stack([[pair], world.pairs.bodies(np.array([pair]))])
+    arguments = joints.reshape(1, -1, 12), centres, own, mixed, np.array([0, 1]), rows, asked, told
+    count = find_near(certified_robot(world), certified_obstacles(world), *arguments)
+    return told[0] if count else np.inf
 
 
 def going_through_all(world, joints, centres, own, mixed):
@@ -97,6 +107,6 @@ def test_pairs_without_room_are_counted():
     assert len(every) == count > 40
     asked = np.full((40, ASKED), -1, np.int64)
     nothing = np.zeros(3, np.int64), np.empty((0, 3), np.int64)
-    arguments = joints.reshape(2, -1, 12), centres, own, mixed, *nothing, asked
+    arguments = joints.reshape(2, -1, 12), centres, own, mixed, *nothing, asked, np.empty(40)
     assert find_near(certified_robot(world), certified_obstacles(world), *arguments) == count
     assert set(map(tuple, asked[:, :2].tolist())) < set(every)

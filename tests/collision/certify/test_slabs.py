@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from guidefield.collision.certify.tables import certified_robot
+from guidefield.kernels.certificate.slabs import UNKNOWN
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
-from tests.collision.certify.test_near import found, placed
-from tests.collision.scenery import scattered, world_of
+from tests.collision.certify.test_near import apart_at_most, found, placed
+from tests.collision.scenery import box, scattered, world_of
 from tests.robots import box_arm, group, grouped
 
 FLOOR = messages.HalfSpace(name="floor", normal=(0.1, 0.0, 1.0), offset=-1.1)
@@ -69,6 +70,43 @@ def test_primitives_that_are_twice_as_far_apart_as_their_margin_are_hardly_asked
     for world in worlds(rng, ()):
         told = judged(world, rng, lambda apart: 0.5 * apart)
         assert np.mean([asked for _, asked in told]) < 0.05
+
+
+def test_bodies_are_no_farther_apart_than_is_told_where_coal_is_not_asked():
+    rng = np.random.default_rng(11)
+    for world in worlds(rng):
+        (joints, centres), off = placed(world, rng, 8), []
+        for row in range(len(joints)):
+            world.put_joints(joints[row])
+            for pair in rng.choice(len(world.pairs), 40, replace=False).tolist():
+                apart = max(world.hull_distance(pair), 0.0)
+                margin = 2.0 * apart + 0.01
+                told = apart_at_most(world, joints[row : row + 1], centres[row : row + 1], pair, margin)
+                if told <= margin:
+                    assert told >= apart - 3e-6 * (1.0 + apart)
+                    off.append((told - apart) / margin)
+        assert len(off) > 100
+        assert np.mean(np.array(off) <= 0.11) > 0.95
+
+
+def test_bodies_that_overlap_are_told_to_be_within_any_margin():
+    world = world_of(group("panda"), [box("block", (0.6, 0.6, 1.2), (0.0, 0.0, 0.6))])
+    (joints, centres), deep = placed(world, np.random.default_rng(5), 4), 0
+    for row in range(len(joints)):
+        world.put_joints(joints[row])
+        for pair in range(world.pairs.n_self, len(world.pairs)):
+            if world.hull_distance(pair) < -1e-3:
+                deep += 1
+                assert apart_at_most(world, joints[row : row + 1], centres[row : row + 1], pair, 1e-4) <= 1e-6
+    assert deep > 10
+
+
+def test_of_a_mesh_that_its_box_stands_for_it_is_not_told_how_far_it_is():
+    world = world_of(group("panda"), [TETRAHEDRON])
+    joints, centres = placed(world, np.random.default_rng(2), 1)
+    pair = len(world.pairs) - 1
+    assert world.pair_names(pair)[1] == "tetrahedron"
+    assert apart_at_most(world, joints, centres, pair, 5.0) == UNKNOWN
 
 
 def test_the_core_of_each_body_holds_its_shape():

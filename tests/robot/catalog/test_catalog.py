@@ -11,6 +11,7 @@ import msgspec
 import pytest
 
 from guidefield.messages.replies import RobotSummary
+from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import catalog as catalogs, kept_lines
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.catalog.library import Entry, entries
@@ -84,3 +85,29 @@ def test_another_process_finds_the_lines_on_disk_until_a_card_or_a_file_changes(
         copy.write_bytes(copy.read_bytes() + b"\n" * size)
         kept_lines.lines_of([replace(one, card=card, folder=tmp_path)])
     assert len(asked) == 5
+
+
+def test_a_robot_of_a_file_is_kept_until_the_file_changes_or_a_link_leads_elsewhere(tmp_path: Path) -> None:
+    two, three, link = tmp_path / "two.urdf", tmp_path / "three.urdf", tmp_path / "arm.urdf"
+    for file, joints in ((two, 2), (three, 3)):
+        file.write_text(box_arm("y", joints).text)
+    link.symlink_to(two)
+    catalog, reference = Catalog(), UrdfFile(path=str(link))
+    first = catalog.load(reference)
+    assert len(first.joints) == 2
+    assert catalog.load(reference) is first
+    link.unlink()
+    link.symlink_to(three)
+    assert len(catalog.load(reference).joints) == 3
+    three.write_text(box_arm("y", 4).text)
+    assert len(catalog.load(reference).joints) == 4
+
+
+def test_a_file_is_looked_for_in_the_folder_of_the_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    catalog, reference = Catalog(), UrdfFile(path="arm.urdf")
+    for joints in (2, 3):
+        folder = tmp_path / str(joints)
+        folder.mkdir()
+        (folder / "arm.urdf").write_text(box_arm("y", joints).text)
+        monkeypatch.chdir(folder)
+        assert len(catalog.load(reference).joints) == joints

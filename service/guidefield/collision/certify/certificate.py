@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -167,13 +167,13 @@ class _Judge:
 
     def _near(self, level: Sequence[CurveSegment]) -> tuple[np.ndarray, list[list[_Asked]]]:
         """At each segment's middle: where the joints stand, (s, njoints, 3, 4), and the pairs Coal has to judge."""
-        world, group = self.world, self.world.group
+        world, group, model, data = self.world, self.world.group, self.world.model, self.world.data
         self.evaluations += len(level)
         chords = chords_of([segment.controls for segment in level])
-        jacobians = np.empty((len(level), 6, world.model.nv))
-        joints, joints_now = np.empty((len(level), world.model.njoints, 3, 4)), world.joint_placements
-        for row, middle in enumerate(chords.middles):
-            jacobian = pin.computeJointJacobians(world.model, world.data, group.expand_from_chart(middle))
+        jacobians = np.empty((len(level), 6, model.nv))
+        joints, joints_now = np.empty((len(level), model.njoints, 3, 4)), world.joint_placements
+        for row, q in enumerate(group.expand_each(chords.middles)):
+            jacobian = pin.computeJointJacobians(model, data, q)
             jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
             joints[row] = joints_now
         moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
@@ -204,31 +204,39 @@ class _Judge:
         starts, left = _left_of(level)
         count, found = ROOM, np.empty((0, ASKED), np.int64)
         while count > len(found):
-            found = np.empty((count, ASKED), np.int64)
-            count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found)
+            found, told = np.empty((count, ASKED), np.int64), np.empty(count)
+            count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found, told)
         near: list[list[_Asked]] = [[] for _ in level]
-        for row, pair, first, second in sorted(found[:count].tolist()):
+        for (row, pair, first, second), apart in sorted(
+            zip(found[:count].tolist(), told[:count].tolist(), strict=True)
+        ):
             if pair < len(robot.own):
                 kept, bound, margin = 0.0, own.item(row, pair), own_margins.item(row, pair)
             else:
                 kept, bound, margin = self.min_clearance, mixed.item(row, first), margins.item(row, first)
-            near[row].append((pair, first, second, bound, kept, margin))
+            near[row].append((pair, first, second, bound, kept, margin, apart))
         return near
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
         """Those of some pairs that are within their margins, the joints where they are told, shape (njoints, 3, 4) [m].
 
-        Hulls are asked first, the meshes in them only where that does not tell.
+        Hulls are asked first, the meshes in them only where that does not tell. Those of which points were found that
+        are within the margin needn't be asked about.
         """
-        world, left = self.world, []
-        world.put_joints(placements)
-        for pair, first, second, bound, kept, margin in asked:
-            apart = world.penetration_of(first, second, margin, by_hulls=True)
-            if apart is None:
-                continue
-            meshes = bound <= CERTIFICATE.mesh_from and world.is_hulled(pair)
-            if not (meshes and world.penetration_of(first, second, margin) is None):
-                left.append(_Left(pair, first, second, bound, kept, apart))
+        world, left, placed = self.world, [], False
+        for pair, first, second, bound, kept, margin, told in asked:
+            within, meshes = told <= margin, bound <= CERTIFICATE.mesh_from and world.is_hulled(pair)
+            apart: float | None = told
+            if meshes or not within:
+                if not placed:
+                    world.put_joints(placements)
+                    placed = True
+                if not within:
+                    apart = world.penetration_of(first, second, margin, by_hulls=True)
+                if apart is None or (meshes and world.penetration_of(first, second, margin) is None):
+                    continue
+            assert apart is not None, "it is within the margin"
+            left.append(_Left(pair, first, second, bound, kept, apart))
         return left
 
     def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[_Left]) -> Verdict | None:
@@ -264,15 +272,17 @@ def _left_of(level: Sequence[CurveSegment]) -> tuple[np.ndarray, np.ndarray]:
         Where those of each begin, and the number of all, shape (s + 1,), and index and bodies of each, shape (k, 3).
         Of a segment in which none was judged before there are none.
     """
-    left = [_NONE if segment.pairs is None else segment.pairs for segment in level]
-    return np.cumsum([0, *map(len, left)]), np.concatenate(left)
+    left = [segment.pairs for segment in level if segment.pairs is not None]
+    counts = (0 if segment.pairs is None else len(segment.pairs) for segment in level)
+    return np.array([0, *accumulate(counts)]), np.concatenate(left) if left else _NONE
 
 
 _NONE = np.empty((0, 3), np.int64)
 """No pairs."""
 
-_Asked = tuple[int, int, int, float, float, float]
-"""A pair and its bodies; how much closer it can come within a segment, what it has to keep, what to ask Coal [m]."""
+_Asked = tuple[int, int, int, float, float, float, float]
+"""A pair and its bodies; how much closer it can come within a segment, what it has to keep, what to ask Coal, and how
+far apart it is at most as far as that is known without Coal [m]."""
 
 
 class _Left(NamedTuple):

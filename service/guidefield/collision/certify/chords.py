@@ -7,6 +7,7 @@ by no more, in each coordinate, than the one of them that is farthest off.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -35,8 +36,8 @@ class Chords(NamedTuple):
 
 def chords_of(parts: Sequence[ChartCurves]) -> Chords:
     """The chords of parts, each of some Bezier curves one behind the other: control points (m, k, nv)."""
-    starts = np.cumsum([0, *(part.shape[0] * part.shape[1] for part in parts)])
-    points = np.concatenate([part.reshape(-1, part.shape[2]) for part in parts])
+    starts = np.array([0, *accumulate(part.shape[0] * part.shape[1] for part in parts)])
+    points = np.concatenate(parts, axis=None).reshape(starts[-1], parts[0].shape[2])
     found = Chords(*(cast(Any, np.empty((len(parts), points.shape[1]))) for _ in Chords._fields))
     find_chords(points, starts, *found)
     return found

@@ -18,11 +18,13 @@ class Core(NamedTuple):
         corners: Shape (k, 3) [m]; none where nothing so simple holds it.
         disc: Radius of a disc about the frame's last axis [m].
         rounded: Radius of a ball [m].
+        filled: Whether the body fills it.
     """
 
     corners: np.ndarray
     disc: float = 0.0
     rounded: float = 0.0
+    filled: bool = True
 
 
 def core_of(shape: Any) -> Core:
@@ -35,7 +37,7 @@ def core_of(shape: Any) -> Core:
 def _core_of(shape: Any) -> Core:
     if isinstance(shape, coal.Convex):
         points = np.array(shape.points(), float)
-        return Core(points if len(points) <= MOST_CORNERS else _box_of(points))
+        return Core(points) if len(points) <= MOST_CORNERS else Core(_box_of(points), filled=False)
     if isinstance(shape, coal.Box):
         return Core(_SIGNS * np.array(shape.halfSide, float))
     if isinstance(shape, coal.Sphere):
@@ -44,7 +46,7 @@ def _core_of(shape: Any) -> Core:
         return Core(_ENDS * shape.halfLength, rounded=shape.radius)
     if isinstance(shape, coal.Cylinder):
         return Core(_ENDS * shape.halfLength, disc=shape.radius)
-    return Core(np.empty((0, 3)))
+    return Core(np.empty((0, 3)), filled=False)
 
 
 def _box_of(points: np.ndarray) -> np.ndarray:

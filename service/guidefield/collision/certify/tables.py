@@ -56,6 +56,7 @@ def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRo
         disc_axes=_rows(np.array([place.rotation[:, 2] for place, _ in shapes]), 3),
         discs=_rows(np.array([core.disc for _, core in shapes])),
         rounded=_rows(np.array([core.rounded for _, core in shapes])),
+        filled=np.array([core.filled for _, core in shapes], np.int64),
     )
     read_only(*robot)
     return robot
@@ -81,6 +82,7 @@ def _made(scene: Scene, left_out: bytes) -> CertifiedObstacles:
         cores=boxes.cores,
         discs=boxes.discs,
         rounded=boxes.rounded,
+        filled=boxes.filled,
         nodes=boxes.tree.nodes,
         levels=boxes.tree.firsts,
         children=CHILDREN,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -85,8 +85,7 @@ class Surveyor:
         """The robot at times, shape (m,); every distance is known by balls and boxes."""
         world, group = self.worlds.moving, self.worlds.moving.group
         zs, rates = self.curve.at(times)
-        expanded = np.array([group.expand_from_chart(z) for z in zs])
-        qs = cast(ModelConfigurations, expanded.reshape(len(zs), world.model.nq))
+        qs = group.expand_each(zs)
         jacobians = np.empty((len(qs), 6, world.model.nv))
         placements, there = np.empty((len(qs), world.model.njoints, 3, 4)), world.joint_placements
         for row, q in enumerate(qs):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64
 
-from guidefield.kernels.certificate.slabs import slab_between
+from guidefield.kernels.certificate.slabs import SLAB, UNKNOWN, slab_between
 from guidefield.kernels.certificate.tables import OBSTACLES, ROBOT, CertifiedObstacles, CertifiedRobot
 from guidefield.kernels.jit.no_refcount import lane_uncounted
 from guidefield.kernels.jit.signatures import (
@@ -17,6 +17,7 @@ from guidefield.kernels.jit.signatures import (
     INDEX_MATRIX_OUT,
     INDICES,
     MATRIX,
+    VECTOR_OUT,
     Floats,
     Integers,
     lane_kernel,
@@ -36,7 +37,7 @@ class _Room(NamedTuple):
         parts: Centres of the balls about parts of bodies, shape (r, parts, 3) [m, world].
         known: Whether a body's are those of this part of the motion, shape (r,).
         stack: Level and place of boxes of the tree to be looked at, shape (k, 2).
-        slab: What a slab is found in, shape (3, 3).
+        slab: What a slab is found in, shape (SLAB, 3).
     """
 
     parts: Floats
@@ -76,10 +77,13 @@ def _own_apart(
     placements: Floats,
     centres: Floats,
     room: _Room,
-) -> bool:
-    """Whether balls or a slab tell two of the robot's bodies to be farther apart than a margin [m]."""
+) -> float:
+    """How far two of the robot's bodies are apart: infinite where balls or a slab tell that it is more than a margin.
+
+    Else what `slab_between` says [m].
+    """
     if math.sqrt(_square(centres[a], centres[b])) - robot.radii[a] - robot.radii[b] > margin:
-        return True
+        return np.inf
     _place_parts(robot, a, placements, room)
     _place_parts(robot, b, placements, room)
     least = np.inf
@@ -91,8 +95,9 @@ def _own_apart(
                 for k in range(3):
                     room.slab[0, k] = room.parts[b, j, k] - room.parts[a, i, k]
     if math.sqrt(least) - robot.part_radii[a] - robot.part_radii[b] > margin:
-        return True
-    return bool(slab_between(robot, obstacles, a, b, margin, placements, room.slab))
+        return np.inf
+    apart = slab_between(robot, obstacles, a, b, margin, placements, room.slab)
+    return float(apart if apart == np.inf or (robot.filled[a] and robot.filled[b]) else UNKNOWN)
 
 
 @lane_uncounted
@@ -135,13 +140,13 @@ def _apart(
     placements: Floats,
     centre: Floats,
     room: _Room,
-) -> bool:
-    """Whether balls about a body and the box about an obstacle, or a slab, tell both to be farther apart than a margin.
+) -> float:
+    """How far a body and an obstacle are apart: infinite where balls and the box about it, or a slab, tell it.
 
-    The margin is at least 0 [m].
+    That is, that it is more than a margin, which is at least 0; else what `slab_between` says [m].
     """
     if math.sqrt(_gap_square(obstacles, o, centre)) - robot.radii[b] > margin:
-        return True
+        return np.inf
     _place_parts(robot, b, placements, room)
     least, nearest = np.inf, 0
     for k in range(room.parts.shape[1]):
@@ -149,16 +154,18 @@ def _apart(
         if square < least:
             least, nearest = square, k
     if math.sqrt(least) - robot.part_radii[b] > margin:
-        return True
+        return np.inf
     _to_box(obstacles, o, room.parts[b, nearest], room.slab[0])
-    return bool(slab_between(robot, obstacles, b, robot.carriers.shape[0] + o, margin, placements, room.slab))
+    apart = slab_between(robot, obstacles, b, robot.carriers.shape[0] + o, margin, placements, room.slab)
+    return float(apart if apart == np.inf or (robot.filled[b] and obstacles.filled[o]) else UNKNOWN)
 
 
 @lane_uncounted
-def _write(asked: Integers, count: int, s: int, pair: int, first: int, second: int) -> int:
+def _write(asked: Integers, told: Floats, count: int, s: int, pair: int, first: int, second: int, apart: float) -> int:
     """Note a pair where there is room; how many there are by now."""
     if count < asked.shape[0]:
         asked[count, ROW], asked[count, PAIR], asked[count, FIRST], asked[count, SECOND] = s, pair, first, second
+        told[count] = apart
     return count + 1
 
 
@@ -187,17 +194,20 @@ def _judge(
     centre: Floats,
     room: _Room,
     asked: Integers,
+    told: Floats,
     count: int,
 ) -> int:
     """Note the pair of a moving body, by its row, and an obstacle that may be within a margin of it, if it is one."""
     b = robot.moving[row]
-    if _apart(robot, obstacles, b, o, margin, placements, centre, room):
+    apart = _apart(robot, obstacles, b, o, margin, placements, centre, room)
+    if apart == np.inf:
         return count
     mixed, left_out = row * obstacles.axes.shape[0] + o, obstacles.left_out
     at = _below(left_out, mixed)
     if at < left_out.shape[0] and left_out[at] == mixed:
         return count
-    return _write(asked, count, s, robot.own.shape[0] + mixed - at, b, robot.carriers.shape[0] + o)
+    pair = robot.own.shape[0] + mixed - at
+    return _write(asked, told, count, s, pair, b, robot.carriers.shape[0] + o, apart)
 
 
 @lane_uncounted
@@ -211,12 +221,13 @@ def _among_all(
     centre: Floats,
     room: _Room,
     asked: Integers,
+    told: Floats,
     count: int,
 ) -> int:
     """Note the pairs of a moving body, by its row, with all obstacles that may be within a margin of it [m]."""
     for k in range(obstacles.endless.shape[0]):
         o = obstacles.endless[k]
-        count = _judge(robot, obstacles, s, row, o, margin, placements, centre, room, asked, count)
+        count = _judge(robot, obstacles, s, row, o, margin, placements, centre, room, asked, told, count)
     reach = robot.radii[robot.moving[row]] + margin
     x = reach + SLACK * (1.0 + abs(centre[0]))
     y = reach + SLACK * (1.0 + abs(centre[1]))
@@ -241,7 +252,7 @@ def _among_all(
             continue
         if level == 0:
             o = obstacles.order[k]
-            count = _judge(robot, obstacles, s, row, o, margin, placements, centre, room, asked, count)
+            count = _judge(robot, obstacles, s, row, o, margin, placements, centre, room, asked, told, count)
             continue
         below = levels[level] - levels[level - 1]
         for child in range(obstacles.children * k, min(obstacles.children * (k + 1), below)):
@@ -250,7 +261,9 @@ def _among_all(
     return count
 
 
-@lane_kernel(int64(ROBOT, OBSTACLES, BLOCKS, BLOCKS, MATRIX, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX_OUT))
+@lane_kernel(
+    int64(ROBOT, OBSTACLES, BLOCKS, BLOCKS, MATRIX, MATRIX, INDICES, INDEX_MATRIX, INDEX_MATRIX_OUT, VECTOR_OUT)
+)
 def find_near(
     robot: CertifiedRobot,
     obstacles: CertifiedObstacles,
@@ -261,6 +274,7 @@ def find_near(
     starts: Integers,
     left: Integers,
     asked: Integers,
+    told: Floats,
 ) -> int:
     """Find the pairs in s parts of a motion that balls, boxes and slabs can't tell to keep their margins.
 
@@ -275,6 +289,8 @@ def find_near(
             all pairs are meant.
         left: Index and bodies of pairs that are left, shape (k, 3).
         asked: Out: part, index and bodies of each of those pairs, shape (room, `ASKED`).
+        told: Out: how far apart each is at most, but for Coal's accuracy, shape (room,) [m]; `UNKNOWN` where that isn't
+            known.
 
     Returns:
         How many there are; those for which there is no room are not written.
@@ -284,7 +300,7 @@ def find_near(
         np.empty((r, robot.part_centres.shape[1], 3)),
         np.zeros(r, np.bool_),
         np.empty((most, 2), np.int64),
-        np.empty((3, 3)),
+        np.empty((SLAB, 3)),
     )
     count = 0
     for s in range(placements.shape[0]):
@@ -292,12 +308,13 @@ def find_near(
         if starts[s] == starts[s + 1]:
             for k in range(robot.own.shape[0]):
                 a, b = robot.own[k, 0], robot.own[k, 1]
-                if not _own_apart(robot, obstacles, a, b, own[s, k], placements[s], centres[s], room):
-                    count = _write(asked, count, s, k, a, b)
+                apart = _own_apart(robot, obstacles, a, b, own[s, k], placements[s], centres[s], room)
+                if apart < np.inf:
+                    count = _write(asked, told, count, s, k, a, b, apart)
             for row in range(robot.moving.shape[0]):
                 b = robot.moving[row]
                 count = _among_all(
-                    robot, obstacles, s, row, mixed[s, b], placements[s], centres[s, b], room, asked, count
+                    robot, obstacles, s, row, mixed[s, b], placements[s], centres[s, b], room, asked, told, count
                 )
         for k in range(starts[s], starts[s + 1]):
             pair, a, b = left[k, 0], left[k, 1], left[k, 2]
@@ -306,6 +323,6 @@ def find_near(
             else:
                 o = b - robot.carriers.shape[0]
                 apart = _apart(robot, obstacles, a, o, mixed[s, a], placements[s], centres[s, a], room)
-            if not apart:
-                count = _write(asked, count, s, pair, a, b)
+            if apart < np.inf:
+                count = _write(asked, told, count, s, pair, a, b, apart)
     return count

@@ -1,9 +1,9 @@
 """Which pairs of bodies a slab tells apart: two parallel planes with one body on the far side of each.
 
 Whatever direction a slab has across, it proves that the bodies are as far apart as it is thick: how the direction was
-found needs no trust. Gilbert's algorithm finds it. The differences of a point of one body and a point of the other are
-a convex set; its point nearest to the origin is looked for between the nearest one so far and the one that is farthest
-against that.
+found needs no trust. It is found as GJK does. The differences of a point of one body and a point of the other are a
+convex set; its point nearest to the origin is looked for in the hull of the few found so far and the one that is
+farthest against the nearest of these (`certificate.simplex`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from guidefield.kernels.certificate.simplex import POINTS, nearest_in
 from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.kernels.jit.no_refcount import lane_uncounted
 from guidefield.kernels.jit.signatures import Floats
@@ -19,11 +20,19 @@ from guidefield.kernels.jit.signatures import Floats
 SLACK = 1e-9
 """What slabs have to be thicker by, for rounding, of a metre and of each metre that they are from the origin [m]."""
 
-STEPS = 8
-"""So many directions are tried: with 16 a tenth less is left for Coal, which takes as long as the search for it."""
+STEPS = 10
+"""So many directions are tried."""
 
-TINY = 1e-300
-"""Squares of lengths that are no less are divided by [m^2]."""
+CLOSE = 0.1
+"""Where two bodies are known to be within their margin, how far they are apart is told to this share of it: it decides
+only how finely a motion is divided. Unrecorded."""
+
+UNKNOWN = 1e300
+"""How far bodies are apart of which nothing is told: farther than any margin [m]."""
+
+ACROSS, NEAR, FAR, SIMPLEX, SLAB = 0, 1, 2, 3, 3 + POINTS
+"""Rows of what a slab is found in: the direction across, a point of each core on its planes, and where the simplex of
+differences begins; then how many there are."""
 
 
 @lane_uncounted
@@ -92,21 +101,21 @@ def _needed(robot: CertifiedRobot, obstacles: CertifiedObstacles, a: int, b: int
 def _find_slab(
     robot: CertifiedRobot, obstacles: CertifiedObstacles, a: int, b: int, placements: Floats, room: Floats
 ) -> float:
-    """Find the slab across the first row of the room, and points of both cores on its planes, the other two rows.
+    """Find the slab across the first row of the room, and points of both cores on its planes, the next two rows.
 
     Returns:
         How thick it certainly is, whatever numbers are rounded [m].
     """
     count = robot.carriers.shape[0]
-    _farthest_of_body(robot, a, placements[robot.carriers[a]], room[0], 1.0, room[1])
+    _farthest_of_body(robot, a, placements[robot.carriers[a]], room[ACROSS], 1.0, room[NEAR])
     if b < count:
-        _farthest_of_body(robot, b, placements[robot.carriers[b]], room[0], -1.0, room[2])
+        _farthest_of_body(robot, b, placements[robot.carriers[b]], room[ACROSS], -1.0, room[FAR])
     else:
-        _farthest_of_obstacle(obstacles, b - count, room[0], room[2])
+        _farthest_of_obstacle(obstacles, b - count, room[ACROSS], room[FAR])
     thick, scale = 0.0, 1.0
     for i in range(3):
-        thick += room[0, i] * (room[2, i] - room[1, i])
-        scale += abs(room[1, i]) + abs(room[2, i])
+        thick += room[ACROSS, i] * (room[FAR, i] - room[NEAR, i])
+        scale += abs(room[NEAR, i]) + abs(room[FAR, i])
     return thick - SLACK * scale
 
 
@@ -119,8 +128,8 @@ def slab_between(
     margin: float,
     placements: Floats,
     room: Floats,
-) -> bool:
-    """Whether a slab that is thicker than a margin is found between two bodies.
+) -> float:
+    """How far two bodies are apart, as far as slabs tell: infinite where one is thicker than a margin.
 
     Args:
         robot: The robot.
@@ -129,25 +138,39 @@ def slab_between(
         b: Another one, or an obstacle, whose numbers follow those of the bodies.
         margin: At least 0 [m].
         placements: ``T_world_joint`` of every joint, shape (joints, 12) [m].
-        room: The direction from a to b across which the first slab is, of any length, then room; shape (3, 3).
+        room: The direction from a to b across which the first slab is, of any length, then room; shape (SLAB, 3).
+
+    Returns:
+        Infinite, or how far two points of the bodies' cores are apart, less what rounds both [m]: bodies that fill
+        their cores are no farther apart. `UNKNOWN` where a body has no core.
     """
-    needed, across = _needed(robot, obstacles, a, b, margin), room[0]
+    needed, across, simplex = _needed(robot, obstacles, a, b, margin), room[ACROSS], room[SIMPLEX:]
     if needed == np.inf:
-        return False
-    for step in range(STEPS):
+        return UNKNOWN
+    nearest, thickest, count = UNKNOWN, 0.0, 0
+    for _ in range(STEPS):
         x, y, z = across[0], across[1], across[2]
         apart = math.sqrt(x * x + y * y + z * z)
-        if apart <= (needed if step > 0 else 0.0):
-            return False  # two points of the cores are no farther apart
+        if count > 0:
+            nearest = apart  # it is between two points of the cores
+        if apart < SLACK or count == POINTS:
+            break  # they touch
         across[0], across[1], across[2] = x / apart, y / apart, z / apart
-        if _find_slab(robot, obstacles, a, b, placements, room) > needed:
-            return True
-        dx, dy, dz = room[2, 0] - room[1, 0] - x, room[2, 1] - room[1, 1] - y, room[2, 2] - room[1, 2] - z
-        share = 1.0
-        if step > 0:
-            share = -(x * dx + y * dy + z * dz) / max(dx * dx + dy * dy + dz * dz, TINY)
-        if share <= 0.0:
-            return False
-        share = min(1.0, share)
-        across[0], across[1], across[2] = x + share * dx, y + share * dy, z + share * dz
-    return False
+        thick = _find_slab(robot, obstacles, a, b, placements, room)
+        if thick > needed:
+            return np.inf
+        thickest = max(thickest, thick)
+        if nearest <= needed and nearest - thickest <= CLOSE * margin:
+            break
+        for i in range(3):
+            simplex[count, i] = room[FAR, i] - room[NEAR, i]
+        if count > 0 and nearest - _along(simplex[count], across) <= SLACK * (1.0 + nearest):
+            break  # no point is nearer
+        count = nearest_in(simplex, count + 1, across)
+    return float(nearest - (needed - margin))
+
+
+@lane_uncounted
+def _along(point: Floats, across: Floats) -> float:
+    """How far a point (3,) is along a direction (3,) [m]."""
+    return float(point[0] * across[0] + point[1] * across[1] + point[2] * across[2])

@@ -28,6 +28,7 @@ class CertifiedRobot(NamedTuple):
         disc_axes: Axes of the cores' discs, in the same frame, shape (r, 3).
         discs: Radii of these, 0 for none, shape (r,) [m].
         rounded: Radii of the balls at each point of a core, shape (r,) [m].
+        filled: Whether a body's hull fills its core, 1 or 0, shape (r,).
     """
 
     carriers: Indices
@@ -49,6 +50,7 @@ class CertifiedRobot(NamedTuple):
     disc_axes: Rows
     discs: Row
     rounded: Row
+    filled: Indices
 
 
 class CertifiedObstacles(NamedTuple):
@@ -61,6 +63,7 @@ class CertifiedObstacles(NamedTuple):
         cores: Half extents along these of boxes whose corners are those of the cores, shape (o, 3) [m].
         discs: Radii of the cores' discs about the last of these axes, shape (o,) [m].
         rounded: As those of the robot's bodies, shape (o,) [m]; infinite for those without an end.
+        filled: As that of the robot's bodies, shape (o,).
         nodes: Lower and upper corners of the tree's boxes, shape (k, 6) [m, world]: those about obstacles, then those
             about every `children` of the level before.
         levels: Where each level begins among them, and the number of all, shape (levels + 1,).
@@ -76,6 +79,7 @@ class CertifiedObstacles(NamedTuple):
     cores: Rows
     discs: Row
     rounded: Row
+    filled: Indices
     nodes: Rows
     levels: Indices
     children: int
