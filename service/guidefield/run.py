@@ -154,13 +154,12 @@ class Run:
     def end(self, reply: _R, received: float | None = None) -> _R:
         """The reply as it is sent, with where its recording is and with what could not be kept; keeps it.
 
-        What came after its timing was told counts as measuring, but for what a recording takes.
+        What came after its timing was told counts as measuring, unless a recording was written meanwhile. Where the
+        disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
 
         Args:
             reply: What the run came to.
             received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
-
-        Where the disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
         """
         place = None if self._recording is None else self._recording.written
         timing = reply.timing

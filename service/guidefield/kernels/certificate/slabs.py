@@ -21,7 +21,8 @@ SLACK = 1e-9
 """What slabs have to be thicker by, for rounding, of a metre and of each metre that they are from the origin [m]."""
 
 STEPS = 10
-"""So many directions are tried."""
+"""So many directions are tried: after these, 12 of 1400 pairs about a Panda's motions are neither told apart nor told
+to be within their margin."""
 
 CLOSE = 0.1
 """Where two bodies are known to be within their margin, how far they are apart is told to this share of it: it decides
