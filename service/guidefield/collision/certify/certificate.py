@@ -171,10 +171,10 @@ class _Judge:
         self.evaluations += len(level)
         chords = chords_of([segment.controls for segment in level])
         jacobians = np.empty((len(level), 6, model.nv))
+        rows = jacobians if model.nv > 1 else jacobians[:, :, 0]  # of a single joint Pinocchio hands out a vector
         joints, joints_now = np.empty((len(level), model.njoints, 3, 4)), world.joint_placements
         for row, q in enumerate(group.expand_each(chords.middles)):
-            jacobian = pin.computeJointJacobians(model, data, q)
-            jacobians[row] = jacobian.reshape(6, -1)  # of a single joint Pinocchio hands out a vector
+            rows[row] = pin.computeJointJacobians(model, data, q)
             joints[row] = joints_now
         moves = tangents(group, chords.middles, chords.chords) @ group.expand_velocity.T
         return joints, self._asked(level, chords, jacobians, joints.reshape(*joints.shape[:2], 12), moves)
