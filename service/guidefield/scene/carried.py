@@ -180,7 +180,12 @@ class Rows:
         return [index for index in now if index >= 0]
 
     def among(self, before: np.ndarray, now: np.ndarray) -> Rows:
-        """The same of some of the obstacles, both before and now ascending indices."""
+        """The same of some of the obstacles.
+
+        Args:
+            before: Which of those before, ascending indices, shape (b,).
+            now: Which of those now, ascending indices, shape (k,).
+        """
         source = self.source[now]
         place = np.minimum(np.searchsorted(before, source), len(before) - 1)
         stood = before[place] == source if len(before) else np.zeros(len(now), bool)

@@ -188,8 +188,9 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
         warnings=tuple(warning for one in obstacles for warning in one.warnings) if warned else (),
     )
     gone, come = ({one.name for one in some} for some in (map(before.obstacles.__getitem__, rows.gone), fresh))
-    names = before.names.difference(gone) if gone - come else before.names  # a set of thousands is copied once
-    vars(scene)["names"] = names.union(come) if come - gone else names
+    lost, new = gone - come, come - gone
+    names = before.names.difference(lost) if lost else before.names  # a set of thousands is copied where it must be
+    vars(scene)["names"] = names.union(new) if new else names
     others = [index for index, one in zip(rows.fresh, fresh, strict=True) if is_other(one)]
     vars(scene)["others"] = tuple(sorted([*rows.stayed(before.others), *others]))
     note(scene, before, rows)
