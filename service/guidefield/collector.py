@@ -11,8 +11,8 @@ from collections.abc import Iterator
 def waiting_collector() -> Iterator[None]:
     """No garbage is looked for meanwhile, in this process.
 
-    Loading a planner or reading a scene makes a million objects that stay: the collector looks through them again
-    and again, for a tenth of the time and more. Where it was off before it stays off.
+    Loading a planner or reading many obstacles makes a million objects that stay: the collector looks through them
+    again and again, for a tenth of the time and more. Where it was off before it stays off.
     """
     was_on = gc.isenabled()
     gc.disable()

@@ -28,7 +28,7 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import codec, requests
 from guidefield.messages.own_scenes import to_give
-from guidefield.messages.reading import too_long_to_read
+from guidefield.messages.reading import is_of_many, too_long_to_read
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -203,8 +203,7 @@ class Engine:
         """
         came = time.monotonic() if came is None else came
         try:
-            with waiting_collector():
-                decoded = codec.decode_request(request)
+            decoded = codec.decode_request(request)
             with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
                 began, load = None, _once(self._robot)
                 if received is None:
@@ -577,7 +576,7 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
         from guidefield.handlers.unbegun import timed_out_reading
 
         return timed_out_reading(head.run_id or uuid.uuid4().hex, head, time.monotonic() - came)
-    with waiting_collector():  # a large scene is a million objects
+    with waiting_collector() if is_of_many(request) else contextlib.nullcontext():
         asked = codec.checked(request)
     return _default().answer(asked, record_to=place, came=came)
 

@@ -10,7 +10,7 @@ import guidefield
 from guidefield import Box, CertifyRequest, JointsGoal, Mesh, PlanRequest, Scene
 from guidefield.messages import codec, reading
 from guidefield.messages.keys import CertifyHead
-from guidefield.messages.reading import too_long_to_read
+from guidefield.messages.reading import is_of_many, too_long_to_read
 
 TRIANGLES = 60_000
 PATH = [[0.0] * 9, [0.1] * 9]
@@ -54,6 +54,7 @@ def test_a_judgement_too(plan: PlanRequest) -> None:
         codec.encode(PlanRequest("panda", "table", JointsGoal({}), allowed_planning_time=1e-9)),
         b'{"robot": ' + b" " * reading.LARGE,
         b'{"type": "read_scenes"' + b" " * reading.LARGE + b"}",
+        b'{"allowed_planning_time": 1e-9' + b" " * codec.MAX_REQUEST_BYTES + b"}",  # it is refused for its length
         {"robot": "panda"},
     ],
 )
@@ -81,6 +82,16 @@ def test_how_long_reading_takes_is_known_within_a_factor_of_two(kind: str, monke
     few, many = (payload(share * best) for share in (0.5, 2.5))
     assert any(too_long_to_read(few, time.process_time()) is not None for _ in range(5))
     assert any(too_long_to_read(many, time.process_time()) is None for _ in range(5))
+
+
+def test_many_are_known_in_every_form(plan: PlanRequest) -> None:
+    boxes = [Box(name=f"b{k}", size=(0.1, 0.2, 0.3)) for k in range(reading.MANY)]
+    for count, many in ((reading.MANY, True), (reading.MANY // 2, False)):
+        scene = Scene("boxes", obstacles=list(boxes[:count]))
+        request = PlanRequest("panda", scene, JointsGoal({"j": 0.8}))
+        for form in (request, codec.encode(request), codec.plain_fields({"scene": scene})):
+            assert is_of_many(form) is many
+    assert not any(map(is_of_many, (plan, codec.encode(plan), {"scene": "table"}, {}, "text", None)))
 
 
 def _seconds(done: object) -> float:

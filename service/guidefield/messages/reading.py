@@ -6,11 +6,15 @@ import time
 
 import msgspec
 
+from guidefield.messages.codec import MAX_REQUEST_BYTES
 from guidefield.messages.keys import CertifyHead, PlanHead, RunHead
 from guidefield.messages.requests import CertifyRequest
 
 LARGE = 2**20
 """A payload of fewer bytes is read within some hundredths of a second."""
+
+MANY, FEWEST_BYTES = 1000, 10_000
+"""So many obstacles are many, and a payload has more bytes than that then."""
 
 LOOKS = 2.0
 """Reading the characters of a payload takes so many times as long as looking through it."""
@@ -36,6 +40,18 @@ class _Heads(PlanHead, frozen=True):
 _HEADS = msgspec.json.Decoder(_Heads)
 
 
+def is_of_many(payload: object) -> bool:
+    """Whether a request in any form has a thousand objects or more, which are obstacles then.
+
+    Long lists of numbers don't count: numbers are no garbage, and Python sees that at once.
+    """
+    if isinstance(payload, bytes):
+        return len(payload) >= FEWEST_BYTES and payload.count(b"{") >= MANY
+    scene = payload.get("scene") if isinstance(payload, dict) else getattr(payload, "scene", None)
+    obstacles = scene.get("obstacles") if isinstance(scene, dict) else getattr(scene, "obstacles", None)
+    return isinstance(obstacles, list | tuple) and len(obstacles) >= MANY
+
+
 def too_long_to_read(payload: object, began: float) -> RunHead | None:
     """The head of a JSON request for a motion that can't be read within the time that it allows; else None.
 
@@ -43,7 +59,7 @@ def too_long_to_read(payload: object, began: float) -> RunHead | None:
         payload: The request in any form.
         began: When its time began, on the clock of `time.monotonic` [s].
     """
-    if not isinstance(payload, bytes) or len(payload) < LARGE:
+    if not isinstance(payload, bytes) or not LARGE <= len(payload) <= MAX_REQUEST_BYTES:
         return None
     looked = time.monotonic()
     try:
