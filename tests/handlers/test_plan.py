@@ -356,6 +356,7 @@ def test_time_that_is_up_before_a_scenes_meshes_are_prepared_is_told():
     shelf = mesh_message(vertices, triangles, position=(3.21, 1.23, 0.12))
     scene = {"name": "new", "obstacles": [msgspec.to_builtins(shelf)]}
     request = {"robot": "panda", "scene": scene, "goal": joints(**READY), "allowed_planning_time": 1e-9}
+    answer({**request, "scene": "table", **PATIENT})  # the robot's are prepared
     reply = answer(request)
     assert reply.status.name == "TIMED_OUT"
     assert reply.status.details == {"stage": "load", "preparing": "obstacle m"}
