@@ -98,7 +98,10 @@ def solid_of(shape: Any) -> Surface | None:
 
 
 def hull_of(mesh: Any) -> Any | None:
-    """Qhull's hull of one of Coal's meshes as Coal's shape; None of one that is flat."""
+    """Qhull's hull of one of Coal's meshes as Coal's shape; None of one that is flat.
+
+    None as well where a vertex has more neighbours than Coal can count.
+    """
     vertices = np.unique(np.array(mesh.vertices()), axis=0)
     try:
         vertices, triangles = outward(vertices, ConvexHull(vertices).simplices)
@@ -109,7 +112,10 @@ def hull_of(mesh: Any) -> Any | None:
         points.append(point)
     for a, b, c in triangles.tolist():
         faces.append(coal.Triangle(a, b, c))
-    return coal.Convex(points, faces)
+    try:
+        return coal.Convex(points, faces)
+    except RuntimeError:
+        return None
 
 
 def points_of(points: messages.Points) -> np.ndarray:
