@@ -156,7 +156,7 @@ def _in_time(curve: PathCurve, progress: Progress, pieces: int) -> BSpline:
 def _check(curve: PathCurve, limits: Limits) -> None:
     nv = curve.points.shape[1]
     for kind, values in zip(Limits._fields, limits, strict=True):
-        kept = np.asarray(values, float)
+        kept: np.ndarray = np.asarray(values, float)
         if kept.shape != (nv,) or not (kept > 0.0).all() or (kind != "jerk" and not np.isfinite(kept).all()):
             finite = "" if kind == "jerk" else "finite and "
             raise ValueError(f"expected {nv} {finite}positive {kind} limits, got {kept}")
