@@ -76,6 +76,19 @@ def test_a_change_numbers_no_names_anew(monkeypatch: pytest.MonkeyPatch) -> None
     assert not numbered
 
 
+def test_names_that_came_in_many_other_versions_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(own_scenes, "MOST_GONE", 10)
+    scene = spheres(*NAMES)
+    for k in range(50):
+        one = changed(scene, SceneDiff(add=[Sphere(name=f"n{k}", radius=0.1), Sphere(name="o99", radius=0.1)]))
+        assert places_of(one).of(f"n{k}") == len(NAMES)
+        assert places_of(one).of("o99") == len(NAMES) + 1
+        assert places_of(scene).of(f"n{k}") is None
+        numbers, _ = places_of(scene)._numbers()
+        assert len(numbers) <= len(NAMES) + 12
+        _require_all_found(scene)
+
+
 def test_what_is_removed_twice_or_comes_twice_is_refused() -> None:
     scene = spheres("a", "b")
     with pytest.raises(SceneInvalid, match="no obstacle 'a'"):

@@ -19,7 +19,7 @@ from guidefield.messages.scene import Obstacle, Scene
 _Declared = TypeVar("_Declared", bound=msgspec.Struct)
 
 MOST_GONE = 256
-"""Where more obstacles are gone the others are numbered anew."""
+"""Where more obstacles are gone the others are numbered anew; so are they where more have numbers in other versions."""
 
 
 class Before(NamedTuple):
@@ -74,7 +74,8 @@ class Places:
             added: How many were added.
         """
         places, (numbers, gone) = Places(obstacles), self._numbers()
-        if len(gone) + len(removed) <= MOST_GONE:
+        of_others = len(numbers) - len(gone) - len(self._obstacles)  # versions that were changed apart from this one
+        if max(len(gone) + len(removed), of_others) <= MOST_GONE:
             gone = sorted([*gone, *(_number_of(index, gone) for index in removed)]) if removed else gone
             for index in range(len(obstacles) - added, len(obstacles)):
                 numbers[obstacles[index].name] = index + len(gone)
