@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision import box_tree
+from guidefield.collision.certify.cores import obstacle_cores
 from guidefield.collision.certify.tables import _obstacles as certified
 from guidefield.collision.lanes import scene_tables
 from guidefield.collision.lanes.scene_tables import lane_scene
@@ -107,7 +108,7 @@ def tables(scene: Scene) -> dict[str, Any]:
         "warnings": scene.warnings,
         "placed": placed_rows(scene),
         "boxes": (boxes.along_own_axes, boxes.endless, boxes.bounded, boxes.tree.along, boxes.tree.nodes),
-        "cores": (boxes.cores, boxes.discs, boxes.rounded),
+        "cores": obstacle_cores(scene),
         "certified": certified(scene, b""),
         "distances": distance_tables(scene),
         "lanes": (lane_scene(scene).owners, lane_scene(scene).tables),

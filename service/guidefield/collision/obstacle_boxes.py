@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.collision.box_tree import BoxTree
-from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
 from guidefield.read_only import ReadOnly
 from guidefield.scene.carried import Rows, carried
@@ -22,17 +21,12 @@ ROUNDING = 1e-9
 
 
 class OwnBoxes(NamedTuple):
-    """Boxes about obstacles along their own axes, what is about these along the world's, and cores.
+    """Boxes about obstacles along their own axes, and what is about these along the world's.
 
     Attributes:
         axes: Their axes as columns, row by row, shape (n, 9).
         centres: Their middles along the axes, shape (n, 3) [m].
         halves: Half extents, shape (n, 3) [m]; those of a half-space are infinite.
-        cores: Half extents of boxes whose corners are those of the obstacles' cores, as `certify.cores` has them, shape
-            (n, 3) [m]. Of what is neither a ball, a cylinder nor a capsule the box about it is the core.
-        discs: Radii of the cores' discs about the last axis, shape (n,) [m].
-        rounded: Radii of the balls at each point of a core, shape (n,) [m]; infinite for those without an end.
-        filled: Whether what Coal knows of the obstacle fills its core, 1 or 0, shape (n,).
         boxes: Lower, then upper corners of boxes along the world's axes that contain them, a hair wider than they have
             to be, shape (n, 6) [m, world].
     """
@@ -40,10 +34,6 @@ class OwnBoxes(NamedTuple):
     axes: np.ndarray
     centres: np.ndarray
     halves: np.ndarray
-    cores: np.ndarray
-    discs: np.ndarray
-    rounded: np.ndarray
-    filled: np.ndarray
     boxes: np.ndarray
 
 
@@ -52,7 +42,7 @@ class ObstacleBoxes(ReadOnly):
     """Boxes about the obstacles of a scene, as they are placed at first.
 
     Attributes:
-        axes, centres, halves, cores, discs, rounded, filled: As `OwnBoxes` has them.
+        axes, centres, halves: As `OwnBoxes` has them.
         endless: Those without an end, ascending indices, shape (e,).
         bounded: The others, shape (b,).
         tree: A tree of the boxes about those, along the world's axes.
@@ -61,10 +51,6 @@ class ObstacleBoxes(ReadOnly):
     axes: np.ndarray
     centres: np.ndarray
     halves: np.ndarray
-    cores: np.ndarray
-    discs: np.ndarray
-    rounded: np.ndarray
-    filled: np.ndarray
     endless: np.ndarray
     bounded: np.ndarray
     tree: BoxTree
@@ -89,10 +75,6 @@ class ObstacleBoxes(ReadOnly):
             axes=rows.carry(self.axes, own.axes),
             centres=rows.carry(self.centres, own.centres),
             halves=halves,
-            cores=rows.carry(self.cores, own.cores),
-            discs=rows.carry(self.discs, own.discs),
-            rounded=rows.carry(self.rounded, own.rounded),
-            filled=rows.carry(self.filled, own.filled),
             endless=endless,
             bounded=bounded,
             tree=tree,
@@ -177,21 +159,19 @@ def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndar
 def own_boxes(obstacles: Sequence[Obstacle]) -> OwnBoxes:
     """Boxes about obstacles; of primitives they are made of what is declared, many at once."""
     placed, count = rows_of(obstacles), len(obstacles)
-    axes, middles = np.empty((count, 9)), np.empty((count, 3))
-    halves, cores, discs, rounded = np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count)
-    primitive_boxes(placed, axes, middles, halves, cores, discs, rounded)
+    axes, middles, halves = np.empty((count, 3, 3)), np.empty((count, 3)), np.empty((count, 3))
+    primitive_boxes(placed, axes, middles, halves)
     for row, one in enumerate(obstacles):
         if not one.placed:
             axes[row], middles[row], halves[row] = _own_box(one)
-            cores[row], discs[row], rounded[row] = halves[row], 0.0, 0.0
     centres, boxes = np.empty((count, 3)), np.empty((count, 6))
-    along_both(axes, middles, halves, ROUNDING, centres, boxes)
-    filled = (placed.any(axis=1) & (placed[:, 0] != HALF_SPACE)).astype(np.int64)
-    return OwnBoxes(axes, centres, halves, cores, discs, rounded, filled, boxes)
+    columns = axes.reshape(count, 9)
+    along_both(columns, middles, halves, ROUNDING, centres, boxes)
+    return OwnBoxes(columns, centres, halves, boxes)
 
 
 def _own_box(obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The box about one that is no primitive: axes as columns (9,), its middle in the world, half extents [m]."""
+    """The box about one that is no primitive: axes as columns, its middle in the world, half extents [m]."""
     low, high = obstacle.box
     middle, half = 0.5 * (low + high), 0.5 * (high - low) + obstacle.rounding
-    return np.array(obstacle.placement.rotation).ravel(), obstacle.placement.act(middle), half
+    return np.array(obstacle.placement.rotation), obstacle.placement.act(middle), half

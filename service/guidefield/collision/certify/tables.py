@@ -6,7 +6,7 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies
 from guidefield.collision.box_tree import CHILDREN
-from guidefield.collision.certify.cores import core_of
+from guidefield.collision.certify.cores import core_of, obstacle_cores
 from guidefield.collision.hulls import link_hulls
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
@@ -73,16 +73,16 @@ def _obstacles(scene: Scene, left_out: bytes) -> CertifiedObstacles:
 
 
 def _made(scene: Scene, left_out: bytes) -> CertifiedObstacles:
-    boxes = obstacle_boxes(scene)
+    boxes, cores = obstacle_boxes(scene), obstacle_cores(scene)
     order = boxes.tree.order
     obstacles = CertifiedObstacles(
         axes=boxes.axes,
         middles=boxes.centres,
         halves=boxes.halves,
-        cores=boxes.cores,
-        discs=boxes.discs,
-        rounded=boxes.rounded,
-        filled=boxes.filled,
+        cores=cores.halves,
+        discs=cores.discs,
+        rounded=cores.rounded,
+        filled=cores.filled,
         nodes=boxes.tree.nodes,
         levels=boxes.tree.firsts,
         children=CHILDREN,

@@ -20,6 +20,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
+from guidefield.scene.carried import Rows, carried
 from guidefield.scene.scene import Scene
 
 ROUNDED = 1e-5
@@ -97,13 +98,25 @@ def resting_obstacles(world: World) -> RestingObstacles:
     return _resting(world.scene)
 
 
-@kept_with
+def _over(known: RestingObstacles, changed: Rows, scene: Scene) -> RestingObstacles:
+    fresh = _as_rows(obstacle_boxes(scene).axes[changed.fresh])
+    return _resting_with(scene, changed.carry(known.axes, fresh))
+
+
+@carried(_over)
 def _resting(scene: Scene) -> RestingObstacles:
-    roots, parts = _obstacle_parts(scene)
-    axes, centres, halves = obstacle_boxes(scene).along_own_axes
-    rows = np.ascontiguousarray(axes.transpose(0, 2, 1)).reshape(len(axes), 9)
-    read_only(rows)
-    return RestingObstacles(rows, centres, halves, roots, parts)
+    return _resting_with(scene, _as_rows(obstacle_boxes(scene).axes))
+
+
+def _as_rows(axes: np.ndarray) -> np.ndarray:
+    """Axes one after the other, shape (o, 9), of axes as columns, row by row."""
+    return np.ascontiguousarray(axes.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
+
+
+def _resting_with(scene: Scene, axes: np.ndarray) -> RestingObstacles:
+    boxes, (roots, parts) = obstacle_boxes(scene), _obstacle_parts(scene)
+    read_only(axes)
+    return RestingObstacles(axes, boxes.centres, boxes.halves, roots, parts)
 
 
 def body_pairs(world: World) -> BodyPairs:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import void
 
+from guidefield.kernels.collide.placed_rotation import write_rotation
 from guidefield.kernels.collide.primitive import BOX, CAPSULE
 from guidefield.kernels.distance.distance import BOX as BOX_BODY, CAPSULE as CAPSULE_BODY, CYLINDER as CYLINDER_BODY
 from guidefield.kernels.jit.signatures import (
@@ -15,21 +16,7 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     Integers,
     exact_kernel,
-    lane_part,
 )
-
-
-@lane_part
-def _place(row: Floats, placement: Floats) -> None:
-    """Write the placement, shape (3, 4), of what is declared as `PLACED`."""
-    x, y, z, w = row[1], row[2], row[3], row[4]
-    placement[0, 0], placement[0, 1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w)
-    placement[1, 0], placement[1, 1] = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z)
-    placement[2, 0], placement[2, 1] = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w)
-    placement[0, 2], placement[1, 2] = 2.0 * (x * z + y * w), 2.0 * (y * z - x * w)
-    placement[2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    for k in range(3):
-        placement[k, 3] = row[5 + k]
 
 
 @exact_kernel(void(MATRIX, SCALAR, INDICES_OUT, MATRIX_OUT, MATRIX_OUT, BLOCKS_OUT, MATRIX_OUT))
@@ -55,7 +42,9 @@ def primitive_bodies(
     """
     for i in range(placed.shape[0]):
         row, placement = placed[i], placements[i]
-        _place(row, placement)
+        write_rotation(row, placement)
+        for k in range(3):
+            placement[k, 3] = row[5 + k]
         radius, half = row[11], row[10]
         if row[0] == BOX:
             kinds[i] = BOX_BODY
