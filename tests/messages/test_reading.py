@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 import pytest
@@ -60,6 +61,17 @@ def test_a_judgement_too(plan: PlanRequest) -> None:
 )
 def test_what_is_small_or_broken_or_no_motion_is_read(payload: object) -> None:
     assert too_long_to_read(payload, time.monotonic() - 1.0) is None
+
+
+def test_who_does_not_say_how_long_it_allows_is_not_looked_through(
+    plan: PlanRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = json.loads(codec.encode(plan))
+    del asked["allowed_planning_time"]
+    payload = json.dumps(asked).encode()
+    assert len(payload) > reading.LARGE
+    monkeypatch.delattr(reading, "_HEADS")  # what looks through it
+    assert too_long_to_read(payload, time.monotonic()) is None
 
 
 def test_what_allows_enough_is_read(plan: PlanRequest) -> None:
