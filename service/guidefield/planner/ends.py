@@ -119,7 +119,7 @@ def tip_points(
         StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
             TIMED_OUT or PREEMPTED.
     """
-    tip = _Tip(problem, target)
+    tip = _Tip(target, problem.scene.moves)
     result = _solved(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
     if tip.blocked is not None and problem.budget.spent() is None:
         raise StageFailed(
@@ -199,13 +199,16 @@ def _solved(
 class _Tip:
     """Whether something blocks the tip where it is to be, asked once nothing of what was found there is free.
 
+    Args:
+        target: Where it is to be.
+        asked: Whether that needs no asking; among what moves it isn't.
+
     Attributes:
         blocked: What blocks it however the target is reached, if that is known.
     """
 
-    def __init__(self, problem: Problem, target: PoseTarget) -> None:
-        self._problem, self._target = problem, target
-        self._asked = problem.scene.moves
+    def __init__(self, target: PoseTarget, asked: bool) -> None:
+        self._target, self._asked = target, asked
         self.blocked: BlockingPairs | None = None
 
     def keeps_some_distance(self, problem: Problem, zs: ChartPoints) -> np.ndarray:
