@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from guidefield.kernels.linalg.banded_cholesky import COUPLED, TILE
 from guidefield.kernels.linalg.bordered_band import (
-    COUPLED,
     BorderedFactor,
     factorize_bordered,
     room_for_factor,
@@ -34,13 +34,19 @@ def system(blocks: int, size: int, more: int, seed: int) -> tuple[np.ndarray, np
     return of_blocks, rng.normal(size=n + more), np.block([[band, border.T], [border, corner]])
 
 
-def factorized(of_blocks: np.ndarray, matrix: np.ndarray, damping: float) -> BorderedFactor | None:
+def factorized(
+    of_blocks: np.ndarray, matrix: np.ndarray, damping: float, groups: tuple[int, ...] = ()
+) -> BorderedFactor | None:
     """The factors, with the border of the whole matrix; None where the system isn't positive definite."""
     n, size, _ = of_blocks.shape
     rows, more = n * size, len(matrix) - n * size
     factor = room_for_factor(n, size, more)
     border, corner = (np.ascontiguousarray(part) for part in (matrix[rows:, :rows], matrix[rows:, rows:]))
-    return factor if factorize_bordered(of_blocks, border, corner, damping, factor) else None
+    return (
+        factor
+        if factorize_bordered(of_blocks, np.array(groups or (0, size)), border, corner, damping, factor)
+        else None
+    )
 
 
 @given(st.integers(1, 12), st.integers(1, 5), st.integers(1, 2), st.integers(0, 1000), st.sampled_from([0.0, 0.3]))
@@ -49,7 +55,7 @@ def test_agrees_with_a_dense_solution(blocks: int, size: int, more: int, seed: i
     factor, solution = factorized(of_blocks, matrix, damping), np.empty(len(right))
     assert factor is not None
     for one in (right, right[::-1].copy()):
-        solve_factorized(factor, one, solution)
+        solve_factorized(factor, len(of_blocks), one, solution)
         expected = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), one)
         np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
@@ -59,7 +65,7 @@ def test_blocks_of_about_whole_tiles_agree_with_a_dense_solution(size: int) -> N
     of_blocks, right, matrix = system(6, size, 2, size)
     factor, solution = factorized(of_blocks, matrix, 0.1), np.empty(len(right))
     assert factor is not None
-    solve_factorized(factor, right, solution)
+    solve_factorized(factor, len(of_blocks), right, solution)
     expected = np.linalg.solve(matrix + 0.1 * np.diag(np.diag(matrix)), right)
     np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
@@ -91,8 +97,29 @@ def test_what_is_not_coupled_makes_no_difference(blocks: int, size: int, seed: i
     matrix[-1, -1] += matrix[-1, :n] @ np.linalg.solve(matrix[:n, :n], matrix[:n, -1])
     factor, solution = factorized(of_blocks, matrix, 0.0), np.empty(len(right))
     assert factor is not None
-    solve_factorized(factor, right, solution)
+    solve_factorized(factor, len(of_blocks), right, solution)
     np.testing.assert_allclose(matrix @ solution, right, atol=1e-8 * np.abs(matrix).max())
+
+
+@pytest.mark.parametrize("places", [(0, 1, 2, 3), (0, 2, 3), (0, 1, 3)])
+@pytest.mark.parametrize("last", [1, 5, TILE])
+def test_groups_that_are_not_coupled_are_solved_apart(places: tuple[int, ...], last: int) -> None:
+    blocks, size = 6, 2 * TILE + last
+    groups = (*(TILE * place for place in places[:-1]), size)
+    of_blocks, right, matrix = system(blocks, size, 2, 7)
+    group = np.searchsorted(groups, np.arange(size), "right")
+    apart = np.tile(group[:, None] != group, COUPLED + 1)
+    of_blocks[:, apart] = 0.0
+    n = blocks * size
+    matrix[:n, :n][np.tile(group, blocks)[:, None] != np.tile(group, blocks)] = 0.0
+    matrix[n:, n:] += matrix[n:, :n] @ np.linalg.solve(matrix[:n, :n], matrix[:n, n:])
+    of_blocks[:, apart] = np.nan  # isn't looked at
+    factor, solution = factorized(of_blocks, matrix, 0.1, groups), np.empty(len(right))
+    assert factor is not None
+    for one in (right, right[::-1].copy()):
+        solve_factorized(factor, blocks, one, solution)
+        expected = np.linalg.solve(matrix + 0.1 * np.diag(np.diag(matrix)), one)
+        np.testing.assert_allclose(solution, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
 def test_inputs_are_left_alone() -> None:
@@ -101,4 +128,4 @@ def test_inputs_are_left_alone() -> None:
         array.setflags(write=False)
     factor = factorized(of_blocks, matrix, 0.0)
     assert factor is not None
-    solve_factorized(factor, right, np.empty(len(right)))
+    solve_factorized(factor, len(of_blocks), right, np.empty(len(right)))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.barrier.verlet_list import nothing_remembered
-from guidefield.kernels.linalg.bordered_band import COUPLED
+from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
 from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
@@ -132,8 +132,8 @@ def of(
     blocks = np.full((n, nv, (COUPLED + 1) * nv), np.nan)
     border, corner, gradient = (np.full(shape, np.nan) for shape in ((more, free), (more, more), free + more))
     value = motion_objective(
-        model or look(name, spline.points), ends_of(spline), limits, times, unconstrained(name), spline.points,
-        spline.step, spline.begin, 0.3, 0.02, blocks, border, corner, gradient,
+        model or look(name, spline.points), ends_of(spline), limits, times, unconstrained(name), np.array([0, nv]),
+        spline.points, spline.step, spline.begin, 0.3, 0.02, blocks, border, corner, gradient,
     )  # fmt: skip
     hessian = np.zeros((free + more, free + more))
     for f in range(inner):

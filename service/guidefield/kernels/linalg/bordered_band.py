@@ -1,327 +1,41 @@
 """Solution of a symmetric, positive definite, banded system with one or two more rows, by a banded Cholesky factor.
 
-The band consists of blocks: block row f has blocks f - 3 to f. With A = U^T U the border (B, C) adds the Schur
-complement C - B^T A^{-1} B. The work is linear in the number of blocks (Golub and Van Loan, Matrix Computations, 2013,
-section 4.3).
-
-Blocks are made a multiple of `TILE` large, by rows of the identity. Block row f of U, its blocks f to f + 3 side by
-side, is stored by strips of `TILE` columns, each row by row: a row of a tile is one vector, and nothing is left over.
+With A = U^T U the border (B, C) adds the Schur complement C - B^T A^{-1} B. Rows of A's blocks fall into groups one
+after the other; those of different groups aren't coupled in any block, and each group has a factor of its own.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, RowOut, RowsOut, numba_type
-from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, SCALAR, VECTOR, Floats, Integers, compiled
-from guidefield.kernels.simd.vector import LANES_64, load, magnitude, store, total
-
-COUPLED = 3
-"""A block is coupled with as many before it."""
-
-TILE = LANES_64
-"""Rows and columns of a tile."""
-
-FIRST, PAST = 0, 1
-"""Columns of a strip's rows that aren't zero."""
-
-
-@uncounted
-def _fill(blocks: Floats, damping: float, strips_out: Floats) -> None:
-    """The upper triangle of a matrix, with whole blocks on its diagonal, which is multiplied by 1 + damping."""
-    n, size, _ = blocks.shape
-    per_block = strips_out.shape[1] // (COUPLED + 1)
-    for f in range(n):
-        for j in range(COUPLED + 1):
-            for t in range(per_block):
-                strip, columns = strips_out[f, j * per_block + t], max(min(TILE, size - TILE * t), 0)
-                strip[:] = 0.0
-                if f + j < n:
-                    source = blocks[f + j, TILE * t : TILE * t + columns, (COUPLED - j) * size :]
-                    for p in range(size):
-                        for c in range(columns):
-                            strip[p * TILE + c] = source[c, p]
-        for p in range(per_block * TILE):
-            diagonal = strips_out[f, p // TILE][p * TILE + p % TILE :]
-            diagonal[0] = diagonal[0] * (1.0 + damping) if p < size else 1.0
-
-
-@uncounted
-def _store_tile(  # type: ignore[no-untyped-def]  # vectors have no type in Python
-    c: Floats, r0, r1, r2, r3, r4, r5, r6, r7
-) -> None:
-    """Write the rows of a tile c."""
-    store(c, 0, r0)
-    store(c, TILE, r1)
-    store(c, 2 * TILE, r2)
-    store(c, 3 * TILE, r3)
-    store(c, 4 * TILE, r4)
-    store(c, 5 * TILE, r5)
-    store(c, 6 * TILE, r6)
-    store(c, 7 * TILE, r7)
-
-
-@uncounted
-def _take_product(a: Floats, b: Floats, rows: int, c: Floats) -> None:
-    """Subtract a^T b from a tile c, of two strips of so many rows."""
-    c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
-    c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
-    for k in range(rows):
-        at = k * TILE
-        row = load(b, at)
-        c0 -= a[at] * row
-        c1 -= a[at + 1] * row
-        c2 -= a[at + 2] * row
-        c3 -= a[at + 3] * row
-        c4 -= a[at + 4] * row
-        c5 -= a[at + 5] * row
-        c6 -= a[at + 6] * row
-        c7 -= a[at + 7] * row
-    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
-
-
-@uncounted
-def _take_products(a: Floats, b: Floats, b_: Floats, rows: int, c: Floats, c_: Floats) -> None:
-    """The same for two tiles at once, c of the strips a and b, c_ of a and b_: each number of a is read once."""
-    c0, c1, c2, c3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
-    c4, c5, c6, c7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
-    d0, d1, d2, d3 = load(c_, 0), load(c_, TILE), load(c_, 2 * TILE), load(c_, 3 * TILE)
-    d4, d5, d6, d7 = load(c_, 4 * TILE), load(c_, 5 * TILE), load(c_, 6 * TILE), load(c_, 7 * TILE)
-    for k in range(rows):
-        at = k * TILE
-        row, other = load(b, at), load(b_, at)
-        a0, a1, a2, a3, a4, a5, a6, a7 = (
-            a[at], a[at + 1], a[at + 2], a[at + 3], a[at + 4], a[at + 5], a[at + 6], a[at + 7],
-        )  # fmt: skip
-        c0 -= a0 * row
-        d0 -= a0 * other
-        c1 -= a1 * row
-        d1 -= a1 * other
-        c2 -= a2 * row
-        d2 -= a2 * other
-        c3 -= a3 * row
-        d3 -= a3 * other
-        c4 -= a4 * row
-        d4 -= a4 * other
-        c5 -= a5 * row
-        d5 -= a5 * other
-        c6 -= a6 * row
-        d6 -= a6 * other
-        c7 -= a7 * row
-        d7 -= a7 * other
-    _store_tile(c, c0, c1, c2, c3, c4, c5, c6, c7)
-    _store_tile(c_, d0, d1, d2, d3, d4, d5, d6, d7)
-
-
-@uncounted
-def _take_strip(a: Floats, of_a: Integers, b: Floats, of_b: Integers, most: int, c: Floats) -> None:
-    """The same for one tile, of the rows before `most` in which neither strip is zero; where they aren't is given."""
-    first, past = max(of_a[FIRST], of_b[FIRST]), min(of_a[PAST], of_b[PAST], most)
-    if first < past:
-        _take_product(a[first * TILE :], b[first * TILE :], past - first, c)
-
-
-@uncounted
-def _take_strips(
-    a: Floats, of_a: Integers, b: Floats, of_b: Integers, s: int, most: int, into: Floats, into_s: int, at: int
-) -> None:
-    """The same for two tiles side by side: of strips s and s + 1 of b, into strips `into_s` and the next from `at`."""
-    first = max(of_a[FIRST], min(of_b[s, FIRST], of_b[s + 1, FIRST]))
-    past = min(of_a[PAST], max(of_b[s, PAST], of_b[s + 1, PAST]), most)
-    if first < past:
-        begin = first * TILE
-        _take_products(
-            a[begin:], b[s, begin:], b[s + 1, begin:], past - first, into[into_s, at:], into[into_s + 1, at:]
-        )
-
-
-@uncounted
-def _factorize_tile(tile: Floats, inverse_out: Floats) -> bool:
-    """Get U^-T of a tile on the diagonal, U^T U; whether it is positive definite. The tile is overwritten."""
-    nothing = 0.0 * load(tile, 0)
-    for i in range(TILE):
-        row, of_inverse = load(tile, i * TILE), nothing
-        for k in range(i):
-            share = tile[k * TILE + i]
-            row -= share * load(tile, k * TILE)
-            of_inverse -= share * load(inverse_out, k * TILE)
-        store(tile, i * TILE, row)
-        pivot = tile[i * TILE + i]
-        if not pivot > 0.0:
-            return False
-        scale = 1.0 / math.sqrt(pivot)
-        store(tile, i * TILE, scale * row)
-        store(inverse_out, i * TILE, scale * of_inverse)
-        inverse_out[i * TILE + i] = scale
-    return True
-
-
-@uncounted
-def _solve_tile(inverse: Floats, c: Floats) -> bool:
-    """Replace a tile c by U^-T c, with U^-T of a tile on the diagonal; whether anything in it isn't zero."""
-    r0, r1, r2, r3 = load(c, 0), load(c, TILE), load(c, 2 * TILE), load(c, 3 * TILE)
-    r4, r5, r6, r7 = load(c, 4 * TILE), load(c, 5 * TILE), load(c, 6 * TILE), load(c, 7 * TILE)
-    amount = magnitude(r0) + magnitude(r1) + magnitude(r2) + magnitude(r3)
-    amount += magnitude(r4) + magnitude(r5) + magnitude(r6) + magnitude(r7)
-    if total(amount) == 0.0:
-        return False
-    for i in range(TILE):
-        w = inverse[i * TILE :]
-        first = w[0] * r0 + w[1] * r1 + w[2] * r2 + w[3] * r3
-        store(c, i * TILE, first + (w[4] * r4 + w[5] * r5 + w[6] * r6 + w[7] * r7))
-    return True
-
-
-@uncounted
-def _take_blocks_before(f: int, strips: Floats, spans: Integers) -> None:
-    """Subtract from block row f what those before it take away: two strips stay in the fastest memory meanwhile."""
-    count = strips.shape[1]
-    per_block = count // (COUPLED + 1)
-    into = strips[f]
-    for s in range(0, count, 2):
-        for g in range(max(f - COUPLED, 0), f):
-            behind = (f - g) * per_block
-            column, of_g, spans_of_g = behind + s, strips[g], spans[g]
-            if column >= count:
-                continue
-            both = min(s + 1, per_block) if column + 1 < count else 0
-            for t in range(both):
-                _take_strips(
-                    of_g[behind + t], spans_of_g[behind + t], of_g, spans_of_g, column, TILE * per_block, into, s,
-                    t * TILE * TILE,
-                )  # fmt: skip
-            for b in range(2):
-                for t in range(both, min(s + b + 1, per_block)):
-                    if column + b < count:
-                        _take_strip(
-                            of_g[behind + t], spans_of_g[behind + t], of_g[column + b], spans_of_g[column + b],
-                            TILE * per_block, into[s + b, t * TILE * TILE :],
-                        )  # fmt: skip
-
-
-@uncounted
-def _factorize(size: int, strips: Floats, spans: Integers, inverses: Floats) -> bool:
-    """Replace a matrix A by its factor U, A = U^T U; its tiles on the diagonal mean nothing.
-
-    Args:
-        size: Rows of its blocks, without those of the identity.
-        strips: As `_fill` leaves them, shape (n, strips, rows `TILE`).
-        spans: Gets where each strip isn't zero, shape (n, strips, 2).
-        inverses: Gets U^-T of each tile on the diagonal, shape (n, tiles, `TILE`²).
-
-    Returns:
-        Whether the matrix is positive definite; if not, the strips mean nothing.
-    """
-    n, count, _ = strips.shape
-    per_block = count // (COUPLED + 1)
-    for f in range(n):
-        _take_blocks_before(f, strips, spans)
-        of_f, spans_of_f = strips[f], spans[f]
-        spans_of_f[:, FIRST], spans_of_f[:, PAST] = size, 0
-        for t in range(per_block):
-            at, inverse = t * TILE * TILE, inverses[f, t]
-            _take_strip(of_f[t], spans_of_f[t], of_f[t], spans_of_f[t], t * TILE, of_f[t, at:])
-            if not _factorize_tile(of_f[t, at:], inverse):
-                return False
-            for s in range(t + 1 + (count - t - 1) % 2, count, 2):
-                _take_strips(of_f[t], spans_of_f[t], of_f, spans_of_f, s, t * TILE, of_f, s, at)
-            if (count - t - 1) % 2:
-                _take_strip(of_f[t], spans_of_f[t], of_f[t + 1], spans_of_f[t + 1], t * TILE, of_f[t + 1, at:])
-            for s in range(t + 1, count):
-                if _solve_tile(inverse, of_f[s, at:]):
-                    spans_of_f[s, FIRST] = min(spans_of_f[s, FIRST], t * TILE)
-                    spans_of_f[s, PAST] = min((t + 1) * TILE, size)
-    return True
-
-
-@uncounted
-def _substitute_tile(inverse: Floats, x: Floats) -> None:
-    """Replace x by U^-T x, with U^-T of a tile on the diagonal."""
-    y = load(x, 0)
-    for i in range(TILE):
-        x[i] = total(load(inverse, i * TILE) * y)
-
-
-@uncounted
-def _substitute_tile_back(inverse: Floats, x: Floats) -> None:
-    """Replace x by U^-1 x, with U^-T of a tile on the diagonal."""
-    first = x[0] * load(inverse, 0) + x[1] * load(inverse, TILE)
-    first += x[2] * load(inverse, 2 * TILE) + x[3] * load(inverse, 3 * TILE)
-    second = x[4] * load(inverse, 4 * TILE) + x[5] * load(inverse, 5 * TILE)
-    second += x[6] * load(inverse, 6 * TILE) + x[7] * load(inverse, 7 * TILE)
-    store(x, 0, first + second)
-
-
-@uncounted
-def _substitute(strips: Floats, inverses: Floats, right: Floats) -> None:
-    """Replace b by (U^T U)^{-1} b; b has the rows of the identity, and those of three more blocks, which are zero."""
-    n, count, _ = strips.shape
-    per_block = count // (COUPLED + 1)
-    for f in range(n):
-        for t in range(per_block):
-            x = right[(f * per_block + t) * TILE :]
-            _substitute_tile(inverses[f, t], x)
-            for s in range(t + 1, count):
-                tile, at = strips[f, s][t * TILE * TILE :], (s - t) * TILE
-                row = x[0] * load(tile, 0) + x[1] * load(tile, TILE)
-                row += x[2] * load(tile, 2 * TILE) + x[3] * load(tile, 3 * TILE)
-                other = x[4] * load(tile, 4 * TILE) + x[5] * load(tile, 5 * TILE)
-                other += x[6] * load(tile, 6 * TILE) + x[7] * load(tile, 7 * TILE)
-                store(x, at, load(x, at) - row - other)
-    for f in range(n - 1, -1, -1):
-        for t in range(per_block - 1, -1, -1):
-            x = right[(f * per_block + t) * TILE :]
-            _take_later(strips[f], t, x)
-            _substitute_tile_back(inverses[f, t], x)
-
-
-@uncounted
-def _take_later(strips: Floats, t: int, x: Floats) -> None:
-    """Subtract from x, tile t of a block's, what a row of tiles times all that is behind it comes to."""
-    a0 = 0.0 * load(x, 0)
-    a1 = a2 = a3 = a4 = a5 = a6 = a7 = a0
-    for s in range(t + 1, strips.shape[0]):
-        tile, y = strips[s][t * TILE * TILE :], load(x, (s - t) * TILE)
-        a0 += load(tile, 0) * y
-        a1 += load(tile, TILE) * y
-        a2 += load(tile, 2 * TILE) * y
-        a3 += load(tile, 3 * TILE) * y
-        a4 += load(tile, 4 * TILE) * y
-        a5 += load(tile, 5 * TILE) * y
-        a6 += load(tile, 6 * TILE) * y
-        a7 += load(tile, 7 * TILE) * y
-    x[0] -= total(a0)
-    x[1] -= total(a1)
-    x[2] -= total(a2)
-    x[3] -= total(a3)
-    x[4] -= total(a4)
-    x[5] -= total(a5)
-    x[6] -= total(a6)
-    x[7] -= total(a7)
+from guidefield.kernels.jit.fields import IndicesOut, RowOut, RowsOut, numba_type
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import BLOCKS, INDICES, MATRIX, SCALAR, VECTOR, Floats, Integers, compiled
+from guidefield.kernels.linalg.banded_cholesky import COUPLED, TILE, factorize, fill, substitute
 
 
 class BorderedFactor(NamedTuple):
     """A system [[A, B], [B^T, C]] in factors, with k = 1 or 2 columns in B; of memory until it is made.
 
     Attributes:
-        strips: U of A = U^T U, as `_factorize` leaves it.
+        groups: Where each group of a block's rows begins, and where the last ends; behind that it means nothing.
+        strips: U of A = U^T U, group by group as `factorize` leaves it.
         spans: Where its strips aren't zero.
         inverses: Of its tiles on the diagonal, transposed.
-        padded: Memory for a right side with the rows of the identity, and three more blocks.
+        padded: Memory for a group's right side with the rows of the identity, and three more blocks.
         border: B by its columns, shape (k, n m).
         across: A^-1 B by its columns, shape (k, n m).
         pivots: Of S = C - B^T A^-1 B: the first, the one that the first leaves of the second, and the share of the
             first row that is in the second; shape (3,).
     """
 
-    strips: BlocksOut
-    spans: IndexBlocksOut
-    inverses: BlocksOut
+    groups: IndicesOut
+    strips: RowOut
+    spans: IndicesOut
+    inverses: RowOut
     padded: RowOut
     border: RowsOut
     across: RowsOut
@@ -336,9 +50,10 @@ def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
     per_block = -(-size // TILE)
     count, padded = (COUPLED + 1) * per_block, per_block * TILE
     return BorderedFactor(
-        np.empty((n, count, padded * TILE)),
-        np.empty((n, count, 2), np.int64),
-        np.empty((n, per_block, TILE * TILE)),
+        np.empty(per_block + 1, np.int64),
+        np.empty(n * count * padded * TILE),
+        np.empty(n * count * 2, np.int64),
+        np.empty(n * per_block * TILE * TILE),
         np.zeros((n + COUPLED) * padded),
         np.empty((more, n * size)),
         np.empty((more, n * size)),
@@ -346,30 +61,50 @@ def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
     )
 
 
-@uncounted
-def _solve_band(factor: BorderedFactor, size: int, right_out: Floats) -> None:
+@counted
+def _of_group(factor: BorderedFactor, n: int, first: int, size: int) -> tuple[Floats, Integers, Floats]:
+    """Where a group's strips, their spans and the inverses are kept: behind what those before it can take."""
+    before, tiles, whole = first // TILE, -(-size // TILE), factor.groups.shape[0] - 1
+    count, strip = (COUPLED + 1) * tiles, tiles * TILE * TILE
+    at = n * (COUPLED + 1) * before * whole * TILE * TILE
+    strips = factor.strips[at : at + n * count * strip].reshape((n, count, strip))
+    at = 2 * n * (COUPLED + 1) * before
+    spans = factor.spans[at : at + 2 * n * count].reshape((n, count, 2))
+    at = n * before * TILE * TILE
+    inverses = factor.inverses[at : at + n * strip].reshape((n, tiles, TILE * TILE))
+    return strips, spans, inverses
+
+
+@counted
+def _solve_band(factor: BorderedFactor, n: int, right_out: Floats) -> None:
     """Replace b, shape (n m,), by A^{-1} b."""
-    n, padded = factor.strips.shape[0], factor.strips.shape[1] // (COUPLED + 1) * TILE
-    x = factor.padded
-    x[:] = 0.0
-    for f in range(n):
-        for p in range(size):
-            x[f * padded + p] = right_out[f * size + p]
-    _substitute(factor.strips, factor.inverses, x)
-    for f in range(n):
-        for p in range(size):
-            right_out[f * size + p] = x[f * padded + p]
+    whole, g = right_out.shape[0] // n, 0
+    while factor.groups[g] < whole:
+        first, size = factor.groups[g], factor.groups[g + 1] - factor.groups[g]
+        strips, _, inverses = _of_group(factor, n, first, size)
+        padded = inverses.shape[1] * TILE
+        x = factor.padded[: (n + COUPLED) * padded]
+        x[:] = 0.0
+        for f in range(n):
+            for p in range(size):
+                x[f * padded + p] = right_out[f * whole + first + p]
+        substitute(strips, inverses, x)
+        for f in range(n):
+            for p in range(size):
+                right_out[f * whole + first + p] = x[f * padded + p]
+        g += 1
 
 
-@compiled(types.boolean(BLOCKS, MATRIX, MATRIX, SCALAR, FACTOR))
+@compiled(types.boolean(BLOCKS, INDICES, MATRIX, MATRIX, SCALAR, FACTOR))
 def factorize_bordered(
-    blocks: Floats, border: Floats, corner: Floats, damping: float, factor_out: BorderedFactor
+    blocks: Floats, groups: Integers, border: Floats, corner: Floats, damping: float, factor_out: BorderedFactor
 ) -> bool:
     """Factorize [[A, B], [B^T, C]] with its diagonal multiplied by 1 + damping.
 
     Args:
         blocks: A; block row f = blocks[f], its blocks beside one another, shape (n, m, 4 m): the last is on the
-            diagonal, the first couples it with f - 3.
+            diagonal, the first couples it with f - 3. What couples rows of different groups is not looked at.
+        groups: Where each group of a block's rows begins, multiples of `TILE` from 0 on, and behind the last m.
         border: B by its columns, shape (k, n m).
         corner: C, shape (k, k).
         damping: Not negative.
@@ -378,23 +113,29 @@ def factorize_bordered(
     Returns:
         Whether the system is positive definite; if not, the factors mean nothing.
     """
-    size = blocks.shape[1]
-    _fill(blocks, damping, factor_out.strips)
-    if not _factorize(size, factor_out.strips, factor_out.spans, factor_out.inverses):
-        return False
+    n, whole, g = blocks.shape[0], blocks.shape[1], 0
+    factor_out.groups[0] = 0
+    while groups[g] < whole:
+        first, size = groups[g], groups[g + 1] - groups[g]
+        strips, spans, inverses = _of_group(factor_out, n, first, size)
+        fill(blocks, first, size, damping, strips)
+        if not factorize(size, strips, spans, inverses):
+            return False
+        g += 1
+        factor_out.groups[g] = groups[g]
     more = border.shape[0]
     for e in range(more):
         factor_out.border[e] = border[e]
         factor_out.across[e] = border[e]
-        _solve_band(factor_out, size, factor_out.across[e])
+        _solve_band(factor_out, n, factor_out.across[e])
     pivots = factor_out.pivots
-    first: float = corner[0, 0] * (1.0 + damping) - _product(border[0], factor_out.across[0])
-    pivots[0] = first
-    if more == 1 or not first > 0.0:
-        return first > 0.0
+    pivot: float = corner[0, 0] * (1.0 + damping) - _product(border[0], factor_out.across[0])
+    pivots[0] = pivot
+    if more == 1 or not pivot > 0.0:
+        return pivot > 0.0
     between: float = corner[0, 1] - _product(border[0], factor_out.across[1])
-    second = corner[1, 1] * (1.0 + damping) - _product(border[1], factor_out.across[1]) - between / first * between
-    pivots[1], pivots[2] = second, between / first
+    second = corner[1, 1] * (1.0 + damping) - _product(border[1], factor_out.across[1]) - between / pivot * between
+    pivots[1], pivots[2] = second, between / pivot
     return bool(second > 0.0)
 
 
@@ -407,13 +148,13 @@ def _product(first: Floats, second: Floats) -> float:
     return total
 
 
-@compiled(types.void(FACTOR, VECTOR, types.Array(types.float64, 1, "C")))
-def solve_factorized(factor: BorderedFactor, right: Floats, solution_out: Floats) -> None:
-    """Solve a system in factors for a right side; both have what belongs to the border last, shape (n m + k,)."""
+@compiled(types.void(FACTOR, types.int64, VECTOR, types.Array(types.float64, 1, "C")))
+def solve_factorized(factor: BorderedFactor, blocks: int, right: Floats, solution_out: Floats) -> None:
+    """Solve a system of n blocks in factors for a right side; both have what is the border's last, shape (n m + k,)."""
     more, rows = factor.border.shape
     x = solution_out[:rows]
     x[:] = right[:rows]
-    _solve_band(factor, rows // factor.strips.shape[0], x)
+    _solve_band(factor, blocks, x)
     first = right[rows] - _product(factor.border[0], x)
     if more > 1:
         second = right[rows + 1] - _product(factor.border[1], x) - factor.pivots[2] * first

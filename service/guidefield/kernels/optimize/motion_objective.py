@@ -16,7 +16,17 @@ import numpy as np
 
 from guidefield.kernels.jit.fields import Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX, MATRIX_OUT, SCALAR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.jit.signatures import (
+    BLOCKS_OUT,
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    compiled,
+)
 from guidefield.kernels.optimize.clearance_model import (
     CLEARANCE,
     ClearanceModel,
@@ -82,8 +92,8 @@ def _slopes(ends: MotionEnds, step: float, slopes_out: Floats) -> None:
 
 
 @uncounted
-def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float:
-    """Add what the ends' motion with u couples to the border; its own share of the second derivative by u."""
+def _ends_to_border(blocks: Floats, first: int, past: int, slopes: Floats, border_out: Floats) -> float:
+    """Add what the ends' motion with u couples to a group's border; its share of the second derivative by u."""
     n, nv = border_out.shape
     last = n - ENDS
     total = 0.0
@@ -94,8 +104,8 @@ def _ends_to_border(blocks: Floats, slopes: Floats, border_out: Floats) -> float
                 continue
             of_i = i if i < ENDS else i - last + ENDS
             of_k = k if k < ENDS else k - last + ENDS
-            for p in range(nv):
-                for q in range(nv):
+            for p in range(first, past):
+                for q in range(first, past):
                     value = blocks[i, p, c * nv + q]
                     if ENDS <= i < last:
                         border_out[i, p] += value * slopes[of_k, q]
@@ -131,6 +141,16 @@ def objective_value(
 
 
 @uncounted
+def _nothing(first: int, past: int, blocks_out: Floats) -> None:
+    """Set to zero what couples a group's coordinates."""
+    n, nv, _ = blocks_out.shape
+    for i in range(n):
+        for p in range(first, past):
+            for c in range(4):
+                blocks_out[i, p, c * nv + first : c * nv + past] = 0.0
+
+
+@uncounted
 def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) -> None:
     """Cut a coordinate out of the system."""
     inner, nv, _ = blocks_out.shape
@@ -151,6 +171,7 @@ def _hold(j: int, blocks_out: Floats, border_out: Floats, gradient_out: Floats) 
         LIMITS,
         TIMES,
         KEPT_SAMPLES,
+        INDICES,
         MATRIX,
         SCALAR,
         SCALAR,
@@ -168,6 +189,7 @@ def motion_objective(
     limits: MotionLimits,
     times: TimeLimits,
     kept: KeptSamples,
+    groups: Integers,
     points: Floats,
     step: float,
     begin: float,
@@ -186,13 +208,15 @@ def motion_objective(
         limits: What is kept. A coordinate whose range is a single value is cut out of the system.
         times: When it may depart and arrive.
         kept: Where path constraints are looked at.
+        groups: Of coordinates that may be coupled, as `coupled_groups` gives them.
         points: Control points, shape (n, nv), n > 6, strictly within limits [rad or m].
         step: h [s].
         begin: t0 [s].
         first_step: h0 [s].
         limit_weight: μ.
         blocks_out: Hessian by all points, see `add_hessian`, shape (n, nv, 4 nv); without the first three and the last
-            three it is that of the n - 6 free points, as in `bordered_band`.
+            three it is that of the n - 6 free points, as in `bordered_band`. What couples different groups means
+            nothing.
         border_out: By the times and these, shape (k, (n - 6) nv).
         corner_out: By the times, shape (k, k).
         gradient_out: By the points, then the times, shape ((n - 6) nv + k,).
@@ -203,7 +227,10 @@ def motion_objective(
     n, nv = points.shape
     gradient, slopes, scratch = np.empty((n, nv)), np.empty((2 * ENDS, nv)), np.empty(4 * nv)
     border, corner, by_times = model.border.copy(), model.corner.copy(), np.empty(2)
-    blocks_out[:, :, :] = 0.0
+    g = 0
+    while groups[g] < nv:
+        _nothing(groups[g], groups[g + 1], blocks_out)
+        g += 1
     add_hessians(model, scratch, blocks_out)
     of_clearance, by_times[0], by_times[1] = expanded(model, points, step, begin, scratch, gradient)
     of_limits, by_u, by_uu = add_limit_barrier(points, step, limits, limit_weight, gradient, blocks_out, border[0])
@@ -226,7 +253,10 @@ def motion_objective(
             by_times[0] += slopes[row, p] * gradient[i, p]
             corner[0, 0] += 2.0 * slopes[row, p] * border[0, i, p]
             corner[0, 1] += slopes[row, p] * border[1, i, p]
-    corner[0, 0] += _ends_to_border(blocks_out, slopes, border[0])
+    g = 0
+    while groups[g] < nv:
+        corner[0, 0] += _ends_to_border(blocks_out, groups[g], groups[g + 1], slopes, border[0])
+        g += 1
     corner[1, 0] = corner[0, 1]
     free, more = nv * (n - 2 * ENDS), corner_out.shape[0]
     for i in range(ENDS, last):

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.fields import BlocksOut, numba_type
+from guidefield.kernels.jit.fields import BlocksOut, IndicesOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, Floats, compiled
+from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.linalg.bordered_band import (
-    COUPLED,
     BorderedFactor,
     factorize_bordered,
     room_for_factor,
@@ -20,6 +20,7 @@ from guidefield.kernels.linalg.bordered_band import (
 )
 from guidefield.kernels.optimize.clearance_model import CLEARANCE, ClearanceModel
 from guidefield.kernels.optimize.constraint_penalty import KEPT_SAMPLES, KeptSamples
+from guidefield.kernels.optimize.coupled_groups import coupled_groups
 from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits
 from guidefield.kernels.optimize.motion_objective import (
     ENDS,
@@ -67,17 +68,19 @@ class DescentRoom(NamedTuple):
 
     Attributes:
         blocks: Of the Hessian by all n control points, shape (n, nv, 4 nv).
+        groups: Of coordinates that are coupled.
         factor: Of the factors of the free ones'.
     """
 
     blocks: BlocksOut
+    groups: IndicesOut
     factor: BorderedFactor
 
 
 def room_for_descent(n: int, nv: int, times: TimeLimits) -> DescentRoom:
     """Memory for motions of n control points of nv coordinates, and for these times."""
     factor = room_for_factor(n - 2 * ENDS, nv, 1 + times.departs)
-    return DescentRoom(np.empty((n, nv, (COUPLED + 1) * nv)), factor)
+    return DescentRoom(np.empty((n, nv, (COUPLED + 1) * nv)), np.empty_like(factor.groups), factor)
 
 
 ROOM = numba_type(DescentRoom)
@@ -184,15 +187,16 @@ def newton_descent(
     move, back = np.empty(free + more), np.empty(free + more)
     trial, corrected, scratch = np.empty((n, nv)), np.empty((n, nv)), np.empty(4 * nv)
     constrained = kept.frames.kinds.shape[0] > 0
-    taken = 0
+    coupled_groups(model, constrained, room.groups)
+    groups, taken = room.groups, 0
     for _ in range(rules.steps):
         value = motion_objective(
-            model, ends, limits, times, kept, points_out, step, begin, first_step, limit_weight, blocks, border, corner,
-            gradient,
+            model, ends, limits, times, kept, groups, points_out, step, begin, first_step, limit_weight, blocks, border,
+            corner, gradient,
         )  # fmt: skip
-        if not factorize_bordered(inner, border, corner, rules.damping, factor):
+        if not factorize_bordered(inner, groups, border, corner, rules.damping, factor):
             break
-        solve_factorized(factor, -gradient, move)
+        solve_factorized(factor, inner.shape[0], -gradient, move)
         promised = -_product(gradient, move)
         if promised < rules.settled * abs(value):
             break
@@ -207,10 +211,10 @@ def newton_descent(
             )
             if constrained and lower < math.inf:  # back towards constraints that bend, by the same factors
                 motion_objective(
-                    model, ends, limits, times, kept, trial, length, departure, first_step, limit_weight, blocks,
-                    border, corner, gradient,
+                    model, ends, limits, times, kept, groups, trial, length, departure, first_step, limit_weight,
+                    blocks, border, corner, gradient,
                 )  # fmt: skip
-                solve_factorized(factor, -gradient, back)
+                solve_factorized(factor, inner.shape[0], -gradient, back)
                 further, since = _times(length, departure, back, 1.0, free, longest_step)
                 _moved(trial, ends, back, 1.0, further, corrected)
                 then = objective_value(
