@@ -158,7 +158,7 @@ class _Judge:
             few = 2 * len(left) < len(self.world.pairs)
             pairs = np.array([(one.pair, one.first, one.second) for one in left], np.int64) if few else None
             parts = segment.parts(math.ceil(1.0 / share), pairs)
-            if share == CERTIFICATE.least_share or min(one.bound for one in left) <= CERTIFICATE.mesh_from:
+            if share == CERTIFICATE.least_share or any(one.bound <= one.asked_from(self.floor) for one in left):
                 refusal = self._refusal_at(parts[len(parts) // 2], segment, left)
                 if refusal is not None:
                     return finer, refusal
@@ -236,7 +236,7 @@ class _Judge:
                 if apart is None or (meshes and world.penetration_of(first, second, margin) is None):
                     continue
             assert apart is not None, "it is within the margin"
-            left.append(_Left(pair, first, second, bound, kept, apart))
+            left.append(_Left(pair, first, second, bound, kept, apart, told=within and not meshes))
         return left
 
     def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[_Left]) -> Verdict | None:
@@ -294,6 +294,7 @@ class _Left(NamedTuple):
         bound: How much closer it can come within the segment [m].
         kept: What it has to keep [m].
         apart: How far apart it is [m].
+        told: Whether that is known without Coal, which may say any distance that is within the margin.
     """
 
     pair: int
@@ -302,6 +303,14 @@ class _Left(NamedTuple):
     bound: float
     kept: float
     apart: float
+    told: bool
+
+    def asked_from(self, floor: float) -> float:
+        """Coal is asked whether it touches once it can come closer by no more than this [m], however far apart it is.
+
+        A pair in contact that is told is told to be close, and so asked about sooner.
+        """
+        return floor if self.told else CERTIFICATE.mesh_from
 
 
 def _decided_share(left: Sequence[_Left]) -> float:
