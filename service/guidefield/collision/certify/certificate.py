@@ -150,8 +150,8 @@ class _Judge:
         """
         finer: list[CurveSegment] = []
         joints, near = self._near(level)
-        for segment, placements, asked in zip(level, joints, near, strict=True):
-            left = self._left(placements, asked) if asked else []
+        for row, asked in near.items():
+            segment, left = level[row], self._left(joints[row], asked)
             if not left:
                 continue
             share = _decided_share(left)
@@ -165,7 +165,7 @@ class _Judge:
             finer += parts
         return finer, None
 
-    def _near(self, level: Sequence[CurveSegment]) -> tuple[np.ndarray, list[list[_Asked]]]:
+    def _near(self, level: Sequence[CurveSegment]) -> tuple[np.ndarray, dict[int, list[_Asked]]]:
         """At each segment's middle: where the joints stand, (s, njoints, 3, 4), and the pairs Coal has to judge."""
         world, group, model, data = self.world, self.world.group, self.world.model, self.world.data
         self.evaluations += len(level)
@@ -186,8 +186,8 @@ class _Judge:
         jacobians: np.ndarray,
         joints: np.ndarray,
         moves: ModelTangents,
-    ) -> list[list[_Asked]]:
-        """The pairs in each of s segments that balls, boxes and slabs can't tell apart, in ascending order.
+    ) -> dict[int, list[_Asked]]:
+        """The pairs in s segments that balls, boxes and slabs can't tell apart, by the segment, in ascending order.
 
         Args:
             level: The segments.
@@ -206,7 +206,7 @@ class _Judge:
         while count > len(found):
             found, told = np.empty((count, ASKED), np.int64), np.empty(count)
             count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found, told)
-        near: list[list[_Asked]] = [[] for _ in level]
+        near: dict[int, list[_Asked]] = {}
         for (row, pair, first, second), apart in sorted(
             zip(found[:count].tolist(), told[:count].tolist(), strict=True)
         ):
@@ -214,7 +214,7 @@ class _Judge:
                 kept, bound, margin = 0.0, own.item(row, pair), own_margins.item(row, pair)
             else:
                 kept, bound, margin = self.min_clearance, mixed.item(row, first), margins.item(row, first)
-            near[row].append((pair, first, second, bound, kept, margin, apart))
+            near.setdefault(row, []).append((pair, first, second, bound, kept, margin, apart))
         return near
 
     def _left(self, placements: np.ndarray, asked: Sequence[_Asked]) -> list[_Left]:
