@@ -314,3 +314,17 @@ def test_the_curve_is_the_trajectory_and_its_rates_are_never_exceeded() -> None:
         inside = (times >= a) & (times <= b)
         assert (np.abs(dz[inside]).max(axis=0) <= fastest[row] + 1e-9).all()
         assert (np.abs(ddz[inside]).max(axis=0) <= changing[row] + 1e-6).all()
+
+
+def test_surfaces_in_contact_are_not_asked_about_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    place, asked, distance = World.build(group("ur5"), library_scene("wall_with_window")), [], World.distance
+
+    def counted(self: World, pair: int) -> tuple[float, Any]:
+        asked.append(pair)
+        return distance(self, pair)
+
+    monkeypatch.setattr(World, "distance", counted)
+    obstacle, _, _ = found_along(place, motion(place.group, 1, 1.6))
+    assert (obstacle.distance, obstacle.bound) == (0.0, -TOLERANCE)
+    assert not are_signed(place)[obstacle.pair]
+    assert len(asked) < 100, "nothing is less than nothing: the first contact of a surface is the answer"

@@ -80,7 +80,8 @@ class Intervals(ReadOnly):
             more = surveyor.rates_of_obstacles(since, until)
             column = surveyor.mover_of_pair[pair]
             speed, acceleration = speed + more[0][owner, column], acceleration + more[1][owner, column]
-        return Entries(first[owner], last[owner], owner, pair, (until - since)[owner], speed, acceleration)
+        never_below = surveyor.never_below[pair]
+        return Entries(first[owner], last[owner], owner, pair, (until - since)[owner], speed, acceleration, never_below)
 
     def divided(self, entries: Entries, surveyor: Surveyor) -> Intervals:
         """The parts of every interval in which an entry is left."""
@@ -110,6 +111,7 @@ class Entries(ReadOnly):
         owner, pair: As in `Intervals`.
         span: Length of the interval [s].
         speed, acceleration: V and A of the file's formulas [m/s, m/s^2].
+        never_below: What the pair's distance never is below, whatever it does [m].
     """
 
     first: np.ndarray
@@ -119,16 +121,17 @@ class Entries(ReadOnly):
     span: np.ndarray
     speed: np.ndarray
     acceleration: np.ndarray
+    never_below: np.ndarray
 
     def those(self, chosen: np.ndarray) -> Entries:
         """Some of them, as an index or a mask of shape (e,) says."""
         return Entries(*(array[chosen] for array in vars(self).values()))
 
     def first_order(self, places: Places) -> np.ndarray:
-        """What each keeps at least by the rule of first order, shape (e,) [m]."""
+        """What each keeps at least by the rule of first order, or anyway, shape (e,) [m]."""
         a, b = (without_coal_error(places.distances[row, self.pair]) for row in (self.first, self.last))
         travel = self.speed * self.span
-        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel)
+        bound: np.ndarray = np.maximum(np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel), self.never_below)
         return bound
 
     def kept(self, places: Places, least: np.ndarray) -> np.ndarray:

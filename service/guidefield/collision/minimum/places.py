@@ -96,6 +96,7 @@ class Surveyor:
         speeds[np.isin(times, self.curve.breaks)] = np.inf
         distances = self._by_balls(centres)
         self._among_what_moves(times, centres, distances)
+        np.maximum(distances, self.never_below, out=distances)
         reach = world.motion_bound.reach(jacobians, centres)
         stages = np.full(distances.shape, BALLS, np.int8)
         return Places(times, qs, placements, reach, speeds, distances, stages)
@@ -204,6 +205,13 @@ class Surveyor:
         for column, (body, _, _) in enumerate(self._movers, 1):
             columns[pairs.of_obstacles(np.array([body - pairs.links]))] = column
         return columns
+
+    @cached_property
+    def never_below(self) -> np.ndarray:
+        """What the distance of each pair never is below, shape (n,) [m]: 0 in contact where a body is a surface."""
+        world = self.worlds.moving
+        surfaces = np.array([world.is_surface(body) for body in range(world.pairs.links + world.pairs.obstacles)], bool)
+        return np.where(surfaces[world.pairs.bodies(np.arange(len(world.pairs)))].any(axis=1), 0.0, -np.inf)
 
     @cached_property
     def _hulled(self) -> np.ndarray:
