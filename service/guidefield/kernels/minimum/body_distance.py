@@ -46,7 +46,7 @@ def _apart_at_least(
             return apart
     radii = place_part_of(a, node_a, pose_a, work, POSE_A) + place_part_of(b, node_b, pose_b, work, POSE_B)
     rounds = ROUNDS if is_leaf(a, node_a) and is_leaf(b, node_b) else FEW_ROUNDS
-    return max(apart, parts_distance(a, part_a, b, part_b, radii, most, rounds, work))
+    return max(apart, parts_distance(a, part_a, b, part_b, radii, -math.inf, most, rounds, work))
 
 
 @lane_step(types.float64(*PLACED, *PLACED, types.float64, DOUBLE_POINTER))
@@ -74,7 +74,7 @@ def bodies_distance(
     if work[LEAF_A] > 0.0:
         node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
         best = min(best, _apart_at_least(a, node_a, pose_a, b, node_b, pose_b, best, work))
-        if best <= 0.0:
+        if best <= 0.0 or (node_a == root_a and node_b == root_b):
             return best
     first = True
     while top > STACK:

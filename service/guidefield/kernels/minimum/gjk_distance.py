@@ -35,12 +35,13 @@ bound is enough."""
         types.int64,
         types.float64,
         types.float64,
+        types.float64,
         types.int64,
         DOUBLE_POINTER,
     )
 )
 def parts_distance(
-    a: Parts, part_a: int, b: Parts, part_b: int, rounding: float, most: float, rounds: int, work: Floats
+    a: Parts, part_a: int, b: Parts, part_b: int, rounding: float, least: float, most: float, rounds: int, work: Floats
 ) -> float:
     """Distance of two parts that are placed by the poses in the scratch space, less what rounds them [m].
 
@@ -50,6 +51,8 @@ def parts_distance(
         b: Tables that the second is in; only it may be a half-space.
         part_b: The part, or -1.
         rounding: Radii of what rounds both, together [m].
+        least: If they are no farther apart than this, some bound of their distance is enough that is no more than it
+            [m]; minus infinity: none.
         most: If they are farther apart than this, some bound of their distance that is no less than it is enough [m].
         rounds: How long GJK goes on at most: fewer than `ROUNDS` give a bound of the distance.
         work: Scratch, shape (WORK,), with the poses; the search begins with the axis in it, and leaves its last one.
@@ -64,6 +67,7 @@ def parts_distance(
     square, count, lower = vx * vx + vy * vy + vz * vz, 0, -np.inf
     if not square > 1e-20:
         vx, vy, vz, square = 1.0, 0.0, 0.0, 1.0
+    near = least + rounding
     for done in range(rounds):
         ax, ay, az = support(a.shapes, a.numbers, a.vertices, part_a, work, POSE_A, -vx, -vy, -vz)
         bx, by, bz = support(b.shapes, b.numbers, b.vertices, part_b, work, POSE_B, vx, vy, vz)
@@ -82,6 +86,9 @@ def parts_distance(
         square = vx * vx + vy * vy + vz * vz
         if count == 4 or square < 1e-16:
             return -rounding
+        if square <= near * abs(near):
+            write_axis(work, vx, vy, vz)
+            return lower - rounding
         if done == rounds - 1 and rounds < ROUNDS:
             write_axis(work, vx, vy, vz)
             return lower - rounding

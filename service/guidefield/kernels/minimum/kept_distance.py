@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from numba import types
+from numba import boolean, types
 
 from guidefield.kernels.collide.balls import ball_radius
 from guidefield.kernels.collide.gjk import PLACED, support
@@ -96,8 +96,19 @@ def _farthest(
     return float(dx * px + dy * py + dz * pz + moved + rounded)
 
 
+@lane_part
+def _second_rests(twists: Floats) -> bool:
+    """Whether the second body doesn't move."""
+    return bool(
+        twists[SECOND_TURNS] == 0.0
+        and twists[SECOND_TWIST] == 0.0
+        and twists[SECOND_TWIST + 1] == 0.0
+        and twists[SECOND_TWIST + 2] == 0.0
+    )
+
+
 @lane_step(
-    types.float64(
+    boolean(
         POINTED_PARTS,
         types.int64,
         types.float64,
@@ -105,11 +116,12 @@ def _farthest(
         types.int64,
         types.float64,
         DOUBLE_POINTER,
+        types.float64,
         types.float64,
         DOUBLE_POINTER,
     )
 )
-def _apart_all_along(
+def _keep_along(
     a: Parts,
     part_a: int,
     radius_a: float,
@@ -118,22 +130,23 @@ def _apart_all_along(
     radius_b: float,
     twists: Floats,
     share: float,
+    asked: float,
     work: Floats,
-) -> float:
-    """How far two parts are apart along the axis at least, as both move by up to a share of their twists [m]."""
+) -> bool:
+    """Whether two parts keep a distance [m] along the axis as both move by up to a share of their twists."""
     x, y, z = axis_in(work)
     length = axis_length(work)
     n, back = (x / length, y / length, z / length), (-x / length, -y / length, -z / length)
-    apart = math.inf
+    far, rests = 0.0, _second_rests(twists)
     for side in range(2):
         s = share if side == 0 else -share
-        near = -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work)
         if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
             far = b.numbers[PART * part_b + PLANE_OFFSET]
-        else:
+        elif side == 0 or not rests:
             far = _farthest(b, part_b, POSE_B, twists, SECOND_TWIST, radius_b, n, s, work)
-        apart = min(apart, near - far)
-    return apart
+        if not -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work) - far >= asked:
+            return False
+    return True
 
 
 @lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, DOUBLE_POINTER))
@@ -165,18 +178,15 @@ def _nodes_keep(
             return -math.inf
     rounds_a = place_part_of(a, node_a, pose_a, work, POSE_A)
     rounds_b = place_part_of(b, node_b, pose_b, work, POSE_B)
-    if axis_length(work) > 0.0:  # the axis of what was looked at last often tells
-        kept = _apart_all_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, work)
-        if kept >= asked:
-            return math.inf
-    most, rounds = asked + travel, ROUNDS if leaves else NODE_ROUNDS
-    apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, most, rounds, work)
+    # the axis of what was looked at last often tells
+    if axis_length(work) > 0.0 and _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work):
+        return math.inf
+    most, rounds, least = asked + travel, ROUNDS if leaves else NODE_ROUNDS, -math.inf if leaves else asked
+    apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, least, most, rounds, work)
     if apart >= most:
         return math.inf
-    if apart > asked:
-        kept = _apart_all_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, work)
-        if kept >= asked:
-            return math.inf
+    if apart > asked and _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work):
+        return math.inf
     return float(apart) if leaves else -math.inf
 
 
