@@ -22,15 +22,13 @@ from guidefield.kernels.minimum.smallest import (
     DISTANCE,
     ENDS,
     INTERVAL,
-    NEARLY,
     OWN,
     PAIR,
     SINCE,
     TIME,
     TOUCHING,
     UNTIL,
-    smallest_at,
-    smallest_between,
+    search_along,
 )
 from guidefield.kernels.minimum.tables import MovingRobot
 from guidefield.read_only import ReadOnly
@@ -50,6 +48,10 @@ or half of it takes a UR5 and a Baxter longer. Unrecorded."""
 
 STOPPED = 1 / 32
 """A search that is stopped tells what is kept in stretches no longer than this share of the motion."""
+
+
+_UNKNOWN = np.full(ANSWER, np.inf)
+_UNKNOWN[TIME], _UNKNOWN[PAIR] = np.nan, -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,6 @@ class _Search:
     def __init__(self, surveyor: Surveyor, stopped: Callable[[], object]) -> None:
         self._stopped = stopped
         world = surveyor.worlds.moving
-        self._own, self._every = world.pairs.n_self, len(world.pairs)
         curve = bezier_curve(surveyor.curve)
         self._moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), curve)
 
@@ -114,33 +115,30 @@ class _Search:
             times: See there [s].
             spans: See `smallest_along` [s].
         """
-        answers, distances = np.full((len(spans) + 1, ANSWER), np.inf), np.full(len(times), np.inf)
-        answers[:, [SINCE, UNTIL]], answers[:, PAIR], answers[:, TIME] = [*spans, spans[0]], -1.0, np.nan
-        answers[:, OWN] = 0.0
-        answers[-1, OWN] = 1.0
-        ends = np.array([time for span in spans[1:] for time in span])
-        smallest_at(self._moving, self._own, self._every, times, answers, distances)
-        smallest_at(self._moving, self._own, self._every, ends, answers, np.empty(len(ends)))
-        few = np.append(times[:-1:FEW], times[-1])
-        smallest_at(self._moving, 0, self._own, few, answers, np.empty(len(few)))
-        if (answers[:, DISTANCE] <= NEARLY).any() or not self._between(times, answers):
+        asked = [(*span, 0.0) for span in spans] + [(*spans[0], 1.0)]
+        answers, distances = np.empty((len(asked), ANSWER)), np.empty(len(times))
+        answers[:] = _UNKNOWN
+        answers[:, [SINCE, UNTIL, OWN]] = asked
+        if not self._judge(times, answers, distances):
             return None
         answers[:, BOUND] = np.minimum(answers[:, BOUND], answers[:, DISTANCE] - TOLERANCE)
         *obstacle, own = map(_answer, answers)
         return Along(obstacle, own, distances)
 
-    def _between(self, times: np.ndarray, answers: np.ndarray) -> bool:
-        """Write the answers of a whole motion; whether nothing touches, nor nearly."""
+    def _judge(self, times: np.ndarray, answers: np.ndarray, distances_out: np.ndarray) -> bool:
+        """Write the answers of a whole motion, and distances at times; whether nothing touches, nor nearly."""
         whole, waiting = float(times[-1] - times[0]), np.zeros((1 + 3 * DEEPEST, INTERVAL))
         waiting[0, BEGINS], waiting[0, ENDS] = times[0], times[-1]
-        count, stride = int(len(times) > 1), whole / max(len(times) - 1, 1)
-        while count > 0:
+        count, looked = int(len(times) > 1), times
+        while True:
             shortest = STOPPED * whole if self._stopped() else 0.0
-            count = smallest_between(
-                self._moving, TOLERANCE, stride, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count
-            )
-            stride = 0.0
-        return count != TOUCHING
+            count = search_along(
+                self._moving, TOLERANCE, looked, FEW, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count,
+                distances_out,
+            )  # fmt: skip
+            if count <= 0:
+                return count != TOUCHING
+            looked = times[:0]
 
 
 def _answer(row: np.ndarray) -> Smallest:

@@ -35,7 +35,7 @@ class Ways(NamedTuple):
     """How far a motion goes within a stretch; see this file.
 
     Attributes:
-        part: Scratch, shape (MOST_ORDER, nv).
+        parts: Scratch, shape (2, MOST_ORDER, nv).
         farthest, aside: X and E of the group's coordinates, shape (nv,).
         squares: Scratch, shape (n,).
         moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move.
@@ -45,7 +45,7 @@ class Ways(NamedTuple):
         asked: For which stretch it is known, shape (r + own,).
     """
 
-    part: Floats
+    parts: Floats
     farthest: Floats
     aside: Floats
     squares: Floats
@@ -66,11 +66,12 @@ def _spread(robot: RobotBodies, sizes: Floats, ways: Ways, out: Floats) -> None:
         for j in range(sizes.shape[0]):
             total += robot.half_widths[i, j] * sizes[j]
         ways.squares[i] = total * total
+        out[i] = 0.0
+    for k in range(n):
+        for i in range(n):
+            out[i] += robot.together[k, i] * ways.squares[k]
     for i in range(n):
-        total = 0.0
-        for k in range(n):
-            total += robot.together[k, i] * ways.squares[k]
-        out[i] = math.sqrt(total)
+        out[i] = math.sqrt(out[i])
 
 
 @uncounted
@@ -80,7 +81,9 @@ def find_moves(moving: MovingRobot, since: float, until: float, room: Room, ways
     D of the model's coordinates is written to the scratch of that place, as what changes.
     """
     robot = moving.robot
-    share = find_ways(moving.curve, since, until, room.z, room.row, ways.part, room.straight, ways.farthest, ways.aside)
+    share = find_ways(
+        moving.curve, since, until, room.z, room.weights, ways.parts, room.straight, ways.farthest, ways.aside
+    )
     for i in range(robot.offset.shape[0]):
         room.changes[i] = 0.0
         for j in range(room.z.shape[0]):

@@ -47,20 +47,30 @@ def new_ask(moving: MovingRobot) -> Ask:
 
 
 @uncounted
-def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
-    """What a pair keeps at least at a place, by the balls about bodies and the boxes about obstacles [m]."""
-    robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
+def squared_gap(moving: MovingRobot, pair: int, place: Place) -> float:
+    """How far the centre of a pair's first ball is at a place from that of the second, or from a box, squared [m^2]."""
+    obstacles, pairs = moving.obstacles, moving.pairs
     a, b = pairs.first[pair], pairs.second[pair]
     x, y, z = place.centres[a, 0], place.centres[a, 1], place.centres[a, 2]
     if pair < pairs.first_by.shape[0]:
         x, y, z = x - place.centres[b, 0], y - place.centres[b, 1], z - place.centres[b, 2]
-        return math.sqrt(x * x + y * y + z * z) - float(robot.radii[a] + robot.radii[b])
+        return float(x * x + y * y + z * z)
     square = 0.0
     for k in range(3):
         along = obstacles.axes[b, 3 * k] * x + obstacles.axes[b, 3 * k + 1] * y + obstacles.axes[b, 3 * k + 2] * z
         beyond = max(abs(along - obstacles.centres[b, k]) - obstacles.halves[b, k], 0.0)
         square += beyond * beyond
-    return math.sqrt(square) - float(robot.radii[a])
+    return square
+
+
+@uncounted
+def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
+    """What a pair keeps at least at a place, by the balls about bodies and the boxes about obstacles [m]."""
+    radii, pairs = moving.robot.radii, moving.pairs
+    radius = radii[pairs.first[pair]]
+    if pair < pairs.first_by.shape[0]:
+        radius += radii[pairs.second[pair]]
+    return float(math.sqrt(squared_gap(moving, pair, place)) - radius)
 
 
 @uncounted

@@ -7,9 +7,9 @@ from typing import NamedTuple
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
+from guidefield.kernels.kinematics.forward_kinematics import place_joints, place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.minimum.curve_ways import piece_at, point_of, share_at
+from guidefield.kernels.minimum.curve_ways import write_point
 from guidefield.kernels.minimum.tables import MovingRobot
 
 TWIST = 6
@@ -36,18 +36,21 @@ class Room(NamedTuple):
     """Scratch of `place_at`.
 
     Attributes:
-        row: Shape (MOST_ORDER,).
+        weights: Shape (MOST_ORDER,).
         z, straight: Of the group, where it is and how far it goes, shape (nv,).
         values, changes: The same of the model, shape (n,).
         q: Configuration of the model, shape (nq,).
+        rotation, translation: Of a joint, shapes (3, 3) and (3,).
     """
 
-    row: Floats
+    weights: Floats
     z: Floats
     straight: Floats
     values: Floats
     changes: Floats
     q: Floats
+    rotation: Floats
+    translation: Floats
 
 
 @uncounted
@@ -60,10 +63,8 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
         place: Where poses and centres are written.
         room: Scratch.
     """
-    robot, curve, joints = moving.robot, moving.curve, moving.robot.joints
-    piece = piece_at(curve, time)
-    share = share_at(curve, piece, time)
-    point_of(curve.positions, piece, share, room.row, room.z)
+    robot, joints = moving.robot, moving.robot.joints
+    write_point(moving.curve, time, room.weights, room.z)
     for i in range(robot.offset.shape[0]):
         value = robot.offset[i]
         for j in range(room.z.shape[0]):
@@ -71,7 +72,17 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
         room.values[i] = value
     configuration(joints, room.values, robot.origin, room.q)
     poses = place.poses
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, room.q, poses)
+    place_joints(
+        joints.parents,
+        joints.kinds,
+        joints.axes,
+        joints.placements,
+        joints.idx_q,
+        room.q,
+        room.rotation,
+        room.translation,
+        poses,
+    )
     for b in range(robot.carriers.shape[0]):
         x, y, z = moved_by(poses[robot.carriers[b]], robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
         place.centres[b, 0], place.centres[b, 1], place.centres[b, 2] = x, y, z
@@ -81,7 +92,7 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
 def find_twists(moving: MovingRobot, place: Place, room: Room) -> None:
     """Write how the coordinates move the robot where it was placed last, with that scratch, as they change by it."""
     joints = moving.robot.joints
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, place.poses, place.subspaces)
+    place_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, place.poses, place.subspaces)
     for i in range(room.changes.shape[0]):
         for k in range(TWIST):
             place.twists[i, k] = place.subspaces[i, k]

@@ -15,13 +15,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import types
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled
 from guidefield.kernels.minimum.closing import BENT, BOUNDS, TRAVEL, Ways, body_closing, closing_of, find_moves
 from guidefield.kernels.minimum.curve_ways import MOST_ORDER
-from guidefield.kernels.minimum.pair_distance import Ask, least_distance, new_ask, pair_distance, pair_keeps
+from guidefield.kernels.minimum.pair_distance import (
+    Ask,
+    least_distance,
+    new_ask,
+    pair_distance,
+    pair_keeps,
+    squared_gap,
+)
 from guidefield.kernels.minimum.places import TWIST, Place, Room, find_twists, place_at
 from guidefield.kernels.minimum.tables import MOVING_ROBOT, BodyPairs, MovingRobot, RobotBodies
 
@@ -78,6 +85,7 @@ class _Search(NamedTuple):
         place, room, ways: The robot at a time, scratch, and how far it goes about it.
         ask: What was asked last.
         told: A distance that each pair had no more than, and when, shape (m, 2) [m, s].
+        least: What each pair keeps at least at a place, shape (m,) [m].
     """
 
     place: Place
@@ -85,6 +93,7 @@ class _Search(NamedTuple):
     ways: Ways
     ask: Ask
     told: Floats
+    least: Floats
 
 
 @counted
@@ -108,6 +117,8 @@ def _room(robot: RobotBodies) -> Room:
         np.empty(n),
         np.empty(n),
         np.empty(robot.origin.shape[0]),
+        np.empty((3, 3)),
+        np.empty(3),
     )
 
 
@@ -115,7 +126,7 @@ def _room(robot: RobotBodies) -> Room:
 def _ways(robot: RobotBodies, pairs: BodyPairs) -> Ways:
     n, nv, movers = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.first_by.shape[0]
     return Ways(
-        np.empty((MOST_ORDER, nv)),
+        np.empty((2, MOST_ORDER, nv)),
         np.empty(nv),
         np.empty(nv),
         np.empty(n),
@@ -144,7 +155,8 @@ def new_search(moving: MovingRobot) -> _Search:
     robot, pairs = moving.robot, moving.pairs
     told = np.full((pairs.first.shape[0], 2), np.inf)
     told[:, WHEN] = 0.0
-    return _Search(_place(robot), _room(robot), _ways(robot, pairs), new_ask(moving), told)
+    least = np.empty(pairs.first.shape[0])
+    return _Search(_place(robot), _room(robot), _ways(robot, pairs), new_ask(moving), told, least)
 
 
 @uncounted
@@ -180,47 +192,50 @@ def _is_own(moving: MovingRobot, pair: int) -> int:
     return 1 if pair < moving.pairs.first_by.shape[0] else 0
 
 
-ANSWERS = types.Array(types.float64, 2, "C")
+@uncounted
+def _smallest_now(
+    moving: MovingRobot, search: _Search, first: int, past: int, time: float, likely: int, answers: Floats
+) -> tuple[float, int]:
+    """Keep the smallest distance of some pairs where the robot is placed, at a time [s]; that [m] and its pair.
 
-
-@compiled(void(MOVING_ROBOT, types.int64, types.int64, VECTOR, ANSWERS, types.Array(types.float64, 1, "C")))
-def smallest_at(
-    moving: MovingRobot,
-    first: int,
-    past: int,
-    times: Floats,
-    answers: Floats,
-    distances_out: Floats,
-) -> None:
-    """The smallest distance of some pairs at times.
-
-    Args:
-        moving: The robot, all its pairs and its motion.
-        first: The first pair that counts.
-        past: The one past the last.
-        times: Shape (p,) [s].
-        answers: Questions, shape (q, ANSWER): what is smaller than the answers is written there.
-        distances_out: Smallest distance at each time, shape (p,) [m]; infinite without a pair.
+    The likely pair, if that isn't -1, is asked first, then what may be closest. Infinite, and -1, without a pair.
     """
-    search, least, nearest = new_search(moving), np.empty(past - first), -1
-    distances_out[:] = np.inf
-    for p in range(times.shape[0] if past > first else 0):
+    found, nearest, least, closest = np.inf, -1, search.least, first
+    for pair in range(first, past):
+        least[pair] = least_distance(moving, pair, search.place)
+        closest = pair if least[pair] < least[closest] else closest
+    for index in range(first - 2 if past > first else past, past):
+        pair = index
+        if index < first:
+            pair = likely if index == first - 2 else closest
+        if pair < 0 or least[pair] >= found:
+            continue
+        least[pair] = np.inf
+        apart = pair_distance(moving, pair, search.place, found, search.ask)
+        if apart < found:
+            found, nearest = apart, pair
+    _keep(answers, _is_own(moving, nearest), time, found, nearest)
+    return found, nearest
+
+
+@uncounted
+def _look_at(
+    moving: MovingRobot, search: _Search, times: Floats, few: int, answers: Floats, distances_out: Floats
+) -> None:
+    """Look at some times and where spans begin or end within the motion: see `search_along`."""
+    own, every, count = moving.pairs.first_by.shape[0], moving.pairs.first.shape[0], times.shape[0]
+    nearest, nearest_own = -1, -1
+    for p in range(count):
         place_at(moving, times[p], search.place, search.room)
-        for k in range(past - first):
-            least[k] = least_distance(moving, first + k, search.place)
-        found = np.inf
-        for k in range(-2, past - first):  # the closest of the last time is asked first, then what may be closest now
-            pair = first + k
-            if k < 0:
-                pair = nearest if k == -2 else first + int(np.argmin(least))
-            if pair < 0 or least[pair - first] >= found:
-                continue
-            least[pair - first] = np.inf
-            apart = pair_distance(moving, pair, search.place, found, search.ask)
-            if apart < found:
-                found, nearest = apart, pair
-        distances_out[p] = found
-        _keep(answers, _is_own(moving, nearest), times[p], found, nearest)
+        distances_out[p], nearest = _smallest_now(moving, search, own, every, times[p], nearest, answers)
+        if p % few == 0 or p == count - 1:
+            _, nearest_own = _smallest_now(moving, search, 0, own, times[p], nearest_own, answers)
+    for q in range(answers.shape[0]):
+        for side in range(2 if own < every else 0):
+            time = answers[q, SINCE if side == 0 else UNTIL]
+            if times[0] < time < times[count - 1]:
+                place_at(moving, time, search.place, search.room)
+                _, nearest = _smallest_now(moving, search, own, every, time, nearest, answers)
 
 
 @uncounted
@@ -234,15 +249,14 @@ def _may_improve(answers: Floats, own: int, time: float, distance: float) -> flo
 
 
 @uncounted
-def _balls_keep(
-    moving: MovingRobot, search: _Search, pair: int, stretch: int, share: float, apart: float, least: float
-) -> bool:
-    """Whether a pair, whose balls are so far apart, keeps a distance as both bodies are seen from the world."""
-    place, ways, robot = search.place, search.ways, moving.robot
-    travel = ways.known[body_closing(robot, moving.pairs.first[pair], stretch, share, place, ways), TRAVEL]
-    if pair < moving.pairs.first_by.shape[0]:
-        travel += ways.known[body_closing(robot, moving.pairs.second[pair], stretch, share, place, ways), TRAVEL]
-    return bool(apart - travel - ERROR >= least)
+def _are_far(moving: MovingRobot, search: _Search, pair: int, stretch: int, share: float, least: float) -> bool:
+    """Whether a pair keeps a distance by its balls, or ball and box, as both bodies are seen from the world."""
+    place, ways, robot, pairs = search.place, search.ways, moving.robot, moving.pairs
+    a, b = pairs.first[pair], pairs.second[pair]
+    reach = least + ERROR + robot.radii[a] + ways.known[body_closing(robot, a, stretch, share, place, ways), TRAVEL]
+    if pair < pairs.first_by.shape[0]:
+        reach += robot.radii[b] + ways.known[body_closing(robot, b, stretch, share, place, ways), TRAVEL]
+    return bool(squared_gap(moving, pair, place) >= reach * reach)
 
 
 @uncounted
@@ -259,10 +273,11 @@ def _is_done(
 ) -> bool:
     """Whether a pair needn't be looked at closer in a stretch, in whose middle the robot is: it keeps what is asked."""
     since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
+    if _are_far(moving, search, pair, stretch, share, least):
+        return True
+    if until - since > longest:
+        return False
     apart, middle = least_distance(moving, pair, search.place), 0.5 * (since + until)
-    far = _balls_keep(moving, search, pair, stretch, share, apart, least)
-    if far or until - since > longest:
-        return far
     known = search.ways.known[closing_of(moving, pair, stretch, share, search.place, search.ways)]
     if apart - known[TRAVEL] - ERROR >= least:
         return True
@@ -373,28 +388,32 @@ def _look_about(moving: MovingRobot, search: _Search, stride: float, answers: Fl
                         _keep(answers, own, time, found, pair)
 
 
-_INDEX = types.int64
+ANSWERS = types.Array(types.float64, 2, "C")
+_INDEX, _OUT = types.int64, types.Array(types.float64, 1, "C")
 
 
-@compiled(_INDEX(MOVING_ROBOT, SCALAR, SCALAR, _INDEX, SCALAR, SCALAR, ANSWERS, ANSWERS, _INDEX))
-def smallest_between(
+@compiled(_INDEX(MOVING_ROBOT, SCALAR, VECTOR, _INDEX, _INDEX, SCALAR, SCALAR, ANSWERS, ANSWERS, _INDEX, _OUT))
+def search_along(
     moving: MovingRobot,
     tolerance: float,
-    stride: float,
+    times: Floats,
+    few: int,
     most: int,
     longest: float,
     shortest: float,
     answers: Floats,
     waiting: Floats,
     count: int,
+    distances_out: Floats,
 ) -> int:
-    """Judge stretches of a motion until none waits: then no answer is more than the tolerance too large.
+    """Look at some times, and judge stretches of a motion until none waits: then no answer is too large.
 
     Args:
         moving: The robot, all its pairs and its motion.
-        tolerance: Positive [m].
-        stride: How far apart the times are of which the answers are known: about these it is looked first; 0: it was
-            looked already [s].
+        tolerance: By how much an answer may be too large, positive [m].
+        times: At which it is looked first, evenly apart, those of the whole motion's ends among them; or none, where
+            they were looked at before, shape (p,) [s].
+        few: It is looked for own pairs at every so manieth of them, and at the last.
         most: How many stretches are judged before it is left at that; at least one that waits is.
         longest: In longer stretches balls and boxes alone tell [s].
         shortest: Stretches no longer than this aren't halved any more, and it is gone on until none waits: what is kept
@@ -403,13 +422,18 @@ def smallest_between(
         waiting: Stretches that wait, shape (w, INTERVAL), with room for `DEEPEST` + 3 more;
             the last comes first.
         count: How many there are.
+        distances_out: Smallest distance from obstacles at each time, shape (p,) [m]; infinite without one.
 
     Returns:
         How many wait now; `TOUCHING` where bodies touch, or nearly.
     """
     search, left, stretch = new_search(moving), _left(moving.pairs.first.shape[0]), 0
-    stack = left.stack
-    _look_about(moving, search, stride, answers)
+    stack, last = left.stack, times.shape[0] - 1
+    if last >= 0:
+        _look_at(moving, search, times, few, answers, distances_out)
+        if _nearly_touch(answers):
+            return TOUCHING
+        _look_about(moving, search, (times[last] - times[0]) / max(last, 1), answers)
     while count > 0 and (stretch < most or shortest > 0.0):
         count -= 1
         stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
@@ -417,9 +441,8 @@ def smallest_between(
         while top > 0 and (stretch < most or shortest > 0.0):
             stretch += 1
             more = _judged(moving, search, left, stretch, top - 1, tolerance, longest, shortest, answers)
-            for q in range(answers.shape[0]):
-                if answers[q, DISTANCE] <= NEARLY:
-                    return TOUCHING
+            if _nearly_touch(answers):
+                return TOUCHING
             if more < 0:  # both halves have all of its own
                 more = int(stack[top - 1, COUNT])
                 stack[top - 1, COUNT] = 0.0
@@ -428,3 +451,12 @@ def smallest_between(
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
             count += 1
     return count
+
+
+@uncounted
+def _nearly_touch(answers: Floats) -> bool:
+    """Whether an answer is that bodies touch, or nearly."""
+    least = np.inf
+    for q in range(answers.shape[0]):
+        least = min(least, answers[q, DISTANCE])
+    return bool(least <= NEARLY)
