@@ -19,14 +19,14 @@ from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
-from guidefield.kernels.timing.way_lengths import STRIDES, against_chords, chord_lengths
+from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartCurves, ChartPoints, Configuration, Configurations
+from guidefield.robot.model.spaces import ChartCurves, Configuration, Configurations
 
 
 class Measured(Protocol):
@@ -244,77 +244,23 @@ def _at_rows(
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
+    lengths = _lengths(trajectory, kinematics)
     return Figures(
-        joint_path_length=_length(trajectory, lambda samples: samples),
-        tip_path_length=_length(trajectory, kinematics.tip_positions),
+        joint_path_length=float(lengths[IN_CHART]),
+        tip_path_length=float(lengths[OF_FRAME]),
         duration=trajectory.duration,
         peak_jerk=trajectory.peak_jerk,
         smoothness=_bending(trajectory),
     )
 
 
-def _length(trajectory: Trajectory, way: Callable[[ChartPoints], np.ndarray]) -> float:
-    """Length of a way along a trajectory, by Richardson's extrapolation of the chords within each piece.
-
-    Pieces are divided on where lengths by chords and by longer ones differ, or where the motion turns back within a
-    chord: it goes against it at an end of it.
-
-    Args:
-        trajectory: The trajectory.
-        way: Takes points of the chart, shape (n, nv), and gives those of the way, shape (n, k).
-    """
-    look, found, done = _first_look(trajectory), 0.0, 0.0
-    count = max(1, len(look.pieces))
-    for _ in range(MEASURING.length_levels):
-        points, chords = way(look.points), np.empty((len(look.pieces), STRIDES))
-        chord_lengths(points.reshape(*look.times.shape, points.shape[-1]), chords)
-        fine, coarse, coarser = chords.T
-        lengths, before = (4.0 * fine - coarse) / 3.0, (4.0 * coarse - coarser) / 3.0
-        unsure = np.maximum(np.abs(lengths - before), look.against)
-        rough = unsure > MEASURING.length_share / count * (done + lengths.sum())
-        done += float(lengths[~rough].sum())
-        found = done + float(lengths[rough].sum())
-        if not rough.any():
-            break
-        pieces, middles = look.pieces[rough], look.pieces[rough].mean(axis=1)
-        pieces = np.concatenate([np.stack([pieces[:, 0], middles], axis=1), np.stack([middles, pieces[:, 1]], axis=1)])
-        look = _Look.at(trajectory, pieces, look.times.shape[1] - 1)
-    return found
-
-
-class _Look(NamedTuple):
-    """A trajectory at even times of some parts of it.
-
-    Attributes:
-        pieces: When each part begins and ends, shape (n, 2) [s].
-        times: Shape (n, k) [s].
-        points: Chart points then, shape (n k, nv) [rad or m].
-        against: How far it may go back and forth within chords between them, shape (n,) [rad or m].
-    """
-
-    pieces: np.ndarray
-    times: np.ndarray
-    points: ChartPoints
-    against: np.ndarray
-
-    @classmethod
-    def at(cls, trajectory: Trajectory, pieces: np.ndarray, steps: int) -> _Look:
-        """At the ends of so many steps of each part (n, 2)."""
-        times = pieces[:, :1] + np.diff(pieces) * (np.arange(steps + 1) / steps)
-        points, rates, _ = trajectory.evaluate(times.ravel())
-        against, shape = np.empty(len(pieces)), (*times.shape, points.shape[-1])
-        against_chords(times, points.reshape(shape), rates.reshape(shape), against)
-        return cls(pieces, times, points, against)
-
-
-@kept_with
-def _first_look(trajectory: Trajectory) -> _Look:
-    """A trajectory between all its knots, so many times in all as its length is first measured with."""
-    knots = trajectory.times
-    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / max(1, len(knots) - 1)))
-    look = _Look.at(trajectory, np.stack([knots[:-1], knots[1:]], axis=1), steps)
-    read_only(*look)
-    return look
+def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
+    """Lengths of a trajectory in the chart [rad or m] and of the tip's way [m], shape (WAYS,)."""
+    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / max(1, len(trajectory.times) - 1)))
+    joints, expand, offset, origin, carrier, point = kinematics.tip
+    share, levels, lengths = MEASURING.length_share, MEASURING.length_levels, np.empty(WAYS)
+    way_lengths(*trajectory.tables, joints, expand, offset, origin, carrier, point, steps, share, levels, lengths)
+    return lengths
 
 
 class _Way(NamedTuple):

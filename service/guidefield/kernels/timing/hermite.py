@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import void
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, Floats, compiled
+from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, Floats, compiled, inlined
 
 
 @compiled(void(VECTOR, MATRIX, MATRIX, MATRIX_OUT, MATRIX_OUT))
@@ -36,6 +36,12 @@ def piece_peaks(
                 speed = max(speed, abs(v + a * a * duration / (2.0 * (a - b))))
             speeds_out[i, c] = speed
             accelerations_out[i, c] = max(abs(a), abs(b))
+
+
+@inlined
+def place_and_rate(q: float, v: float, a: float, jerk: float, t: float) -> tuple[float, float]:
+    """Position and velocity of a coordinate at a time in a piece, by those and its acceleration where it begins."""
+    return q + t * (v + t * (a / 2.0 + t * jerk / 6.0)), v + t * (a + t * jerk / 2.0)
 
 
 @compiled(void(VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX_OUT, MATRIX_OUT, MATRIX_OUT))
@@ -79,7 +85,7 @@ def states_at(
         t, rests = inside - times[piece], time < times[0] or time > times[last]
         for c in range(positions.shape[1]):
             q, v, a, jerk = positions[piece, c], velocities[piece, c], accelerations[piece, c], jerks[piece, c]
-            at = q + t * (v + t * (a / 2.0 + t * jerk / 6.0))
+            at, rate = place_and_rate(q, v, a, jerk, t)
             positions_out[row, c] = positions[last, c] if inside == times[last] else at
-            velocities_out[row, c] = 0.0 if rests else v + t * (a + t * jerk / 2.0)
+            velocities_out[row, c] = 0.0 if rests else rate
             accelerations_out[row, c] = 0.0 if rests else a + t * jerk

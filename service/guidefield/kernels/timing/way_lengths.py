@@ -1,56 +1,216 @@
-"""Lengths of the parts of a way by chords, and how far a motion may go back and forth within them."""
+"""Lengths of a motion's way in its chart and of a frame's way, by chords."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from numba import void
+import numpy as np
+from numba import types, void
 
-from guidefield.kernels.jit.signatures import BLOCKS, MATRIX, MATRIX_OUT, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled
+from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable
+from guidefield.kernels.kinematics.frame_positions import PointScratch, place_point, point_scratch
+from guidefield.kernels.timing.hermite import place_and_rate
+
+IN_CHART, OF_FRAME, WAYS = range(3)
+"""Numbers of the two lengths; then how many there are."""
 
 STRIDES = 3
 """Each part is measured by all of its chords, by every second and by every fourth of its points."""
 
-
-@compiled(void(BLOCKS, MATRIX_OUT))
-def chord_lengths(points: Floats, lengths_out: Floats) -> None:
-    """Lengths of polylines, and of those through every second and every fourth point.
-
-    Args:
-        points: One more than a multiple of four of each, shape (n, k, d).
-        lengths_out: Shape (n, STRIDES).
-    """
-    for n in range(points.shape[0]):
-        stride = 1
-        for level in range(STRIDES):
-            total = 0.0
-            for k in range(stride, points.shape[1], stride):
-                square = 0.0
-                for d in range(points.shape[2]):
-                    square += (points[n, k, d] - points[n, k - stride, d]) ** 2
-                total += math.sqrt(square)
-            lengths_out[n, level] = total
-            stride *= 2
+AGAINST, LOOK = WAYS * STRIDES, WAYS * STRIDES + 1
+"""Numbers of a look at a part, behind the lengths of both ways: how far the motion may go back and forth within its
+chords, as it goes against them at an end; then how many there are."""
 
 
-@compiled(void(MATRIX, BLOCKS, BLOCKS, VECTOR_OUT))
-def against_chords(times: Floats, points: Floats, rates: Floats, found_out: Floats) -> None:
-    """How far motions may go back and forth within their chords: each chord that they go against at an end counts.
+class _Tables(NamedTuple):
+    """A motion as `hermite.states_at` has it."""
 
-    Args:
-        times: Of the ends of chords, evenly, shape (n, k) [s].
-        points: Chart points there, shape (n, k, nv) [rad or m].
-        rates: Velocities there, shape (n, k, nv).
-        found_out: Shape (n,) [rad or m].
-    """
-    for n in range(points.shape[0]):
+    times: Floats
+    positions: Floats
+    velocities: Floats
+    accelerations: Floats
+    jerks: Floats
+
+
+class _Scratch(NamedTuple):
+    """Points and rates of a part, each of shape (k, nv), and where the frame is, shape (k, 3)."""
+
+    points: Floats
+    rates: Floats
+    places: Floats
+    room: PointScratch
+
+
+class _Frame(NamedTuple):
+    """A frame as `frame_positions` has it."""
+
+    joints: JointTable
+    expand: Floats
+    offset: Floats
+    origin: Floats
+    carrier: int
+    point: Floats
+
+
+@uncounted
+def chord_lengths(points: Floats, at: int, look_out: Floats) -> None:
+    """Write the lengths of a polyline (k, d), and through every second and every fourth point, from a number on."""
+    stride = 1
+    for level in range(STRIDES):
         total = 0.0
-        for k in range(points.shape[1] - 1):
-            for end in range(2):
-                along, square = 0.0, 0.0
-                for j in range(points.shape[2]):
-                    rate = rates[n, k + end, j]
-                    along += rate * (points[n, k + 1, j] - points[n, k, j])
-                    square += rate * rate
-                total += math.sqrt(square) if along < 0.0 else 0.0
-        found_out[n] = total * (times[n, 1] - times[n, 0])
+        for k in range(stride, points.shape[0], stride):
+            square = 0.0
+            for d in range(points.shape[1]):
+                square += (points[k, d] - points[k - stride, d]) ** 2
+            total += math.sqrt(square)
+        look_out[at + level] = total
+        stride *= 2
+
+
+@uncounted
+def against_chords(points: Floats, rates: Floats, step: float) -> float:
+    """How far a motion may go back and forth within its chords: each that it goes against at an end counts.
+
+    Args:
+        points: Ends of chords, shape (k, nv) [rad or m].
+        rates: Velocities there, shape (k, nv).
+        step: How long each takes [s].
+    """
+    total = 0.0
+    for k in range(points.shape[0] - 1):
+        for end in range(2):
+            along, square = 0.0, 0.0
+            for j in range(points.shape[1]):
+                rate = rates[k + end, j]
+                along += rate * (points[k + 1, j] - points[k, j])
+                square += rate * rate
+            total += math.sqrt(square) if along < 0.0 else 0.0
+    return total * step
+
+
+@uncounted
+def _look(
+    tables: _Tables, frame: _Frame, piece: int, begin: float, end: float, scratch: _Scratch, look_out: Floats
+) -> None:
+    """Look at a part of a piece, between two times [s]: shape (LOOK,)."""
+    points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
+    for k in range(steps + 1):
+        t = begin + (end - begin) * (k / steps) - tables.times[piece]
+        for j in range(points.shape[1]):
+            points[k, j], rates[k, j] = place_and_rate(
+                tables.positions[piece, j],
+                tables.velocities[piece, j],
+                tables.accelerations[piece, j],
+                tables.jerks[piece, j],
+                t,
+            )
+        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(
+            frame.joints,
+            frame.expand,
+            frame.offset,
+            frame.origin,
+            points[k],
+            frame.carrier,
+            frame.point,
+            scratch.room,
+        )
+    chord_lengths(points, IN_CHART * STRIDES, look_out)
+    chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
+    look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
+
+
+@uncounted
+def _length(look: Floats, way: int) -> float:
+    """The length of a way by Richardson's extrapolation of all chords and every second point's."""
+    return float((4.0 * look[way * STRIDES] - look[way * STRIDES + 1]) / 3.0)
+
+
+@uncounted
+def _unsure(look: Floats, way: int) -> float:
+    """By how much a length may be off: by how much it is another one by the longer chords, or by going back."""
+    before = (4.0 * look[way * STRIDES + 1] - look[way * STRIDES + 2]) / 3.0
+    return float(max(abs(_length(look, way) - before), look[AGAINST]))
+
+
+@compiled(
+    void(
+        VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, JOINTS, MATRIX, VECTOR, VECTOR, types.int64, VECTOR,
+        types.int64, SCALAR, types.int64, VECTOR_OUT,
+    )
+)  # fmt: skip
+def way_lengths(
+    times: Floats,
+    positions: Floats,
+    velocities: Floats,
+    accelerations: Floats,
+    jerks: Floats,
+    joints: JointTable,
+    expand: Floats,
+    offset: Floats,
+    origin: Floats,
+    carrier: int,
+    point: Floats,
+    steps: int,
+    share: float,
+    levels: int,
+    lengths_out: Floats,
+) -> None:
+    """Lengths of a motion's ways, by Richardson's extrapolation of chords; parts are halved where that is off.
+
+    Args:
+        times: Of the knots, shape (n,), strictly increasing [s].
+        positions: As in `hermite.states_at`, shape (n, nv), and so are the next three.
+        velocities: See there.
+        accelerations: See there.
+        jerks: See there, shape (n - 1, nv).
+        joints: As in `frame_positions`, and so are the next five.
+        expand: See there.
+        offset: See there.
+        origin: See there.
+        carrier: See there.
+        point: See there.
+        steps: Chords of each part, a multiple of four.
+        share: Parts of which all together the lengths are off by no more than this share of the whole aren't halved.
+        levels: So often at most it is looked.
+        lengths_out: In the chart [rad or m] and of the frame [m], shape (WAYS,).
+    """
+    tables = _Tables(times, positions, velocities, accelerations, jerks)
+    frame = _Frame(joints, expand, offset, origin, carrier, point)
+    pieces, nv = times.shape[0] - 1, positions.shape[1]
+    points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
+    scratch = _Scratch(points, rates, places, point_scratch(joints, offset, origin))
+    first_looks, first_parts = np.empty((pieces, LOOK)), np.empty((pieces, 3))
+    for piece in range(pieces):
+        first_parts[piece, 0], first_parts[piece, 1], first_parts[piece, 2] = piece, times[piece], times[piece + 1]
+        _look(tables, frame, piece, times[piece], times[piece + 1], scratch, first_looks[piece])
+    for way in range(WAYS):
+        looks, parts, done = first_looks, first_parts, 0.0
+        lengths_out[way] = 0.0
+        for _ in range(levels):
+            total, count = 0.0, 0
+            for k in range(looks.shape[0]):
+                total += _length(looks[k], way)
+            most = share / max(1, pieces) * (done + total)
+            for k in range(looks.shape[0]):
+                if _unsure(looks[k], way) > most:
+                    count += 1
+                else:
+                    done += _length(looks[k], way)
+            lengths_out[way], half = done, 0
+            halves, looks_at_halves = np.empty((2 * count, 3)), np.empty((2 * count, LOOK))
+            for k in range(looks.shape[0]):
+                if _unsure(looks[k], way) > most:
+                    lengths_out[way] += _length(looks[k], way)
+                    piece, begin, end = int(parts[k, 0]), parts[k, 1], parts[k, 2]
+                    middle = 0.5 * (begin + end)
+                    for side in range(2):
+                        since, until = (begin, middle) if side == 0 else (middle, end)
+                        halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
+                        _look(tables, frame, piece, since, until, scratch, looks_at_halves[half])
+                        half += 1
+            if count == 0:
+                break
+            looks, parts = looks_at_halves, halves

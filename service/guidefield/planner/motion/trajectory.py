@@ -84,8 +84,8 @@ class Trajectory(ReadOnly):
         return jerks
 
     @cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Knots and jerks as the kernel takes them."""
+    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Knots and jerks as kernels take them, see `states_at`."""
         arrays = self.times, self.positions, self.velocities, self.accelerations, self._jerks
         times, positions, velocities, accelerations, jerks = (np.ascontiguousarray(array, float) for array in arrays)
         read_only(times, positions, velocities, accelerations, jerks)
@@ -127,7 +127,7 @@ class Trajectory(ReadOnly):
             still = cast(ChartRates, np.zeros((len(times), self.positions.shape[1])))
             return still + self.positions[0], still, still.copy()
         q, v, a = (np.empty((len(times), self.positions.shape[1])) for _ in range(3))
-        states_at(*self._tables, times, q, v, a)
+        states_at(*self.tables, times, q, v, a)
         return cast(ChartPoints, q), cast(ChartRates, v), cast(ChartRates, a)
 
     def resampled(self, rate: float) -> MotionSamples:

@@ -13,7 +13,7 @@ from guidefield.kernels.kinematics.frame_positions import frame_positions, frame
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.joint_table import chain_of, joints_of
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
@@ -64,10 +64,10 @@ class Kinematics:
     @cached_property
     def tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
         """What the kernels want of the group and its tip, see `frame_positions`."""
-        expand, offset, carrier, point = _alike_tip(self.group, self.group.tip_id)
+        chain, expand, offset, point = _alike_tip(self.group, self.group.tip_id)
         origin = np.array(self.group.expand(self.group.q_origin), float)
         read_only(origin)
-        return joints_of(self.group), expand, offset, origin, carrier, point
+        return chain, expand, offset, origin, len(chain.parents) - 1, point
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).
@@ -83,10 +83,13 @@ class Kinematics:
 
 
 @kept_with_alike
-def _alike_tip(group: PlanningGroup, tip_id: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
-    """Of a frame what `frame_positions` wants of it and the group, but for where rotation vectors start."""
+def _alike_tip(group: PlanningGroup, tip_id: int) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray]:
+    """Of a frame what `frame_positions` wants of it and the group, but for where rotation vectors start.
+
+    Of the joints those that lead to it, the last of which carries it.
+    """
     frame = group.model.frames[tip_id]
     expand, offset = np.array(group.expand_velocity, float, order="C"), np.array(group.expand_offset, float)
     point = np.array(frame.placement.translation)
     read_only(expand, offset, point)
-    return expand, offset, int(frame.parentJoint), point
+    return chain_of(joints_of(group), int(frame.parentJoint)), expand, offset, point
