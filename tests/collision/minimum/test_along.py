@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum import along
+from guidefield.collision.minimum import along, nearest
 from guidefield.collision.minimum.along import Along, smallest_along
+from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
@@ -21,6 +22,7 @@ from tests.collision.minimum.test_smallest import at, found_along, motion, plain
 from tests.collision.scenery import scattered, world_of
 from tests.collision.test_motion_bound import ARMS, world
 from tests.planner.problems import library_scene, scene_of
+from tests.planner.test_moving_kinds import KINDS, moving
 from tests.robots import group, robot
 
 ACCURACY = 1e-5
@@ -133,6 +135,31 @@ def test_a_hull_that_is_kilometres_away_is_measured_to_the_same_accuracy() -> No
     place = World.build(arm, scene_of(block))
     trajectory, by_coal = clear_motion(place, 0.1)
     agree(place, trajectory, by_kernels(place, trajectory), by_coal)
+
+
+@pytest.mark.parametrize("chosen", [False, True], ids=["among all", "among the nearest"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_among_what_moves_too_answers_are_those_of_coal_alone(
+    kind: str, chosen: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arm, rng = group("panda"), np.random.default_rng(KINDS.index(kind))
+    rest = scattered(rng, 4)
+    trajectory, _ = clear_motion(World.build(arm, scene_of(*rest)), 0.3)
+    place = World.build(arm, scene_of(*rest[:2], moving(kind, kind, rng), *rest[2:]))
+    surveyor, times = surveyor_of(place, trajectory), np.linspace(0.0, trajectory.duration, 12)
+    if chosen:
+        monkeypatch.setattr(nearest, "FEW", 0)
+        surveyor = Surveyor(nearest.with_nearest(surveyor.worlds, surveyor.curve, times), surveyor.curve)
+    spans = [(0.0, trajectory.duration), SPAN]
+    found = smallest_along(surveyor, times, spans)
+    monkeypatch.setattr(along, "is_served", lambda _: False)
+    by_coal = smallest_along(surveyor, times, spans)
+    for mine, other in zip((*found.obstacle, found.own), (*by_coal.obstacle, by_coal.own), strict=True):
+        assert mine.distance == pytest.approx(other.distance, abs=TOLERANCE + ACCURACY)
+        assert mine.distance - TOLERANCE - 1e-12 <= mine.bound <= other.distance
+        if abs(mine.distance - other.distance) < ACCURACY:
+            assert mine.pair == other.pair or mine.time != other.time
+    np.testing.assert_allclose(found.distances, by_coal.distances, atol=ACCURACY)
 
 
 def test_how_deep_bodies_are_in_each_other_is_coals_to_tell() -> None:

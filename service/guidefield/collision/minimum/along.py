@@ -1,19 +1,23 @@
 """The smallest distances along a motion and at some of its times: by kernels, or by Coal where those can't tell.
 
 Kernels know obstacles that rest, within some hundred metres of the origin, and don't know how deep bodies are in each
-other. Coal answers all else, and takes longer.
+other. Coal answers all else, and takes longer: also about obstacles that move, of which only those matter then that
+come closer than what rests.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guidefield.collision.minimum.places import Surveyor
+from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
 from guidefield.collision.minimum.tables import bezier_curve, body_pairs, is_served, resting_obstacles, robot_bodies
+from guidefield.collision.world import World
 from guidefield.kernels.minimum.smallest import (
     ANSWER,
     BEGINS,
@@ -84,29 +88,34 @@ def smallest_along(
         spans: Within which the smallest distance from obstacles is asked for, the whole motion first [s].
         stopped: Asked now and then; anything true ends the search.
     """
-    if is_served(surveyor.worlds.moving):
-        found = _Search(surveyor, stopped).found(times, spans)
-        if found is not None:
-            return found
-    breaks = surveyor.breaks[(surveyor.breaks > times[0]) & (surveyor.breaks < times[-1])]
-    every = np.unique(np.concatenate([times, breaks, *spans[1:]]))
-    few = np.unique(np.concatenate([times[::FEWER], times[-1:], breaks]))
-    return _by_coal(surveyor, times, every, few, spans, stopped)
+    world = surveyor.worlds.moving
+    resting = _resting(surveyor.worlds) if world.scene.moves else world
+    found = _Search(resting, surveyor.curve, stopped).found(times, spans) if is_served(resting) else None
+    if found is None:
+        return _by_coal(surveyor, times, spans, stopped)
+    return _with_what_moves(surveyor, times, spans, stopped, found) if world.scene.moves else found
+
+
+def _resting(worlds: TimedWorld) -> World:
+    """The robot among those obstacles that rest, in the order in which they are among all."""
+    rest = np.flatnonzero([one.motion is None for one in worlds.moving.scene.obstacles])
+    same = len(rest) == worlds.resting.pairs.obstacles
+    return worlds.resting if same else worlds.moving.among(rest)
 
 
 class _Search:
     """The kernels with a world and a motion.
 
     Args:
-        surveyor: The robot among obstacles that kernels know, and the motion.
+        world: The robot among obstacles that kernels know.
+        curve: The motion.
         stopped: See `smallest_along`.
     """
 
-    def __init__(self, surveyor: Surveyor, stopped: Callable[[], object]) -> None:
+    def __init__(self, world: World, curve: Curve, stopped: Callable[[], object]) -> None:
         self._stopped = stopped
-        world = surveyor.worlds.moving
-        curve = bezier_curve(surveyor.curve)
-        self._moving = MovingRobot(robot_bodies(world), resting_obstacles(world), body_pairs(world), curve)
+        tables = robot_bodies(world), resting_obstacles(world), body_pairs(world)
+        self._moving = MovingRobot(*tables, bezier_curve(curve))
 
     def found(self, times: np.ndarray, spans: Sequence[tuple[float, float]]) -> Along | None:
         """What `smallest_along` finds; None where bodies touch, or nearly.
@@ -145,21 +154,55 @@ def _answer(row: np.ndarray) -> Smallest:
     return Smallest(float(row[DISTANCE]), float(row[BOUND]), float(row[TIME]), int(row[PAIR]))
 
 
-def _by_coal(
+def _with_what_moves(
     surveyor: Surveyor,
     times: np.ndarray,
-    every: np.ndarray,
-    few: np.ndarray,
     spans: Sequence[tuple[float, float]],
     stopped: Callable[[], object],
+    found: Along,
 ) -> Along:
-    world, places = surveyor.worlds.moving, surveyor.places(every)
+    """The same with obstacles that move, by Coal, given what was found among those that rest."""
+    places, rows = _places(surveyor, times, spans)
+    moves = surveyor.mover_of_pair > 0
+    if not moves.any():
+        return found
+    distances, pairs = found.distances.copy(), np.flatnonzero(moves)
+    closer = np.flatnonzero(places.distances[np.ix_(rows, pairs)].min(axis=1) < distances)
+    at = rows[closer]
+    distances[closer] = np.minimum(distances[closer], places.distances[at, surveyor.closest(places, at, pairs)])
+    known = [_among_all(surveyor.worlds, one) for one in found.obstacle]
+    questions = [Question(moves, *span) for span in spans]
+    return Along(smallest(surveyor, places, questions, known, stopped=stopped), found.own, distances)
+
+
+def _among_all(worlds: TimedWorld, found: Smallest) -> Smallest:
+    """What was found among obstacles that rest, with its pair as it is among all."""
+    resting, every = _resting(worlds), worlds.moving
+    if found.pair < resting.pairs.n_self:
+        return found
+    body, other = resting.pairs.of(found.pair)
+    rest = np.flatnonzero([one.motion is None for one in every.scene.obstacles])
+    pairs = every.pairs.of_obstacles(rest[[other - resting.pairs.links]])
+    (pair,) = pairs[every.pairs.bodies(pairs)[:, 0] == body].tolist()
+    return replace(found, pair=pair)
+
+
+def _by_coal(
+    surveyor: Surveyor, times: np.ndarray, spans: Sequence[tuple[float, float]], stopped: Callable[[], object]
+) -> Along:
+    places, rows = _places(surveyor, times, spans)
+    world = surveyor.worlds.moving
     is_mixed, distances = np.arange(len(world.pairs)) >= world.pairs.n_self, np.full(len(times), np.inf)
     if is_mixed.any():
-        rows = np.searchsorted(every, times)
         distances = places.distances[rows, surveyor.closest(places, rows, np.flatnonzero(is_mixed))]
-    questions = [Question(is_mixed, *span) for span in spans]
-    obstacle = smallest(surveyor, places, questions, stopped=stopped)
-    fewer = places.rows(np.searchsorted(every, few))
-    (own,) = smallest(surveyor, fewer, [Question(~is_mixed, *spans[0])], stopped=stopped)
+    obstacle = smallest(surveyor, places, [Question(is_mixed, *span) for span in spans], stopped=stopped)
+    few = np.isin(places.times, np.concatenate([times[::FEWER], times[-1:], surveyor.breaks]))
+    (own,) = smallest(surveyor, places.rows(few), [Question(~is_mixed, *spans[0])], stopped=stopped)
     return Along(obstacle, own, distances)
+
+
+def _places(surveyor: Surveyor, times: np.ndarray, spans: Sequence[tuple[float, float]]) -> tuple[Places, np.ndarray]:
+    """Places at some times, at ends of spans and where rates jump; in which rows those at the times are, shape (k,)."""
+    breaks = surveyor.breaks[(surveyor.breaks > times[0]) & (surveyor.breaks < times[-1])]
+    every = np.unique(np.concatenate([times, breaks, *spans[1:]]))
+    return surveyor.places(every), np.searchsorted(every, times)

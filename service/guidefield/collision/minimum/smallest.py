@@ -62,6 +62,7 @@ def smallest(
     surveyor: Surveyor,
     places: Places,
     questions: Sequence[Question],
+    known: Sequence[Smallest] = (),
     tolerance: float = TOLERANCE,
     stopped: Callable[[], object] = lambda: None,
 ) -> list[Smallest]:
@@ -72,13 +73,14 @@ def smallest(
         places: In order of time, among them its ends, the ends of every question, and the times at which a rate jumps;
             what becomes known there is written.
         questions: What is asked.
+        known: The smallest distance of other pairs, for each question: an answer is the smaller one. None unless given.
         tolerance: Positive; see Returns [m].
         stopped: Asked now and then; anything true ends the search.
 
     Returns:
-        An answer to each question. Its bound is its distance less the tolerance, or smaller if the search was stopped.
+        An answer to each question. Its bound is its distance less the tolerance, or smaller if a search was stopped.
     """
-    search = _Search(surveyor, questions, tolerance)
+    search = _Search(surveyor, questions, known or [Smallest() for _ in questions], tolerance)
     search.look_at(places)
     size = max(1, MOST_ENTRIES // max(1, places.distances.shape[1]))
     asked = np.flatnonzero(np.any([question.pairs for question in questions], axis=0))
@@ -93,11 +95,13 @@ def smallest(
 class _Search:
     """The best that is known of each question."""
 
-    def __init__(self, surveyor: Surveyor, questions: Sequence[Question], tolerance: float) -> None:
+    def __init__(
+        self, surveyor: Surveyor, questions: Sequence[Question], known: Sequence[Smallest], tolerance: float
+    ) -> None:
         self.surveyor = surveyor
         self.questions = questions
         self.tolerance = tolerance
-        self.best = [Smallest() for _ in questions]
+        self.best, self._known = list(known), known
 
     def look_at(self, places: Places) -> None:
         """Find the smallest distance at some places, for every question."""
@@ -147,7 +151,8 @@ class _Search:
 
     def answers(self, waiting: Sequence[Intervals]) -> list[Smallest]:
         """The answers, as some intervals are left undecided."""
-        bounds = [best.distance - self.tolerance for best in self.best]
+        known = zip(self.best, self._known, strict=True)
+        bounds = [min(best.distance - self.tolerance, other.bound) for best, other in known]
         for intervals in waiting:
             entries = intervals.entries(self.surveyor)
             kept = entries.first_order(intervals.places)
