@@ -52,9 +52,8 @@ def _rounding(parts: Parts) -> float:
 
 
 def prepare_obstacles(scene: Scene) -> None:
-    """Make what the kernels need of a scene's obstacles, if they rest."""
-    if not scene.moves:
-        _obstacle_parts(scene)
+    """Make what the kernels need of those of a scene's obstacles that rest."""
+    _obstacle_parts(scene.resting)
 
 
 def robot_bodies(world: World) -> RobotBodies:
