@@ -38,7 +38,8 @@ def without_coal(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("Coal was asked")
 
-    monkeypatch.setattr(along, "_by_coal", refuse)
+    monkeypatch.setattr(along._Coal, "obstacles", refuse)
+    monkeypatch.setattr(along._Coal, "own", refuse)
 
 
 def by_kernels(place: World, trajectory: Trajectory, times: Sequence[float] | None = None) -> Along:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.collision.certify.timed_certificate import TimedWorld
-from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
 from guidefield.collision.minimum.tables import bezier_curve, body_pairs, is_served, resting_obstacles, robot_bodies
@@ -88,61 +89,71 @@ def smallest_along(
         spans: Within which the smallest distance from obstacles is asked for, the whole motion first [s].
         stopped: Asked now and then; anything true ends the search.
     """
-    world = surveyor.worlds.moving
-    resting = _resting(surveyor.worlds) if world.scene.moves else world
-    found = _Search(resting, surveyor.curve, stopped).found(times, spans) if is_served(resting) else None
-    if found is None:
-        return _by_coal(surveyor, times, spans, stopped)
-    return _with_what_moves(surveyor, times, spans, stopped, found) if world.scene.moves else found
+    kernels, coal = _Kernels(surveyor, times, spans, stopped), _Coal(surveyor, times, spans, stopped)
+    obstacles, own = kernels.found() if kernels.serve else (None, None)
+    if obstacles is None:
+        obstacles = coal.obstacles()
+    elif surveyor.worlds.moving.scene.moves:
+        obstacles = coal.obstacles_that_move(obstacles)
+    return Along(obstacles.smallest, coal.own() if own is None else own, obstacles.distances)
 
 
-def _resting(worlds: TimedWorld) -> World:
-    """The robot among those obstacles that rest, in the order in which they are among all."""
-    rest = np.flatnonzero([one.motion is None for one in worlds.moving.scene.obstacles])
-    same = len(rest) == worlds.resting.pairs.obstacles
-    return worlds.resting if same else worlds.moving.among(rest)
+class _Obstacles(NamedTuple):
+    """The smallest distance from obstacles within each span, and at each time, as in `Along`."""
+
+    smallest: list[Smallest]
+    distances: np.ndarray
 
 
-class _Search:
-    """The kernels with a world and a motion.
+class _Kernels:
+    """The kernels among the obstacles that rest. Args: see `smallest_along`."""
 
-    Args:
-        world: The robot among obstacles that kernels know.
-        curve: The motion.
-        stopped: See `smallest_along`.
-    """
+    def __init__(
+        self,
+        surveyor: Surveyor,
+        times: np.ndarray,
+        spans: Sequence[tuple[float, float]],
+        stopped: Callable[[], object],
+    ) -> None:
+        self._world, self._curve = _resting(surveyor.worlds), surveyor.curve
+        self._times, self._spans, self._stopped = times, spans, stopped
 
-    def __init__(self, world: World, curve: Curve, stopped: Callable[[], object]) -> None:
-        self._stopped = stopped
-        tables = robot_bodies(world), resting_obstacles(world), body_pairs(world)
-        self._moving = MovingRobot(*tables, bezier_curve(curve))
+    @property
+    def serve(self) -> bool:
+        """Whether they know all bodies."""
+        return is_served(self._world)
 
-    def found(self, times: np.ndarray, spans: Sequence[tuple[float, float]]) -> Along | None:
-        """What `smallest_along` finds; None where bodies touch, or nearly.
+    def found(self) -> tuple[_Obstacles | None, Smallest | None]:
+        """What they find of obstacles, and of the robot itself; None where bodies touch, or nearly."""
+        tables = robot_bodies(self._world), resting_obstacles(self._world), body_pairs(self._world)
+        moving = MovingRobot(*tables, bezier_curve(self._curve))
+        of_obstacles, of_itself = [(*span, 0.0) for span in self._spans], [(*self._spans[0], 1.0)]
+        if (both := self._answers(moving, of_obstacles + of_itself)) is not None:
+            return _Obstacles(both.smallest[:-1], both.distances), both.smallest[-1]
+        if (own := self._answers(moving, of_itself)) is not None:
+            return None, own.smallest[0]
+        return self._answers(moving, of_obstacles), None
 
-        Args:
-            times: See there [s].
-            spans: See `smallest_along` [s].
-        """
-        asked = [(*span, 0.0) for span in spans] + [(*spans[0], 1.0)]
-        answers, distances = np.empty((len(asked), ANSWER)), np.empty(len(times))
+    def _answers(self, moving: MovingRobot, asked: list[tuple[float, float, float]]) -> _Obstacles | None:
+        """Answers to questions (since, until, whether about own pairs), and distances from obstacles at the times."""
+        answers, distances = np.empty((len(asked), ANSWER)), np.empty(len(self._times))
         answers[:] = _UNKNOWN
         answers[:, [SINCE, UNTIL, OWN]] = asked
-        if not self._judge(times, answers, distances):
+        if not self._judge(moving, answers, distances):
             return None
         answers[:, BOUND] = np.minimum(answers[:, BOUND], answers[:, DISTANCE] - TOLERANCE)
-        *obstacle, own = map(_answer, answers)
-        return Along(obstacle, own, distances)
+        return _Obstacles([*map(_answer, answers)], distances)
 
-    def _judge(self, times: np.ndarray, answers: np.ndarray, distances_out: np.ndarray) -> bool:
+    def _judge(self, moving: MovingRobot, answers: np.ndarray, distances_out: np.ndarray) -> bool:
         """Write the answers of a whole motion, and distances at times; whether nothing touches, nor nearly."""
+        times = self._times
         whole, waiting = float(times[-1] - times[0]), np.zeros((1 + 3 * DEEPEST, INTERVAL))
         waiting[0, BEGINS], waiting[0, ENDS] = times[0], times[-1]
         count, looked = int(len(times) > 1), times
         while True:
             shortest = STOPPED * whole if self._stopped() else 0.0
             count = search_along(
-                self._moving, TOLERANCE, looked, FEW, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count,
+                moving, TOLERANCE, looked, FEW, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count,
                 distances_out,
             )  # fmt: skip
             if count <= 0:
@@ -154,25 +165,13 @@ def _answer(row: np.ndarray) -> Smallest:
     return Smallest(float(row[DISTANCE]), float(row[BOUND]), float(row[TIME]), int(row[PAIR]))
 
 
-def _with_what_moves(
-    surveyor: Surveyor,
-    times: np.ndarray,
-    spans: Sequence[tuple[float, float]],
-    stopped: Callable[[], object],
-    found: Along,
-) -> Along:
-    """The same with obstacles that move, by Coal, given what was found among those that rest."""
-    places, rows = _places(surveyor, times, spans)
-    moves = surveyor.mover_of_pair > 0
-    if not moves.any():
-        return found
-    distances, pairs = found.distances.copy(), np.flatnonzero(moves)
-    closer = np.flatnonzero(places.distances[np.ix_(rows, pairs)].min(axis=1) < distances)
-    at = rows[closer]
-    distances[closer] = np.minimum(distances[closer], places.distances[at, surveyor.closest(places, at, pairs)])
-    known = [_among_all(surveyor.worlds, one) for one in found.obstacle]
-    questions = [Question(moves, *span) for span in spans]
-    return Along(smallest(surveyor, places, questions, known, stopped=stopped), found.own, distances)
+def _resting(worlds: TimedWorld) -> World:
+    """The robot among those obstacles that rest, in the order in which they are among all."""
+    if not worlds.moving.scene.moves:
+        return worlds.moving
+    rest = np.flatnonzero([one.motion is None for one in worlds.moving.scene.obstacles])
+    same = len(rest) == worlds.resting.pairs.obstacles
+    return worlds.resting if same else worlds.moving.among(rest)
 
 
 def _among_all(worlds: TimedWorld, found: Smallest) -> Smallest:
@@ -187,22 +186,52 @@ def _among_all(worlds: TimedWorld, found: Smallest) -> Smallest:
     return replace(found, pair=pair)
 
 
-def _by_coal(
-    surveyor: Surveyor, times: np.ndarray, spans: Sequence[tuple[float, float]], stopped: Callable[[], object]
-) -> Along:
-    places, rows = _places(surveyor, times, spans)
-    world = surveyor.worlds.moving
-    is_mixed, distances = np.arange(len(world.pairs)) >= world.pairs.n_self, np.full(len(times), np.inf)
-    if is_mixed.any():
-        distances = places.distances[rows, surveyor.closest(places, rows, np.flatnonzero(is_mixed))]
-    obstacle = smallest(surveyor, places, [Question(is_mixed, *span) for span in spans], stopped=stopped)
-    few = np.isin(places.times, np.concatenate([times[::FEWER], times[-1:], surveyor.breaks]))
-    (own,) = smallest(surveyor, places.rows(few), [Question(~is_mixed, *spans[0])], stopped=stopped)
-    return Along(obstacle, own, distances)
+class _Coal:
+    """Coal's search. Args: see `smallest_along`."""
 
+    def __init__(
+        self,
+        surveyor: Surveyor,
+        times: np.ndarray,
+        spans: Sequence[tuple[float, float]],
+        stopped: Callable[[], object],
+    ) -> None:
+        self._surveyor, self._times, self._spans, self._stopped = surveyor, times, spans, stopped
+        pairs = surveyor.worlds.moving.pairs
+        self._are_own = np.arange(len(pairs)) < pairs.n_self
 
-def _places(surveyor: Surveyor, times: np.ndarray, spans: Sequence[tuple[float, float]]) -> tuple[Places, np.ndarray]:
-    """Places at some times, at ends of spans and where rates jump; in which rows those at the times are, shape (k,)."""
-    breaks = surveyor.breaks[(surveyor.breaks > times[0]) & (surveyor.breaks < times[-1])]
-    every = np.unique(np.concatenate([times, breaks, *spans[1:]]))
-    return surveyor.places(every), np.searchsorted(every, times)
+    @cached_property
+    def _places(self) -> Places:
+        """Places at the times, at ends of spans and where rates jump."""
+        breaks, times = self._surveyor.breaks, self._times
+        within = breaks[(breaks > times[0]) & (breaks < times[-1])]
+        return self._surveyor.places(np.unique(np.concatenate([times, within, *self._spans[1:]])))
+
+    def obstacles(self) -> _Obstacles:
+        """What is found of all obstacles."""
+        return self._closer(~self._are_own, (), np.full(len(self._times), np.inf))
+
+    def obstacles_that_move(self, resting: _Obstacles) -> _Obstacles:
+        """What is found of all obstacles, given what those that rest come to."""
+        known = [_among_all(self._surveyor.worlds, one) for one in resting.smallest]
+        return self._closer(self._surveyor.mover_of_pair > 0, known, resting.distances.copy())
+
+    def _closer(self, pairs: np.ndarray, known: Sequence[Smallest], distances: np.ndarray) -> _Obstacles:
+        """The smaller ones of what is known and the distances of some pairs, a mask of shape (n,)."""
+        if not pairs.any():
+            return _Obstacles([*known] or [Smallest() for _ in self._spans], distances)
+        places, asked = self._places, np.flatnonzero(pairs)
+        rows = np.searchsorted(places.times, self._times)
+        closer = np.flatnonzero(places.distances[np.ix_(rows, asked)].min(axis=1) < distances)
+        at = rows[closer]
+        found = places.distances[at, self._surveyor.closest(places, at, asked)]
+        distances[closer] = np.minimum(distances[closer], found)
+        questions = [Question(pairs, *span) for span in self._spans]
+        return _Obstacles(smallest(self._surveyor, places, questions, known, stopped=self._stopped), distances)
+
+    def own(self) -> Smallest:
+        """What is found of the robot and itself."""
+        chosen = np.concatenate([self._times[::FEWER], self._times[-1:], self._surveyor.breaks])
+        places = self._places.rows(np.isin(self._places.times, chosen))
+        (found,) = smallest(self._surveyor, places, [Question(self._are_own, *self._spans[0])], stopped=self._stopped)
+        return found
