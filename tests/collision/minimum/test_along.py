@@ -176,6 +176,28 @@ def test_how_deep_bodies_are_in_each_other_is_coals_to_tell() -> None:
     assert found.obstacle[0] == Smallest() or np.isinf(found.obstacle[0].distance)
 
 
+@pytest.mark.parametrize(("part", "other"), [("own", "obstacles"), ("obstacles", "own")])
+def test_what_does_not_touch_is_measured_by_kernels_though_the_other_does(
+    part: str, other: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place, asked = world_of(group("panda"), scattered(np.random.default_rng(3), 3)), []
+    for seed in range(200):
+        trajectory = motion(place.group, seed)
+        by_coal = found_along(place, trajectory, SPAN)
+        touching = {"obstacles": by_coal[0].distance <= 0.0, "own": by_coal[2].distance <= 0.0}
+        if touching[other] and not touching[part]:
+            break
+    for name in (part, other):
+        search = getattr(along._Coal, name)
+        monkeypatch.setattr(
+            along._Coal, name, lambda self, name=name, search=search: asked.append(name) or search(self)
+        )
+    found = by_kernels(place, trajectory)
+    assert asked == [other]
+    for mine, exact in zip((*found.obstacle, found.own), by_coal, strict=True):
+        assert mine.distance == pytest.approx(exact.distance, abs=TOLERANCE + ACCURACY)
+
+
 @pytest.mark.usefixtures("without_coal")
 def test_a_search_that_is_stopped_tells_what_is_certain(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(along, "AT_ONCE", 4)
