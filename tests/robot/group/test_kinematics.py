@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
+from guidefield.messages.requests import UrdfText
+from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.group.reduced_model import select
 from tests.robots import box_arm, group, grouped
 
 JOINTS = ["slide y x", "continuous y x", "y x mimic y", "continuous x screw y", "planar y x", "floating y"]
@@ -22,3 +26,23 @@ def test_slopes_of_the_tip_are_pinocchios_and_those_of_differences(joints: str |
     moved = 1e-6 * np.eye(planned.nv)
     differences = (kinematics.tip_positions(z + moved) - kinematics.tip_positions(z - moved)).T / 2e-6
     np.testing.assert_allclose(slopes, differences, atol=1e-8)
+
+
+BRANCHES = ["base", "base", "a1", "b1", "a2", "b2"]
+"""Parents of the links of two arms, in turns: joints that lead to one tip stand between others."""
+
+
+def test_a_tip_beside_other_arms_is_where_pinocchio_has_it() -> None:
+    links = [f"{arm}{k}" for k in (1, 2, 3) for arm in "ab"]
+    ball = '<collision><geometry><sphere radius="0.01"/></geometry></collision>'
+    parts = [f'<link name="{name}">{ball}</link>' for name in ("base", *links)]
+    for link, parent in zip(links, BRANCHES, strict=True):
+        ends = f'<parent link="{parent}"/><child link="{link}"/><origin xyz="0.1 0.05 0.2" rpy="0.3 0 0.1"/>'
+        limit = '<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="1" velocity="1"/>'
+        parts.append(f'<joint name="j_{link}" type="revolute">{ends}{limit}</joint>')
+    model = Catalog().load(UrdfText(text=f'<robot name="two">{"".join(parts)}</robot>'))
+    for tip in ("a2", "b3", "base"):
+        planned = select(model, [f"j_{link}" for link in links], tip, model.rest, pin.SE3.Identity())
+        kinematics, zs = Kinematics(planned), np.random.default_rng(1).normal(size=(5, planned.nv))
+        wanted = [kinematics.tip_position(planned.expand_from_chart(z)) for z in zs]
+        np.testing.assert_allclose(kinematics.tip_positions(zs), wanted, atol=1e-12)
