@@ -19,7 +19,7 @@ import guidefield
 from guidefield.aside import wait_for_others
 from guidefield.engine import Engine, LocalFiles, answer
 from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
-from guidefield.messages import codec, requests
+from guidefield.messages import given_requests, requests
 from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
@@ -103,13 +103,13 @@ def test_a_robot_is_loaded_once_for_a_request(asked: dict[str, Any], monkeypatch
 
 def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Large requests take long to check; else their answers would come so much later than was allowed."""
-    checked = codec.checked
+    checked = given_requests.checked
 
-    def slowly(request: Any) -> Any:
+    def slowly(*asked: Any) -> Any:
         time.sleep(0.3)
-        return checked(request)
+        return checked(*asked)
 
-    monkeypatch.setattr(codec, "checked", slowly)
+    monkeypatch.setattr(given_requests, "checked", slowly)
     request = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
     reply = answer({**request, "guide_planes": [], "recording": "off"})
     assert 0.3 <= reply.timing.load <= reply.timing.total

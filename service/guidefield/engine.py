@@ -26,9 +26,10 @@ from guidefield.collector import waiting_collector
 from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
-from guidefield.messages import codec, requests
+from guidefield.messages import requests
+from guidefield.messages.keys import WorkHead
 from guidefield.messages.own_scenes import to_give
-from guidefield.messages.reading import is_of_many, too_long_to_read
+from guidefield.messages.reading import TooLongToRead, is_of_many, read_in_time
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -203,7 +204,12 @@ class Engine:
         """
         came = time.monotonic() if came is None else came
         try:
-            decoded = codec.decode_request(request)
+            decoded: Any = request
+            if not isinstance(request, msgspec.Struct):
+                decoded = _read(request, came if received is None else received)
+                if isinstance(decoded, Reply):
+                    self._counters["answered"] += 1
+                    return decoded
             with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
                 began, load = None, _once(self._robot)
                 if received is None:
@@ -572,13 +578,27 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
     """
     came = time.monotonic()
     place = None if record_to is None else Path(record_to)
-    if (head := too_long_to_read(request, came)) is not None:
-        from guidefield.handlers.unbegun import timed_out_reading
+    asked = _read(request, came)
+    return asked if isinstance(asked, Reply) else _default().answer(asked, record_to=place, came=came)
 
-        return timed_out_reading(head.run_id or uuid.uuid4().hex, head, time.monotonic() - came)
+
+def _read(request: bytes | dict[str, Any] | requests.Request, began: float) -> requests.Request | Reply:
+    """A request in any form, checked; the reply that says so where its time is up before, by `time.monotonic()` [s].
+
+    Raises:
+        TimedOut: if it has no such reply.
+        GuidefieldError: if it is ill-posed.
+    """
     with waiting_collector() if is_of_many(request) else contextlib.nullcontext():
-        asked = codec.checked(request)
-    return _default().answer(asked, record_to=place, came=came)
+        try:
+            return read_in_time(request, began)
+        except TooLongToRead as late:
+            head = late.head
+    from guidefield.handlers.unbegun import time_up_reading, timed_out_reading
+
+    if isinstance(head, WorkHead):
+        raise time_up_reading(head.allowed)
+    return timed_out_reading(head.run_id or uuid.uuid4().hex, head, time.monotonic() - began)
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec
+from guidefield.messages import given_requests
 from guidefield.messages.checked_scenes import WORTH, CheckedScenes
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, GuidePlane, Mesh, PointCloud, Scene
@@ -31,7 +31,10 @@ def asked(scene: Scene) -> PlanRequest:
 @pytest.mark.parametrize("obstacles", [crates(), [sheet()], [*crates(2), sheet()]])
 def test_a_scene_is_checked_once(obstacles: list[Box | Mesh]) -> None:
     scene = Scene("s", obstacles=obstacles)
-    first, again = codec.checked(asked(scene)), codec.checked(asked(Scene("s", obstacles=list(obstacles))))
+    first, again = (
+        given_requests.checked(asked(scene)),
+        given_requests.checked(asked(Scene("s", obstacles=list(obstacles)))),
+    )
     assert isinstance(first, PlanRequest)
     assert isinstance(again, PlanRequest)
     assert again.scene is first.scene
@@ -111,10 +114,10 @@ def test_packed_points_count() -> None:
 
 def test_the_rest_of_a_request_is_checked_each_time() -> None:
     scene = Scene("s", obstacles=crates())
-    codec.checked(asked(scene))
+    given_requests.checked(asked(scene))
     with pytest.raises(MalformedRequest, match=r"seed"):
-        codec.checked(msgspec.structs.replace(asked(scene), seed="five"))
+        given_requests.checked(msgspec.structs.replace(asked(scene), seed="five"))
     twin = Scene("s", obstacles=crates())
     twin.obstacles[7] = twin.obstacles[6]
     with pytest.raises(MalformedRequest, match=r"obstacles\[7\].name"):
-        codec.checked(asked(twin))
+        given_requests.checked(asked(twin))

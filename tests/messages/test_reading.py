@@ -103,7 +103,8 @@ def test_many_are_known_in_every_form(plan: PlanRequest) -> None:
         request = PlanRequest("panda", scene, JointsGoal({"j": 0.8}))
         for form in (request, codec.encode(request), codec.plain_fields({"scene": scene})):
             assert is_of_many(form) is many
-    assert not any(map(is_of_many, (plan, codec.encode(plan), {"scene": "table"}, {}, "text", None)))
+    assert is_of_many(plan), "its triangles become tuples"
+    assert not any(map(is_of_many, (codec.encode(plan), {"scene": "table"}, {}, "text", None)))
 
 
 def _seconds(done: object) -> float:

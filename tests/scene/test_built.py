@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from guidefield.aside import StoppedError
-from guidefield.messages import codec, scene as messages
+from guidefield.messages import given_requests, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene_changes import SceneDiff, changed
@@ -69,7 +69,7 @@ def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None
     kept, hashed = BuiltScenes(2), 0
     real = hashlib.sha256
 
-    def counting(data: bytes) -> object:
+    def counting(data: bytes = b"") -> object:
         nonlocal hashed
         hashed += 1
         return real(data)
@@ -78,13 +78,13 @@ def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(100)]
     scene = messages.Scene(name="a", obstacles=boxes)
     asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))
-    first, again = codec.checked(asked), codec.checked(asked)
+    first, again = given_requests.checked(asked), given_requests.checked(asked)
     assert kept.of(first.scene) is kept.of(again.scene)
     assert hashed == 1
     assert kept.of(scene).obstacles == kept.of(scene).obstacles  # anybody may change this one: it is known by its hash
     assert hashed == 3
     scene.obstacles.pop()
-    assert len(kept.of(codec.checked(asked).scene).obstacles) == 99
+    assert len(kept.of(given_requests.checked(asked).scene).obstacles) == 99
 
 
 def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 from doubting.meshes import outward
 from doubting.solid import is_closed
 from guidefield.messages import scene as messages
+from guidefield.messages.triples import Points, Triangles
 from guidefield.messages.values import Float32Array, Placement, Uint32Array
 
 Surface = tuple[np.ndarray, np.ndarray]
@@ -118,13 +119,13 @@ def hull_of(mesh: Any) -> Any | None:
         return None
 
 
-def points_of(points: messages.Points) -> np.ndarray:
+def points_of(points: Points) -> np.ndarray:
     if isinstance(points, Float32Array):
         return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
     return np.array(points, float)
 
 
-def triangles_of(triangles: messages.Triangles) -> np.ndarray:
+def triangles_of(triangles: Triangles) -> np.ndarray:
     if isinstance(triangles, Uint32Array):
         return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(int)
     return np.array(triangles)

@@ -15,9 +15,9 @@ from guidefield.messages import codec
 from guidefield.messages.certify_request import MOST_ROWS
 from guidefield.messages.keys import LONGEST_STORING
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
-from guidefield.messages.scene import MAX_VERTICES
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
 from guidefield.messages.streams import MOST_OBSTACLES, MOST_UPDATE_BYTES
+from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
 from guidefield.pool.companion import MOST_WAITING, STUCK
 from guidefield.pool.waiting import BACKSTOP, HELD_UP, TRIAL, Limits

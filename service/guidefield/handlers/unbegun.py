@@ -73,12 +73,9 @@ def timed_out_reading(run_id: str, head: RunHead, waited: float) -> MotionReply:
         head: What the request says about it.
         waited: How long it took to see that [s].
     """
-    message = (
-        f"reading the request takes longer than the {head.allowed:g} s that it allows; allow more, send points and "
-        "triangles packed, or store the scene and name it"
-    )
     details = {_field(head): head.allowed, "stage": "load"}
-    return _unbegun(run_id, head, Status.TIMED_OUT, message, details, Timing(load=waited, total=waited))
+    timing = Timing(load=waited, total=waited)
+    return _unbegun(run_id, head, Status.TIMED_OUT, _too_long_to_read(head.allowed), details, timing)
 
 
 def time_up_waiting(allowed: float) -> TimedOut:
@@ -91,6 +88,18 @@ def time_up_loading(allowed: float) -> TimedOut:
     """The same where a worker still loads and prepares what it needs."""
     message = f"the {allowed:g} s that were allowed were up while things were loaded; they are kept: ask again"
     return TimedOut(message, allowed_time=allowed, stage="load")
+
+
+def time_up_reading(allowed: float) -> TimedOut:
+    """The same where it can't be read within its time."""
+    return TimedOut(_too_long_to_read(allowed), allowed_time=allowed, stage="load")
+
+
+def _too_long_to_read(allowed: float) -> str:
+    return (
+        f"reading the request takes longer than the {allowed:g} s that it allows; allow more, send points and "
+        "triangles packed, or store the scene and name it"
+    )
 
 
 def cancelled_before() -> Preempted:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene import Scene
 from guidefield.messages.seen_scene import SeenScene
+from guidefield.messages.values import Look, never
 
 WORTH = 64
 """Scenes of fewer obstacles, corners and triangles are sooner checked than known again."""
@@ -31,23 +32,29 @@ class CheckedScenes:
         self._most = most
         self._kept: tuple[_Checked, ...] = ()
 
-    def of(self, given: object) -> Scene | None:
-        """The checked form of a scene that holds what one did that was checked; None where none is known."""
+    def of(self, given: object, look: Look = never) -> Scene | None:
+        """The checked form of a scene that holds what one did that was checked; None where none is known.
+
+        Args:
+            given: As it is given.
+            look: Called again and again while a large one is compared.
+        """
         if type(given) is not Scene:
             return None
-        return next((one.scene for one in self._kept if one.seen.is_like(given)), None)
+        return next((one.scene for one in self._kept if one.seen.is_like(given, look)), None)
 
-    def keep(self, given: object, checked: object) -> None:
+    def keep(self, given: object, checked: object, look: Look = never) -> None:
         """Keep a scene that passed.
 
         Args:
             given: As it was given.
             checked: As the decoder made it: nobody may change it any more, it is ours.
+            look: Called again and again while a large one is looked at.
         """
         if type(given) is not Scene or not isinstance(checked, Scene):
             return
         try:
-            seen = SeenScene(given)
+            seen = SeenScene(given, look)
         except TypeError:
             return
         if seen.parts >= WORTH:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import enum
 import functools
 from typing import Any
@@ -11,7 +10,6 @@ import msgspec
 
 from guidefield.errors import MalformedRequest, RequestTooLarge
 from guidefield.messages import faults, replies, requests
-from guidefield.messages.checked_scenes import CheckedScenes
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneChanged, SceneDiff
 from guidefield.messages.stream_requests import (
@@ -131,12 +129,14 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
     return decoded
 
 
-def convert(plain: dict[str, Any], kind: Any) -> Any:
+def convert(plain: Any, kind: Any, at: str = "$", first: int = 0) -> Any:
     """A message of plain data, in which NumPy's numbers and arrays may stand.
 
     Args:
-        plain: The message as a dict.
-        kind: A message class, or a union of tagged ones.
+        plain: The message as a dict, or a list of some.
+        kind: A message class, a union of tagged ones, or the type of a list.
+        at: The path of what it is in what was sent.
+        first: Which of a list there is the first of those given.
 
     Raises:
         MalformedRequest: if it isn't such a message; names the path of the first fault.
@@ -145,10 +145,10 @@ def convert(plain: dict[str, Any], kind: Any) -> Any:
         try:
             return msgspec.convert(plain, kind)
         except msgspec.ValidationError:
-            plain = _without_arrays(plain)
+            plain = without_arrays(plain)
             return msgspec.convert(plain, kind)
     except msgspec.ValidationError as error:
-        raise _refused(error, plain, kind) from None
+        raise _refused(error, plain, kind, at, first) from None
 
 
 def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
@@ -156,59 +156,12 @@ def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
     return {name: msgspec.to_builtins(value, enc_hook=_listed) for name, value in fields.items()}
 
 
-def checked(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """As `decode_request`; a Struct that was made in Python, which no decoder has seen, is checked too.
-
-    A large scene that holds what one did that was checked before isn't checked again.
+def without_arrays(request: Any) -> Any:
+    """A request, or a part, as plain data, with NumPy's numbers and arrays, or whatever has a `tolist`, as Python's.
 
     Raises:
-        RequestTooLarge, MalformedRequest: as in `decode`.
+        MalformedRequest: if it holds anything that no message can.
     """
-    if not isinstance(request, requests.Request):
-        return decode_request(request)
-    given = getattr(request, "scene", None)
-    scene = _CHECKED.of(given)
-    if scene is None:
-        made = decode_request(_without_arrays(request) if type(given) is not Scene else _with_lists(request, given))
-        _CHECKED.keep(given, getattr(made, "scene", None))
-        return made
-    bare = copy.copy(request)
-    msgspec.structs.force_setattr(bare, "scene", scene.name)
-    made = decode_request(_without_arrays(bare))
-    msgspec.structs.force_setattr(made, "scene", scene)
-    return made
-
-
-LONG = 1000
-"""A list of so many points or triangles isn't made anew before it is checked: checking makes another one."""
-
-
-def _with_lists(request: requests.Request, scene: Scene) -> Any:
-    """A request as plain data, its scene's long lists as they are; NumPy's numbers may be left in these."""
-    lists = [
-        (index, field, getattr(one, field))
-        for index, one in enumerate(scene.obstacles)
-        for field in ("vertices", "triangles", "points")
-        if type(getattr(one, field, None)) is list and len(getattr(one, field)) >= LONG
-    ]
-    short, bare = copy.copy(scene), copy.copy(request)
-    obstacles = [*scene.obstacles]
-    for index, field, _ in lists:
-        obstacles[index] = copy.copy(obstacles[index])
-        msgspec.structs.force_setattr(obstacles[index], field, [])
-    msgspec.structs.force_setattr(short, "obstacles", obstacles)
-    msgspec.structs.force_setattr(bare, "scene", short)
-    plain = _without_arrays(bare)
-    for index, field, listed in lists:
-        plain["scene"]["obstacles"][index][field] = listed
-    return plain
-
-
-_CHECKED = CheckedScenes(4)
-
-
-def _without_arrays(request: Any) -> Any:
-    """A request as plain data, with NumPy's numbers and arrays, or whatever has a `tolist`, as Python's."""
     try:
         return msgspec.to_builtins(request, builtin_types=(bytes,), enc_hook=_listed)
     except TypeError as error:
@@ -264,11 +217,12 @@ def _plain(data: bytes, encoding: Encoding) -> Any:
         return None
 
 
-def _refused(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
+def _refused(error: msgspec.ValidationError, data: Any, kind: Any, at: str = "$", first: int = 0) -> MalformedRequest:
     """What is wrong with plain data; without advice where there is none to look at again."""
     if data is None:
         message, path = faults.split(str(error))
         return MalformedRequest(f"{message} (at {path})", path=path)
     check = functools.partial(msgspec.convert, type=kind)
     message, path, choices = faults.explained(str(error), data, kind, check)
+    path = faults.within(path, at, first)
     return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))

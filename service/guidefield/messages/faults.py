@@ -32,6 +32,7 @@ Step = str | int | None
 """From a value to one inside it: a field or a key, an index, or some key that msgspec doesn't name."""
 
 _STEP = re.compile(r"\.(?P<field>[^.\[\]]+)|\[(?P<index>\d+)\]|\[\.\.\.\]")
+_INDEX = re.compile(r"\$\[(\d+)\]")
 _VALUE = re.compile(r"Invalid (?:enum )?value (?P<value>.+)", re.DOTALL)
 _FIELD = re.compile(r"Object contains unknown field `(?P<field>.+)`", re.DOTALL)
 _BYTE = re.compile(r" \(byte (?P<byte>\d+)\)$")
@@ -41,6 +42,18 @@ def split(text: str) -> tuple[str, str]:
     """The message and the path of what msgspec says; `$` where it names none."""
     message, _, path = text.rpartition(" - at `")
     return (message, path.rstrip("`")) if message else (text, "$")
+
+
+def within(path: str, at: str, first: int) -> str:
+    """The path in all that was sent of a fault in a part of it.
+
+    Args:
+        path: Of the fault in the part.
+        at: Of the part.
+        first: Where the part is some of a list: which of these is the first.
+    """
+    index = _INDEX.match(path)
+    return f"{at}[{first + int(index[1])}]{path[index.end() :]}" if index else f"{at}{path[1:]}"
 
 
 def explained(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, list[Any]]:

@@ -1,14 +1,21 @@
-"""Whether there is time to read a large payload: nobody can interrupt who reads one, for some tenths of a second."""
+"""Requests that are read within the time that they allow.
+
+Nobody can interrupt who reads a large payload of JSON, for some tenths of a second: whether there is time is known
+before. What is given otherwise is read some at a time.
+"""
 
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import msgspec
 
+from guidefield.errors import MalformedRequest
+from guidefield.messages import codec, given_requests
 from guidefield.messages.codec import MAX_REQUEST_BYTES
-from guidefield.messages.keys import CertifyHead, PlanHead, RunHead
-from guidefield.messages.requests import CertifyRequest
+from guidefield.messages.keys import CertifyHead, PlanHead, RunHead, WorkHead
+from guidefield.messages.requests import CertifyRequest, KinematicsRequest, Request
 
 LARGE = 2**20
 """A payload of fewer bytes is read within some hundredths of a second."""
@@ -25,6 +32,9 @@ PER_LIST, PER_OBJECT = 270.0, 2000.0
 Measured with meshes and clouds as lists, and with boxes and spheres: they are read within 0.8 to 1.2 of what is
 expected."""
 
+HASHED = 0.15
+"""What is read is hashed before anything is built of it: so much of the time that reading took that takes at least."""
+
 SAYS = b'"allowed_planning_time"', b'"allowed_time"'
 """Who doesn't say how long a request may take allows longer than reading any takes."""
 
@@ -39,19 +49,68 @@ class _Heads(PlanHead, frozen=True):
     allowed_time: float = CertifyHead().allowed_time
 
 
+_WORK = {kind.__struct_config__.tag for kind in KinematicsRequest.__args__}
+"""The types of requests that make no run, but say how long they may take."""
+
 _HEADS = msgspec.json.Decoder(_Heads)
 
 
-def is_of_many(payload: object) -> bool:
-    """Whether a request in any form has a thousand objects or more, which are obstacles then.
+class TooLongToRead(Exception):
+    """A request can't be read within the time that it allows; `head` is what it says of that."""
 
-    Long lists of numbers don't count: numbers are no garbage, and Python sees that at once.
+    def __init__(self, head: RunHead | WorkHead) -> None:
+        super().__init__(f"reading takes longer than {head.allowed:g} s")
+        self.head = head
+
+
+def read_in_time(request: bytes | dict[str, Any] | Request, began: float) -> Request:
+    """A request in any of its forms; a Struct, which no decoder has seen, is checked.
+
+    Args:
+        request: The request.
+        began: When its time began, on the clock of `time.monotonic` [s].
+
+    Raises:
+        TooLongToRead: if its time was up before it was read, or is certain to be.
+        RequestTooLarge, MalformedRequest: as in `codec.decode_request`.
+    """
+    if (late := too_long_to_read(request, began)) is not None:
+        raise TooLongToRead(late)
+    in_python = isinstance(request, dict | msgspec.Struct)
+    head = _head_of(request) if in_python and given_requests.is_large(request) else None
+    since = time.monotonic()
+
+    def look() -> None:
+        now = time.monotonic()
+        if head is not None and now + (now - since) * HASHED >= began + head.allowed:
+            raise TooLongToRead(head)
+
+    return given_requests.checked(request, look)
+
+
+def _head_of(request: Any) -> RunHead | WorkHead | None:
+    """The head of a request in Python; None where it says nothing sound of its time, or has none."""
+    said = request if isinstance(request, dict) else msgspec.structs.asdict(request)
+    tag = said.get("type", request.__struct_config__.tag if isinstance(request, msgspec.Struct) else None)
+    kind = PlanHead if tag is None else CertifyHead if tag == CERTIFY else WorkHead if tag in _WORK else None
+    if kind is None:
+        return None
+    try:
+        named = {name: said[name] for name in kind.__struct_fields__ if name in said}
+        head: RunHead | WorkHead = codec.convert(named, kind)
+    except MalformedRequest:
+        return None
+    return head
+
+
+def is_of_many(payload: object) -> bool:
+    """Whether a request in any form makes a thousand objects or more when it is read, which stay.
+
+    Long lists of numbers in JSON don't count: numbers are no garbage, and Python sees that at once.
     """
     if isinstance(payload, bytes):
         return len(payload) >= FEWEST_BYTES and payload.count(b"{") >= MANY
-    scene = payload.get("scene") if isinstance(payload, dict) else getattr(payload, "scene", None)
-    obstacles = scene.get("obstacles") if isinstance(scene, dict) else getattr(scene, "obstacles", None)
-    return isinstance(obstacles, list | tuple) and len(obstacles) >= MANY
+    return given_requests.is_large(payload)
 
 
 def too_long_to_read(payload: object, began: float) -> RunHead | None:
@@ -77,5 +136,8 @@ def too_long_to_read(payload: object, began: float) -> RunHead | None:
         head = CertifyHead(found.run_id, found.allowed_time)
     else:
         return None
+    took = now - looked
+    if now + took * LOOKS > began + head.allowed:
+        return head
     equal = PER_LIST * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
-    return head if now + (now - looked) * (LOOKS + equal / len(payload)) > began + head.allowed else None
+    return head if now + took * (LOOKS + equal / len(payload)) > began + head.allowed else None

@@ -2,47 +2,44 @@
 
 from __future__ import annotations
 
-import functools
 import math
-import sys
-from array import array
-from collections.abc import Iterable
-from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 
+from guidefield.messages.triples import Points, Triangles, check_points, check_triangles
 from guidefield.messages.values import (
     IDENTITY,
     LARGEST,
     ORIGIN,
-    Float32Array,
+    Look,
     Message,
     Name,
     NonNegative,
     Placement,
     Positive,
     QuaternionXYZW,
-    Uint32Array,
     Vector3,
+    never,
     require_finite,
     require_finite_number,
     require_unit_quaternion,
 )
 
-Points = list[Vector3] | Float32Array
-Triangle = tuple[int, int, int]
+MOST_OBSTACLES = 100_000
+"""Most obstacles of a scene."""
+MOST_PLANES = 1_000
+"""Most guide planes of a scene."""
+LONGEST_TRAJECTORY = 100_000
+"""Most places of an obstacle that moves."""
 
-MAX_VERTICES = 1_000_000
-"""Most vertices, triangles or points that one obstacle may have."""
-
-Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
+Times = Annotated[list[float], msgspec.Meta(min_length=1, max_length=LONGEST_TRAJECTORY)]
 
 
 class ObstacleTrajectory(Message):
     """Where a moving obstacle is: placements of its frame in the world at times [s]; at rest before them and after."""
 
-    times: Annotated[list[float], msgspec.Meta(min_length=1, max_length=100_000)]
+    times: Times
     placements: list[Placement]
 
     def __post_init__(self) -> None:
@@ -148,26 +145,15 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        count = _check_points("vertices", self.vertices)
-        triangles: Iterable[Iterable[int]]
-        if isinstance(self.triangles, Uint32Array):
-            packed = self.triangles.uint32
-            if not 1 <= len(packed) // 12 <= MAX_VERTICES:
-                raise ValueError(f"`triangles` must have 1 to {MAX_VERTICES} triangles, got {len(packed) // 12}")
-            if _all_below(count, packed):
-                return
-            flat = memoryview(packed).cast("I")
-            triangles = zip(flat[0::3], flat[1::3], flat[2::3], strict=True)
-        else:
-            triangles = self.triangles
-            if _all_below(count, _packed(triangles)):  # of a million triangles this is found in a sixth of the time
-                return
-        for row, triangle in enumerate(triangles):
-            for index in triangle:
-                if not 0 <= index < count:
-                    raise ValueError(
-                        f"`triangles[{row}]` names vertex {index}, but there are {count} vertices (0 to {count - 1})"
-                    )
+        self.require_numbers()
+
+    def require_numbers(self, look: Look = never) -> None:
+        """Raise ValueError unless there are as many vertices and triangles as may be, all finite and of what there is.
+
+        Args:
+            look: Called again and again meanwhile.
+        """
+        check_triangles(check_points("vertices", self.vertices, look), self.triangles, look)
 
 
 class Polygon(_Obstacle, tag="polygon", kw_only=True):
@@ -179,7 +165,7 @@ class Polygon(_Obstacle, tag="polygon", kw_only=True):
         super().__post_init__()
         if len(self.vertices) < 3:
             raise ValueError(f"`vertices` must have at least 3 corners, got {len(self.vertices)}")
-        _check_points("vertices", self.vertices)
+        check_points("vertices", self.vertices)
 
 
 class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
@@ -204,8 +190,12 @@ class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _check_points("points", self.points)
+        self.require_numbers()
         require_finite_number("radius", self.radius)
+
+    def require_numbers(self, look: Look = never) -> None:
+        """Raise ValueError unless there are as many points as may be, all finite; `look` is called meanwhile."""
+        check_points("points", self.points, look)
 
 
 Obstacle = Box | Sphere | Cylinder | Capsule | Mesh | Polygon | HalfSpace | PointCloud
@@ -220,7 +210,7 @@ class GuidePlane(Message):
     def __post_init__(self) -> None:
         if len(self.vertices) < 3:
             raise ValueError(f"`vertices` of a guide plane must have at least 3 corners, got {len(self.vertices)}")
-        _check_points("vertices", self.vertices)
+        check_points("vertices", self.vertices)
 
 
 class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: nothing of it travels or is copied
@@ -229,76 +219,12 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: 
     name: Name
     schema: Literal[1] = 1
     frame: Literal["world"] = "world"
-    obstacles: Annotated[list[Obstacle], msgspec.Meta(max_length=100_000)] = []
-    guide_planes: Annotated[list[GuidePlane], msgspec.Meta(max_length=1_000)] = []
+    obstacles: Annotated[list[Obstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
+    guide_planes: Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)] = []
 
     def __post_init__(self) -> None:
         _require_distinct("obstacles", [obstacle.name for obstacle in self.obstacles])
         _require_distinct("guide_planes", [plane.name for plane in self.guide_planes])
-
-
-_SMALL = bytes(sign | exponent for sign in (0, 0x80) for exponent in range(0x4E))
-"""Highest bytes (sign and most of the exponent) of the float32 below 2^29 in magnitude, which is within `LARGEST`."""
-
-
-_POSITIVE = bytes(range(0x80))
-"""Highest bytes of the uint32 below 2^31."""
-
-
-def _packed(triangles: Iterable[Iterable[int]]) -> bytes:
-    """Numbers of triangles as little-endian uint32; empty where one can't be."""
-    try:
-        packed = array("I", chain.from_iterable(triangles))
-    except (OverflowError, TypeError):
-        return b""
-    if sys.byteorder == "big":
-        packed.byteswap()
-    return packed.tobytes()
-
-
-_SOME = 2**16
-"""So many bytes are looked at together: long integers of that length stay in the processor's cache."""
-
-
-def _all_below(count: int, packed: bytes) -> bool:
-    """Whether there are any, and all of some little-endian uint32 are below a count of at most 2^31."""
-    some = (packed[begin : begin + _SOME] for begin in range(0, len(packed), _SOME))
-    return bool(packed) and all(_some_below(count, each) for each in some)
-
-
-def _some_below(count: int, packed: bytes) -> bool:
-    """The same of some, all at once, as one long integer.
-
-    With 2^31 - count added to each, the highest bit is set of those that aren't.
-    """
-    if packed[3::4].translate(None, _POSITIVE):
-        return False
-    moved = int.from_bytes(packed, "little") + _added(count, len(packed))
-    return not moved.to_bytes(len(packed), "little")[3::4].translate(None, _POSITIVE)
-
-
-@functools.lru_cache(maxsize=4)
-def _added(count: int, size: int) -> int:
-    """2^31 - count in each of the uint32 of so many bytes, as one long integer."""
-    return int.from_bytes((2**31 - count).to_bytes(4, "little") * (size // 4), "little")
-
-
-def _check_points(field: str, points: Points) -> int:
-    """Number of points; ValueError where there are too many, none, or one isn't finite."""
-    if isinstance(points, Float32Array):
-        count = len(points.float32) // 12
-        if points.float32[3::4].translate(None, _SMALL) and not all(
-            abs(x) <= LARGEST for x in memoryview(points.float32).cast("f")
-        ):
-            raise ValueError(f"`{field}` must be finite numbers")
-    else:
-        count = len(points)
-        if not math.hypot(*chain.from_iterable(points)) <= LARGEST:  # the norm of all is more than that of each
-            for index, point in enumerate(points):
-                require_finite(f"{field}[{index}]", point)
-    if not 1 <= count <= MAX_VERTICES:
-        raise ValueError(f"`{field}` must have 1 to {MAX_VERTICES} points, got {count}")
-    return count
 
 
 def _require_distinct(field: str, names: list[str]) -> None:

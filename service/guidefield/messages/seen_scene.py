@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from guidefield.messages.scene import Scene
-from guidefield.messages.values import Float32Array, Uint32Array
+from guidefield.messages.triples import TOGETHER
+from guidefield.messages.values import Float32Array, Look, Uint32Array, never
 
 
 class SeenScene:
@@ -17,24 +18,29 @@ class SeenScene:
 
     Args:
         scene: The scene.
+        look: Called again and again while a large one is looked at.
 
     Raises:
         TypeError: if it holds anything that may change unnoticed, such as an array or a list within a list.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, look: Look = never) -> None:
         self._fixed = scene.name, scene.schema, scene.frame
         self._bodies = [*scene.obstacles, *scene.guide_planes]
         self._obstacles = len(scene.obstacles)
         self._lists: dict[int, list[list[Any]]] = {}
         for index, body in enumerate(self._bodies):
+            if index % TOGETHER == 0:
+                look()
             try:
                 hash(body)
             except TypeError:
                 self._lists[index] = [list(one) for one in _lists_of(body)]
         for lists in self._lists.values():
             for one in lists:
-                hash(tuple(one))
+                for begin in range(0, len(one), TOGETHER):
+                    hash(tuple(one[begin : begin + TOGETHER]))
+                    look()
 
     @property
     def parts(self) -> int:
@@ -42,17 +48,42 @@ class SeenScene:
         listed = sum(len(one) for lists in self._lists.values() for one in lists)
         return len(self._bodies) + listed + sum(map(_packed, self._bodies))
 
-    def is_like(self, scene: Scene) -> bool:
-        """Whether a scene holds the same; what isn't the same object is compared number by number."""
+    def is_like(self, scene: Scene, look: Look = never) -> bool:
+        """Whether a scene holds the same; what isn't the same object is compared number by number.
+
+        Args:
+            scene: The scene.
+            look: Called again and again while a large one is compared.
+        """
         if self._fixed != (scene.name, scene.schema, scene.frame) or self._obstacles != len(scene.obstacles):
             return False
         bodies = [*scene.obstacles, *scene.guide_planes]
+        if len(bodies) != len(self._bodies):
+            return False
         try:
-            return bodies == self._bodies and all(
-                lists == _lists_of(bodies[index]) for index, lists in self._lists.items()
-            )
+            for index, (one, known) in enumerate(zip(bodies, self._bodies, strict=True)):
+                if index % TOGETHER == 0:
+                    look()
+                if index in self._lists:
+                    if not (one is known or _rest_of(one) == _rest_of(known)) or not self._has_lists(index, one, look):
+                        return False
+                elif not (one is known or one == known):
+                    return False
         except (TypeError, ValueError):  # there are arrays in it, which can't be compared so
             return False
+        return True
+
+    def _has_lists(self, index: int, body: Any, look: Look) -> bool:
+        """Whether the lists of an obstacle or guide plane hold what those did of the one with this index."""
+        seen, lists = self._lists[index], _lists_of(body)
+        if [*map(len, seen)] != [*map(len, lists)]:
+            return False
+        for one, known in zip(lists, seen, strict=True):
+            for begin in range(0, len(one), TOGETHER):
+                look()
+                if one[begin : begin + TOGETHER] != known[begin : begin + TOGETHER]:
+                    return False
+        return True
 
 
 def _packed(body: Any) -> int:
@@ -61,6 +92,12 @@ def _packed(body: Any) -> int:
     triangles = getattr(body, "triangles", None)
     counted = len(points.float32) // 12 if isinstance(points, Float32Array) else 0
     return counted + (len(triangles.uint32) // 12 if isinstance(triangles, Uint32Array) else 0)
+
+
+def _rest_of(body: Any) -> tuple[Any, ...]:
+    """The kind of an obstacle or guide plane, and what it declares otherwise than as a list."""
+    values = ((field, getattr(body, field)) for field in type(body).__struct_fields__)
+    return type(body), *(pair for pair in values if not isinstance(pair[1], list))
 
 
 def _lists_of(body: Any) -> list[list[Any]]:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before, Own, own
+from guidefield.messages.values import Look, never
 from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
@@ -64,13 +65,14 @@ class BuiltScenes:
             message = before
         content, parts = None if mine is None else mine.content, dict[int, Content]()
         if content is None:
-            if spent is not None and _has_many(message) and spent():
-                raise StoppedError(f"scene {message.name} was looked at")
-            content, parts = scene_content(message)
+            look = never if spent is None or not _has_many(message) else _looking(message.name, spent)
+            look()
+            content, parts = scene_content(message, look)
             if mine is not None:
                 mine.content = content
         for later, known, change in reversed(changes):
-            content, parts = changed_content(content, change, later)
+            look = never if spent is None else _looking(later.name, spent)
+            content, parts = changed_content(content, change, later, look)
             known.content = content
         return content, parts
 
@@ -113,6 +115,16 @@ def _in_time(build: Callable[[], Scene], name: str, many: bool, spent: Spent) ->
         wait_for_others(spent)
         return build()
     return done_aside(build, spent, lambda: f"scene {name} was built")
+
+
+def _looking(name: str, spent: Spent) -> Look:
+    """Looks at the clock while the scene of a name is looked at."""
+
+    def look() -> None:
+        if spent():
+            raise StoppedError(f"scene {name} was looked at")
+
+    return look
 
 
 def _has_many(message: messages.Scene) -> bool:

@@ -17,7 +17,7 @@ from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.edges import edge_counts
 from guidefield.geometry.surfaces import Surface
-from guidefield.messages import scene as messages
+from guidefield.messages.triples import Points, Triangles
 from guidefield.scene.points import corners_in, count_of, points_in
 
 _FLAT = 1e-9
@@ -104,7 +104,7 @@ def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
     return Joined(distinct, corners, given, *seams(distinct, corners))
 
 
-def judged_mesh(points: messages.Points, corners: messages.Triangles, content: bytes) -> JudgedMesh | None:
+def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
     """`mesh_surface`, with a warning where triangles cross; of a large mesh from disk if it was asked for before.
 
     Args:

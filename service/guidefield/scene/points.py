@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.messages import scene as messages
+from guidefield.messages.triples import Points, Triangles
 from guidefield.messages.values import Float32Array, Uint32Array
 
 SOME = 50_000
 """So many triples are read in a few milliseconds."""
 
 
-def points_in(points: messages.Points) -> np.ndarray:
+def points_in(points: Points) -> np.ndarray:
     """Points that a message holds, shape (n, 3) [m]."""
     if isinstance(points, Float32Array):
         return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
     return _triples(points, float)
 
 
-def corners_in(triangles: messages.Triangles) -> np.ndarray:
+def corners_in(triangles: Triangles) -> np.ndarray:
     """The corners of triangles that a message holds, by number, shape (t, 3)."""
     if isinstance(triangles, Uint32Array):
         return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(np.int64)
@@ -38,7 +38,7 @@ def _triples(listed: list[Any], kind: type) -> np.ndarray:
     return found
 
 
-def count_of(some: messages.Points | messages.Triangles) -> int:
+def count_of(some: Points | Triangles) -> int:
     """How many points or triangles a message holds."""
     match some:
         case Float32Array():

@@ -1,0 +1,233 @@
+"""What is large in a request is read some at a time, and what is made is what is made of it at one go."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield.errors import MalformedRequest
+from guidefield.messages import codec, given_requests, scene
+from guidefield.messages.reading import TooLongToRead, read_in_time
+from guidefield.messages.requests import Clearance, JointsGoal, PlanRequest
+from guidefield.messages.values import Float32Array, Uint32Array
+
+COUNT = 2500
+
+
+def boxes(count: int = COUNT) -> list[dict[str, Any]]:
+    return [{"type": "box", "name": f"b{k}", "size": [0.1, 0.2, 0.3], "position": [k, 0.5, 0]} for k in range(count)]
+
+
+def mesh(count: int = COUNT, **fields: Any) -> dict[str, Any]:
+    vertices = [[0.1 * k, k % 7, 0.5] for k in range(count)]
+    return {"type": "mesh", "name": "m", "vertices": vertices, "triangles": triangles(count), **fields}
+
+
+def triangles(count: int = COUNT) -> list[list[int]]:
+    return [[k, (k + 1) % count, (k + 2) % count] for k in range(count)]
+
+
+def cloud(count: int = COUNT, **fields: Any) -> dict[str, Any]:
+    return {"type": "point_cloud", "name": "c", "points": [[k, 0.5, 1] for k in range(count)], "radius": 0.1, **fields}
+
+
+def moving(count: int = COUNT) -> dict[str, Any]:
+    places = [{"position": [0.1 * k, 0, 0]} for k in range(count)]
+    return {
+        **boxes(1)[0],
+        "name": "mover",
+        "trajectory": {"times": [0.5 * k for k in range(count)], "placements": places},
+    }
+
+
+def plane(name: str, count: int) -> dict[str, Any]:
+    return {"name": name, "vertices": [[float(k), k % 2, 1.0] for k in range(count)]}
+
+
+def asked(*obstacles: dict[str, Any], **fields: Any) -> dict[str, Any]:
+    goal = {"type": "joints", "positions": {"panda_joint1": 0.8}}
+    return {"robot": "panda", "scene": {"name": "s", "obstacles": [*obstacles]}, "goal": goal, **fields}
+
+
+def held(obstacle: dict[str, Any]) -> dict[str, Any]:
+    return {"obstacle": obstacle, "link": "panda_hand"}
+
+
+LARGE: dict[str, dict[str, Any]] = {
+    "boxes": asked(*boxes()),
+    "all kinds": asked(mesh(), *boxes(600), cloud(), moving(), {**plane("p", 1200), "type": "polygon"}),
+    "many small meshes": asked(*(mesh(99, name=f"m{k}") for k in range(30))),
+    "few corners": asked(mesh(vertices=[[0.0, 0.0, 0.0]] * 3, triangles=[[0, 1, 2]] * COUNT)),
+    "few triangles": asked(mesh(triangles=[[0, 1, COUNT - 1]])),
+    "planes": asked(guide_planes=[plane(f"p{k}", 100) for k in range(30)]),
+    "planes of the scene": {**asked(), "scene": {"name": "s", "guide_planes": [plane(f"p{k}", 300) for k in range(9)]}},
+    "held": asked(*boxes(3), attached_objects=[held(mesh()), held(boxes(1)[0]), held(cloud(name="d"))]),
+    "change": {**asked(), "scene": {"base": "b", "add": [*boxes(), mesh()], "remove": ["a"]}},
+    "moves": {**asked(), "scene": {"base": "b", "move": {f"b{k}": {"position": [k, 0, 0]} for k in range(COUNT)}}},
+    "clearance": {
+        "type": "clearance",
+        "robot": "panda",
+        "scene": {"name": "s", "obstacles": boxes()},
+        "configurations": [],
+    },
+    "stored": {"type": "store_scene", "name": "s", "scene": {"name": "s", "obstacles": [*boxes(), mesh()]}},
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_the_same_is_made_of_every_form(name: str) -> None:
+    plain = LARGE[name]
+    at_one_go = codec.decode_request(codec.encode(plain))  # type: ignore[arg-type]
+    for given in (plain, at_one_go, {**plain, "scene": at_one_go.scene}):  # type: ignore[union-attr]
+        assert given_requests.is_large(given)
+        made = given_requests.checked(given)
+        assert type(made) is type(at_one_go)
+        assert type(made.scene) is type(at_one_go.scene)  # type: ignore[union-attr]
+        assert codec.encode(made) == codec.encode(at_one_go)
+        assert made == at_one_go
+    assert codec.decode_request(codec.encode(plain)) == at_one_go, "what was given is as it was"  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32])
+def test_arrays_may_stand_for_lists(kind: Any) -> None:
+    vertices, corners = np.array(mesh()["vertices"], kind), np.array(triangles(), np.int32)
+    given = asked(mesh(vertices=vertices, triangles=corners), cloud(points=[*vertices]), *boxes(2))
+    listed = asked(
+        mesh(vertices=vertices.tolist(), triangles=corners.tolist()), cloud(points=vertices.tolist()), *boxes(2)
+    )
+    assert given_requests.checked(given) == codec.decode_request(codec.encode(listed))  # type: ignore[arg-type]
+
+
+def test_packed_and_listed_ones_may_stand_beside_each_other() -> None:
+    corners = Float32Array(np.array(mesh()["vertices"], "<f4").tobytes())
+    packed = Uint32Array(np.array(triangles(), "<u4").tobytes())
+    for fields in ({"vertices": corners}, {"triangles": packed}):
+        given = asked(mesh(**fields))
+        expected = codec.decode_request(codec.encode(given))  # type: ignore[arg-type]
+        assert given_requests.checked(given) == expected
+        assert given_requests.checked(expected) == expected
+
+
+def _wrong(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    made = msgspec.json.decode(codec.encode(LARGE["all kinds"]))  # type: ignore[arg-type]
+    change(made)
+    return made  # type: ignore[no-any-return]
+
+
+FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
+    "goal": lambda made: made.update(goal={"type": "joint", "positions": {}}),
+    "planes": lambda made: made.update(guide_planes={"name": "p"}),
+    "planes of a word": lambda made: made.update(guide_planes="automatic"),
+    "field of a scene": lambda made: made["scene"].update(obstacle=[]),
+    "kind": lambda made: made["scene"]["obstacles"][7].update(type="bx"),
+    "size": lambda made: made["scene"]["obstacles"][577]["size"].append(1.0),
+    "field": lambda made: made["scene"]["obstacles"][577].update(sise=1.0),
+    "name twice": lambda made: made["scene"]["obstacles"][577].update(name="b3"),
+    "no obstacle": lambda made: made["scene"]["obstacles"].insert(550, None),
+    "corner": lambda made: made["scene"]["obstacles"][0]["vertices"].insert(1500, [0.0, 0.0]),
+    "number": lambda made: made["scene"]["obstacles"][0]["vertices"].insert(1500, [0.0, 0.0, "a"]),
+    "far": lambda made: made["scene"]["obstacles"][0]["vertices"].insert(1500, [0.0, 1e10, 0.0]),
+    "triangle": lambda made: made["scene"]["obstacles"][0]["triangles"].insert(1500, [0, 1, COUNT]),
+    "no triangles": lambda made: made["scene"]["obstacles"][0].update(triangles=[]),
+    "triangles are left out": lambda made: made["scene"]["obstacles"][0].pop("triangles"),
+    "vertices are left out": lambda made: made["scene"]["obstacles"][0].pop("vertices"),
+    "vertices are none": lambda made: made["scene"]["obstacles"][0].update(vertices=None),
+    "vertices are a number": lambda made: made["scene"]["obstacles"][0].update(vertices=5),
+    "base64": lambda made: made["scene"]["obstacles"][0].update(vertices={"float32": "AA=="}),
+    "point": lambda made: made["scene"]["obstacles"][601]["points"].insert(2400, 5.0),
+    "radius": lambda made: made["scene"]["obstacles"][601].update(radius=-1.0),
+    "time": lambda made: made["scene"]["obstacles"][602]["trajectory"]["times"].__setitem__(700, 0.0),
+    "a time is a word": lambda made: made["scene"]["obstacles"][602]["trajectory"]["times"].__setitem__(700, "a"),
+    "times are left out": lambda made: made["scene"]["obstacles"][602]["trajectory"].pop("times"),
+    "a place more": lambda made: made["scene"]["obstacles"][602]["trajectory"]["placements"].append({}),
+    "place": lambda made: made["scene"]["obstacles"][602]["trajectory"]["placements"][777].update(
+        quaternion_xyzw=[1.0, 1.0, 0.0, 0.0]
+    ),
+    "field of a trajectory": lambda made: made["scene"]["obstacles"][602]["trajectory"].update(speed=1.0),
+    "corner of a polygon": lambda made: made["scene"]["obstacles"][603]["vertices"].append([0.0]),
+    "held": lambda made: made.update(attached_objects=[held(mesh(triangles=[[0, 1, "b"]]))]),
+    "too many": lambda made: made["scene"].update(obstacles=[None] * 100_001),
+    "beside a base": lambda made: made["scene"].update(base="b"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_told_as_at_one_go(name: str) -> None:
+    made = _wrong(FAULTS[name])
+    with pytest.raises(MalformedRequest) as at_one_go:
+        codec.convert(made, PlanRequest)
+    with pytest.raises(MalformedRequest) as found:
+        given_requests.checked(made)
+    assert (found.value.message, found.value.details) == (at_one_go.value.message, at_one_go.value.details)
+
+
+class _Enough(Exception):
+    pass
+
+
+@pytest.mark.parametrize("form", ["dicts", "messages"])
+@pytest.mark.parametrize("name", ["boxes", "all kinds", "planes", "held", "change", "moves"])
+def test_who_looks_may_end_it_at_any_time(name: str, form: str) -> None:
+    given = LARGE[name] if form == "dicts" else codec.decode_request(codec.encode(LARGE[name]))  # type: ignore[arg-type]
+    looks = [0]
+
+    def look(last: int = 0) -> None:
+        looks[0] += 1
+        if looks[0] == last:
+            raise _Enough
+
+    given_requests.checked(_again(given), look)
+    assert looks[0] >= 3
+    for last in range(1, looks[0], 3):
+        looks[0] = 0
+        with pytest.raises(_Enough):
+            given_requests.checked(_again(given), partial(look, last))
+
+
+def _again(given: Any) -> Any:
+    """A request that isn't known from before."""
+    return given if isinstance(given, dict) else msgspec.structs.replace(given, scene=_renamed(given.scene))
+
+
+def _renamed(declared: scene.Scene) -> scene.Scene:
+    return msgspec.structs.replace(declared, name=f"{declared.name} {time.monotonic_ns()}")
+
+
+def test_between_two_looks_little_time_passes() -> None:
+    """A hundred thousand boxes, and a mesh of so many triangles, take some tenths of a second."""
+    given = asked(mesh(100_000), *boxes(40_000), cloud(100_000))
+    moments: list[float] = []
+    given_requests.checked(given, lambda: moments.append(time.process_time()))
+    assert np.diff(moments).max() < 0.05
+    assert len(moments) > 50
+
+
+@pytest.mark.parametrize("kind", [PlanRequest, Clearance])
+def test_what_cannot_be_read_in_time_is_told_so(kind: Any) -> None:
+    many = codec.convert({"name": "s", "obstacles": boxes(20_000)}, scene.Scene)
+    fields = {"goal": JointsGoal({}), "allowed_planning_time": 0.01, "run_id": "mine"}
+    given = kind("panda", many, **(fields if kind is PlanRequest else {"configurations": [], "allowed_time": 0.01}))
+    for form in (given, msgspec.to_builtins(given)):
+        with pytest.raises(TooLongToRead) as late:
+            read_in_time(form, time.monotonic())
+        assert late.value.head.allowed == 0.01
+        assert kind is Clearance or late.value.head.run_id == "mine"  # type: ignore[union-attr]
+        assert read_in_time({**msgspec.to_builtins(given), **_patient(kind)}, time.monotonic()).scene == many  # type: ignore[union-attr]
+
+
+def _patient(kind: Any) -> dict[str, float]:
+    return {"allowed_planning_time" if kind is PlanRequest else "allowed_time": 60.0}
+
+
+def test_a_fault_elsewhere_is_told_whatever_the_time() -> None:
+    given = {**asked(*boxes()), "allowed_planning_time": 1e-9, "goal": {"type": "joint"}}
+    with pytest.raises(MalformedRequest, match=r"\$.goal.type"):
+        read_in_time(given, time.monotonic())
+    with pytest.raises(MalformedRequest, match=r"\$.allowed_planning_time"):
+        read_in_time({**given, **asked(*boxes()), "allowed_planning_time": "soon"}, time.monotonic())
