@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from guidefield.collector import waiting_collector
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, given_requests, scene
 from guidefield.messages.reading import TooLongToRead, read_in_time
@@ -203,7 +204,8 @@ def test_between_two_looks_little_time_passes() -> None:
     """A hundred thousand boxes, and a mesh of so many triangles, take some tenths of a second."""
     given = asked(mesh(100_000), *boxes(40_000), cloud(100_000))
     moments: list[float] = []
-    given_requests.checked(given, lambda: moments.append(time.process_time()))
+    with waiting_collector():
+        given_requests.checked(given, lambda: moments.append(time.process_time()))
     assert np.diff(moments).max() < 0.05
     assert len(moments) > 50
 

@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import msgspec
 
+from guidefield.aside import Spent, StoppedError, done_aside
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace
+from guidefield.messages.values import Look, never
 from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
+from guidefield.scene.content import content_of
 from guidefield.scene.facets import bvh
+from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
 
+MANY = 1000
+"""Objects of fewer triangles and points are built within a hundredth of a second or two."""
 
-def holding(robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene) -> RobotModel:
+
+@dataclass(frozen=True)
+class _Asked:
+    """Objects to attach, known by a hash."""
+
+    content: bytes
+    objects: Sequence[AttachedObject] = field(compare=False)
+
+
+def holding(
+    robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene, spent: Spent | None = None
+) -> RobotModel:
     """The robot with what it holds.
 
     The same robot with the same objects is made once, so that what is computed for it is computed once.
@@ -28,12 +46,14 @@ def holding(robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene)
         robot: The robot.
         attached: What it holds; an obstacle's own placement counts within the placement in its link.
         scene: Where it is; it must not have obstacles of the same names.
+        spent: Whether time is up; None: it may take as long as it does.
 
     Raises:
         MalformedRequest: if a half-space is to be held.
         SceneInvalid: if a shape can't be used.
         UnknownFrame: if a link isn't one of the robot's.
         UnknownObject: if a name is taken.
+        StoppedError: if time was up before objects of many triangles were built.
     """
     if not attached:
         return robot
@@ -46,13 +66,30 @@ def holding(robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene)
                 f"`attached_objects[{index}]`, {one.obstacle.name!r}, is an obstacle of the scene too: remove it there",
                 object=one.obstacle.name,
             )
-    return _made(robot, msgspec.msgpack.encode(attached))
+    bodies = [one.obstacle for one in attached]
+    if spent is None or not are_many(bodies, MANY):
+        return _made(robot, _asked(attached, never))
+
+    def look() -> None:
+        if spent():
+            raise StoppedError(_DOING)
+
+    asked = _asked(attached, look)
+    return done_aside(lambda: _made(robot, asked), spent, lambda: _DOING)
+
+
+_DOING = "what the robot holds was built"
+
+
+def _asked(attached: Sequence[AttachedObject], look: Look) -> _Asked:
+    contents = [content_of(one.obstacle, look).all for one in attached]
+    others = [(one.link, one.placement, one.touch_links) for one in attached]
+    return _Asked(msgspec.msgpack.encode([contents, others]), attached)
 
 
 @functools.lru_cache(maxsize=32)
-def _made(robot: RobotModel, attached: bytes) -> RobotModel:
-    objects = msgspec.msgpack.decode(attached, type=list[AttachedObject])
-    return with_held(robot, [_held(one, index) for index, one in enumerate(objects)])
+def _made(robot: RobotModel, asked: _Asked) -> RobotModel:
+    return with_held(robot, [_held(one, index) for index, one in enumerate(asked.objects)])
 
 
 def _held(one: AttachedObject, index: int) -> Held:

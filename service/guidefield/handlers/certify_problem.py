@@ -54,7 +54,7 @@ def certify_problem(
             is ill-posed.
     """
     _require_served(request, scene)
-    robot = holding(robot, request.attached_objects, scene)
+    robot = holding(robot, request.attached_objects, scene, budget.spent)
     rows = _positions(request)
     columns = _columns(request, robot)
     columns.require_width(_field(request), rows)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
+from guidefield.handlers.attached import holding
 from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
@@ -61,9 +62,11 @@ def answer_plan(
     Raises:
         GuidefieldError: InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
+        StoppedError: if time was up before what the robot holds was built.
     """
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_planning_time, cancelled)
+    holding(robot, request.attached_objects, scene, budget.spent)  # what is large is built aside, once
     problem, warnings = problem_of(request, robot, scene, budget)
     guided = bool(problem.guide_planes) or request.guide_planes == "auto"
     if not guided:

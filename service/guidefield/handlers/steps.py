@@ -61,7 +61,7 @@ class Steps:
         self._request, self._budget, self._preparing = request, budget, preparing
         self.counters = Counters()
         base = request.robot_placement
-        holding(robot, request.attached_objects, scene)  # refused here, as in any request
+        holding(robot, request.attached_objects, scene, budget.spent)  # refused here, as in any request
         q, self.warnings = start_of(request.start, robot)
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)

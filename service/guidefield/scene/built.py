@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
 from guidefield.messages import scene as messages
@@ -13,7 +13,7 @@ from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
 from guidefield.scene.mesh import MOST_FACES
-from guidefield.scene.points import count_of
+from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
 
 MANY = 1000
@@ -85,7 +85,9 @@ class BuiltScenes:
         if spent is None:
             return scenes.changed(before, message, rows, parts)
         fresh = [message.obstacles[index] for index in rows.fresh]
-        return _in_time(lambda: scenes.changed(before, message, rows, parts), message.name, _are_many(fresh), spent)
+        return _in_time(
+            lambda: scenes.changed(before, message, rows, parts), message.name, are_many(fresh, MANY), spent
+        )
 
     def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
         """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""
@@ -128,20 +130,4 @@ def _looking(name: str, spent: Spent) -> Look:
 
 
 def _has_many(message: messages.Scene) -> bool:
-    return _are_many(message.obstacles)
-
-
-def _are_many(obstacles: Sequence[messages.Obstacle]) -> bool:
-    return len(obstacles) >= MANY or len(obstacles) + sum(map(_parts, obstacles)) >= MANY
-
-
-def _parts(obstacle: messages.Obstacle) -> int:
-    """Of how many corners, triangles and points an obstacle is declared; 0 of a primitive."""
-    match obstacle:
-        case messages.Mesh():
-            return count_of(obstacle.triangles) + count_of(obstacle.vertices)
-        case messages.Polygon():
-            return len(obstacle.vertices)
-        case messages.PointCloud():
-            return count_of(obstacle.points)
-    return 0
+    return are_many(message.obstacles, MANY)

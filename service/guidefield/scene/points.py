@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from guidefield.messages import scene as messages
 from guidefield.messages.triples import Points, Triangles
 from guidefield.messages.values import Float32Array, Uint32Array
 
@@ -46,3 +48,20 @@ def count_of(some: Points | Triangles) -> int:
         case Uint32Array():
             return len(some.uint32) // 12
     return len(some)
+
+
+def are_many(obstacles: Sequence[messages.Obstacle], most: int) -> bool:
+    """Whether declared obstacles have so many corners, triangles and points, or are so many."""
+    return len(obstacles) >= most or len(obstacles) + sum(map(_parts, obstacles)) >= most
+
+
+def _parts(obstacle: messages.Obstacle) -> int:
+    """Of how many corners, triangles and points an obstacle is declared; 0 of a primitive."""
+    match obstacle:
+        case messages.Mesh():
+            return count_of(obstacle.triangles) + count_of(obstacle.vertices)
+        case messages.Polygon():
+            return len(obstacle.vertices)
+        case messages.PointCloud():
+            return count_of(obstacle.points)
+    return 0
