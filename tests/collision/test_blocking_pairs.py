@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs
+from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs, met_each
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_among, contacts_at
 from tests.collision.scenery import box, world_of
@@ -61,3 +61,15 @@ def test_many_configurations_are_told_as_each_alone(world):
     for q, pairs in zip(qs, world.near_each(qs), strict=True):
         world.place(q)
         assert contacts_among(world, pairs) == contacts_at(world, q)
+
+
+def test_what_is_known_to_touch_is_not_asked_again(world, monkeypatch: pytest.MonkeyPatch) -> None:
+    qs = [*np.random.default_rng(4).uniform(-2.0, 2.0, (MOST_LOOKED_AT + 5, 2)), np.array([np.pi / 2, 0.0])]
+    met, touch = met_each(world, qs)
+    assert touch == [world.in_collision(q) for q in qs]
+    assert len(met) == MOST_LOOKED_AT
+    assert any(touch[MOST_LOOKED_AT:])
+    alone = blocking_pairs(world, qs, 0.3)
+    monkeypatch.setattr(type(world), "touches", None)
+    assert blocking_pairs(world, qs, 0.3, met) == alone
+    assert met_each(world, []) == ([], [])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,28 +61,60 @@ class BlockingPairs:
         return details if self.clearest is None else {**details, "clearance": self.clearest}
 
 
-def blocking_pairs(world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0) -> BlockingPairs:
+class Met(NamedTuple):
+    """What touches at a configuration.
+
+    Attributes:
+        bodies: Where the robot's bodies stand there, as `World.body_placements` has them, shape (r, 3, 4) [m].
+        pairs: The pairs that touch.
+    """
+
+    bodies: np.ndarray
+    pairs: list[int]
+
+
+def met_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met], list[bool]]:
+    """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does.
+
+    Args:
+        world: Robot and obstacles.
+        qs: Configurations of the group's model, each of shape (model.nq,).
+    """
+    near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
+    met = _met(world, qs[:looked_at], near)
+    return met, [bool(one.pairs) for one in met] + world.in_collision_each(qs[looked_at:], near[looked_at:])
+
+
+def _met(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Met]:
+    found = []
+    for q, pairs in zip(qs, near, strict=False):
+        world.place(q)
+        found.append(Met(world.body_placements.copy(), [pair for pair in pairs if world.touches(pair)]))
+    return found
+
+
+def blocking_pairs(
+    world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0, met: Sequence[Met] | None = None
+) -> BlockingPairs:
     """The pairs that touch, or of which one is wholly inside the other, at configurations.
 
     Args:
         world: Robot and obstacles.
         qs: Configurations of the group's model, each of shape (model.nq,).
         clearance: What they were to keep from obstacles; the nearest pair counts where nothing touches [m].
+        met: What touches at the first of them, where that is known from `met_each`.
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()
     names: dict[int, PairNames] = {}
     touching: defaultdict[PairNames, list[tuple[np.ndarray, int]]] = defaultdict(list)
     looked_at = qs[:MOST_LOOKED_AT]
-    for q, pairs in zip(looked_at, world.near_each(looked_at), strict=True):
-        world.place(q)
-        there = world.body_placements.copy()
-        met = [pair for pair in pairs if world.touches(pair)]
-        names |= {pair: world.pair_names(pair) for pair in met if pair not in names}
-        counts.update({names[pair] for pair in met})
-        for pair in met:
+    for q, (there, pairs) in zip(looked_at, met or _met(world, looked_at, world.near_each(looked_at)), strict=True):
+        names |= {pair: world.pair_names(pair) for pair in pairs if pair not in names}
+        counts.update({names[pair] for pair in pairs})
+        for pair in pairs:
             touching[names[pair]].append((there, pair))
-        if met:
+        if pairs:
             continue
         if (inside := enclosed(world, q)) is not None:
             counts[inside] += 1

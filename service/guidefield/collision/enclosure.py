@@ -9,7 +9,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.collision.world import World
+from guidefield.collision.world import PairNames, World
 from guidefield.geometry.closed import connected_pieces
 from guidefield.kept import kept_with
 from guidefield.robot.group.alike import kept_with_alike
@@ -21,7 +21,7 @@ from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.obstacle import Obstacle
 
 
-def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
+def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
     """Names of the first pair of bodies, one wholly inside the other's closed mesh, or None.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
@@ -32,15 +32,22 @@ def enclosed(world: World, q: ModelConfiguration) -> tuple[str, str] | None:
         world: The robot among obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
-    return enclosed_each(world, [q])[0]
+    known, key = world.enclosures, q.tobytes()  # starts are asked about again and again
+    if key not in known:
+        known[key] = _enclosed_each(world, [q])[0]
+    return known[key]
 
 
-def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[tuple[str, str] | None]:
+def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
     """`enclosed` at each of some configurations, sooner than one after the other; the robot is left anywhere."""
+    return [enclosed(world, q) for q in qs] if len(qs) == 1 else _enclosed_each(world, qs)
+
+
+def _enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
     closed = _closed(world.group)
-    if world.scene.convex and not closed.any():
+    if not len(qs) or (world.scene.convex and not closed.any()):
         return [None] * len(qs)
-    found: list[tuple[str, str] | None] = []
+    found: list[PairNames | None] = []
     for q, pairs in zip(qs, world.near_each(qs, closed), strict=True):
         world.place(q)
         around = next((pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair))), None)

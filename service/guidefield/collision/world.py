@@ -124,6 +124,11 @@ class World:
         return {}
 
     @cached_property
+    def enclosures(self) -> dict[bytes, PairNames | None]:
+        """What is around what at configurations that were asked about alone, as far as that was asked."""
+        return {}
+
+    @cached_property
     def boxes(self) -> ObstacleBoxes:
         """Boxes about the obstacles."""
         return obstacle_boxes(self.scene)
@@ -284,13 +289,19 @@ class World:
         at, found, _ = self.near_pairs.within(placements, centres, own, mixed)
         return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
 
-    def in_collision_each(self, qs: Sequence[ModelConfiguration]) -> list[bool]:
-        """Whether any pair touches, at each of some configurations of the model, each of shape (model.nq,).
+    def in_collision_each(
+        self, qs: Sequence[ModelConfiguration], near: Sequence[list[int]] | None = None
+    ) -> list[bool]:
+        """Whether any pair touches, at each of some configurations of the model.
 
         The pair that touched at the one before is asked first.
+
+        Args:
+            qs: The configurations, each of shape (model.nq,).
+            near: What `near_each` tells of them, where that is known.
         """
         found, last = [], -1
-        for q, pairs in zip(qs, self.near_each(qs), strict=True):
+        for q, pairs in zip(qs, self.near_each(qs) if near is None else near, strict=True):
             self.place(q)
             touching = next(filter(self.touches, [last, *pairs] if last in pairs else pairs), None)
             found.append(touching is not None)

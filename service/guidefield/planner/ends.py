@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs
+from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, met_each
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed, enclosed_each
@@ -135,14 +135,15 @@ def tip_points(
         return found
     if result.solutions:  # all that were found are inside of something: look for others
         result = _solved(problem, target, starts, count, _are_outside)
-    zs = result.solutions or _those_that_keep_off(problem, result.rejected)  # lanes refuse what all but touches
-    if zs:
+    if result.solutions:
+        return chosen(problem, np.array(result.solutions))
+    rejected = [problem.group.expand_from_chart(z) for z in result.rejected]
+    touching, touch = met_each(problem.world, rejected)  # lanes refuse what all but touches
+    if zs := [z for z, kept in zip(result.rejected, _keep_off(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
     if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
-    met = blocking_pairs(
-        problem.world, list(map(problem.group.expand_from_chart, result.rejected)), problem.min_clearance
-    )
+    met = blocking_pairs(problem.world, rejected, problem.min_clearance, touching)
     told = f": {met.told()}" if met.counts else ""
     raise StageFailed(
         Status.NO_IK_SOLUTION,
@@ -226,7 +227,7 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
     What lanes find free is; what they don't is judged by Coal where there is nothing else.
     """
     free = _are_outside(problem, zs)
-    return free if free.any() else _keep_off(problem, zs)
+    return free if free.any() else _coal_frees(problem, zs)
 
 
 def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
@@ -249,17 +250,23 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
     return free
 
 
-def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> np.ndarray:
-    """Which chart points (nv,) touch nothing and are inside of nothing by Coal's judgement, and keep the clearance."""
-    touch = problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs])
+def _coal_frees(problem: Problem, zs: ChartPoints) -> np.ndarray:
+    """Which chart points (n, nv) `_keep_off` has: (n,), bool."""
+    return _keep_off(problem, zs, problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]))
+
+
+def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
+    """Which chart points touch nothing and are inside of nothing by Coal's judgement, and keep the clearance.
+
+    Args:
+        problem: Robot and world.
+        zs: Each of shape (nv,).
+        touch: At which of them something touches, by Coal.
+    """
     free = ~np.array(touch, bool)
     free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
     free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
     return free
-
-
-def _those_that_keep_off(problem: Problem, zs: Sequence[ChartPoint]) -> list[ChartPoint]:
-    return [z for z, kept in zip(zs, _keep_off(problem, zs), strict=True) if kept]
 
 
 def _are_in_the_open(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints) -> list[bool]:
