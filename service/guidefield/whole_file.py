@@ -25,7 +25,7 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
     Raises:
         OSError: if it can't be written; names `path`.
     """
-    draft = path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
+    draft = draft_of(path)
     try:
         with draft.open("wb") as file:
             file.writelines(data)
@@ -39,6 +39,11 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
         draft.unlink(missing_ok=True)
     if durable:
         flush_folder(path.parent)
+
+
+def draft_of(path: Path) -> Path:
+    """A name beside a file's, for what isn't whole yet: another one each time."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
 
 
 def flush_folder(folder: Path) -> None:

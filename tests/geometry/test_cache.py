@@ -7,11 +7,13 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from guidefield.geometry import cache
 from guidefield.geometry.cache import folder, recalled, remembered
+from guidefield.geometry.entries import checksum
 
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
 RESULT = {
@@ -160,9 +162,10 @@ def test_an_entry_of_another_kind_of_thing_is_computed_again(caplog: pytest.LogC
     make = Counted()
     remembered("cover", INPUTS, make)
     (path,) = entries()
-    listed = cache._encode({"spheres": {"dtype": "|O", "shape": [1], "offset": 0}})
+    encoder = msgspec.msgpack.Encoder()
+    listed = encoder.encode({"spheres": {"dtype": "|O", "shape": [1], "offset": 0}})
     for payload in (b"\x93\x01\x02\x03", len(listed).to_bytes(8, "little") + listed + b"x" * 64):
-        path.write_bytes(cache.hashlib.sha256(payload).digest() + payload)
+        path.write_bytes(checksum(np.frombuffer(payload, np.uint8)) + payload)
         check(remembered("cover", INPUTS, make))
     assert make.times == 3
     assert "not understood" in caplog.text

@@ -2,7 +2,7 @@
 
 Entries are files of ``<cache>/guidefield/geometry``, where ``<cache>`` is ``XDG_CACHE_HOME`` or ``~/.cache``. An entry
 is written beside its place and renamed, so that processes may read and write the same ones at the same time. It starts
-with the hash of what follows: one that was cut short or altered is computed again. The key covers the sources of what
+with a checksum of what follows: one that was cut short or altered is computed again. The key covers the sources of what
 computes, so that an edit never meets old results. When the folder is full, the entries unused for longest go.
 """
 
@@ -13,21 +13,21 @@ import contextlib
 import functools
 import hashlib
 import logging
-import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import numpy as np
 
+from guidefield.geometry import entries
+from guidefield.geometry.entries import Arrays, Draft, Room
 from guidefield.whole_file import write_whole
 
 _log = logging.getLogger(__name__)
 
-MOST_BYTES = 2**30
+MOST_BYTES = 4 * 2**30
 """Size of the folder, beyond which entries are removed."""
 
 KEPT_SHARE = 0.75
@@ -45,30 +45,9 @@ STALE = 3600.0
 NAMES = "names.json"
 """The file of what sources name."""
 
-_DIGEST = hashlib.sha256().digest_size
 _PACKAGE = Path(__file__).parent.parent
-_ROOMS = ("geometry", "kernels", "scene")
+_ROOMS = ("collision", "geometry", "kernels", "scene")
 """Where what computes is looked for; other rooms only hand over inputs."""
-
-Arrays = Mapping[str, np.ndarray]
-
-
-class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An array as it is on disk, `offset` bytes behind where the first begins."""
-
-    dtype: Literal["<f8", "<i8", "<i4", "|u1", "|b1"]
-    shape: tuple[int, ...]
-    offset: int
-
-
-_encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(dict[str, _Stored]).decode
-
-_ALIGNED = 64
-"""What arrays begin at a multiple of: kernels take no others, and so those of a large mesh needn't be copied."""
-
-_LENGTH = np.dtype("<i8")
-"""Of the number behind the hash: how long the list of the arrays is."""
 
 
 def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
@@ -92,12 +71,34 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
     return arrays
 
 
+def made_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> dict[str, np.ndarray]:
+    """`remembered` of what is so large that it is made in the memory of its file.
+
+    Args:
+        kind: As there.
+        inputs: As there.
+        make: As there, but it asks once for arrays, and writes in them what they hold.
+    """
+    path = _path(kind, inputs, make)
+    arrays = entries.read(path)
+    if arrays is None:
+        draft = Draft(path)
+        try:
+            make(draft.room)
+            arrays, size = draft.keep()
+        finally:
+            draft.drop()
+        if size:
+            _count(path.parent, size)
+    return arrays
+
+
 def is_large(triangles: int) -> bool:
     """Whether what is found for a mesh with so many triangles is worth a file."""
     return triangles >= LARGE
 
 
-def recalled(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray] | None:
+def recalled(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str, np.ndarray] | None:
     """What `remembered` would return, without computing anything; None if it would have to.
 
     Args:
@@ -105,7 +106,7 @@ def recalled(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str,
         inputs: As there.
         make: As there; it isn't called.
     """
-    return _read(_path(kind, inputs, make))
+    return entries.read(_path(kind, inputs, make))
 
 
 def folder() -> Path:
@@ -115,11 +116,11 @@ def folder() -> Path:
     return base / "guidefield" / "geometry"
 
 
-def _path(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> Path:
+def _path(kind: str, inputs: Arrays, make: Callable[..., object]) -> Path:
     return folder() / f"{kind}-{_key(kind, inputs, make)}"
 
 
-def _key(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> str:
+def _key(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
     digest = hashlib.sha256(f"{_sources(make.__module__)} {kind}".encode())
     for name, array in sorted(inputs.items()):
         digest.update(f"\0{name} {array.dtype.str} {array.shape}\0".encode())
@@ -203,83 +204,35 @@ def _file(package: Path, module: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def _read(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of an entry; None if there is no such entry, or none that can be used."""
-    try:
-        content = np.fromfile(path, np.uint8)
-        os.utime(path)
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        _log.warning("cannot read %s: %s", path, error)
-        return None
-    if hashlib.sha256(content[_DIGEST:].data).digest() != content[:_DIGEST].tobytes():
-        _log.warning("%s is damaged and is computed again", path)
-        return None
-    content.setflags(write=False)
-    try:
-        return _arrays_in(content[_DIGEST:])
-    except (msgspec.DecodeError, ValueError) as error:
-        _log.warning("%s is not understood (%s) and is computed again", path, error)
-        return None
-
-
-def _arrays_in(payload: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of an entry's bytes behind the hash, in the same memory; ValueError or msgspec.DecodeError if not."""
-    start = _LENGTH.itemsize
-    end = start + int(payload[:start].view(_LENGTH)[0])
-    data, arrays = _up(_DIGEST + end) - _DIGEST, {}
-    for name, stored in _decode(payload[start:end].data).items():
-        kind, count = np.dtype(stored.dtype), math.prod(stored.shape)
-        first = data + stored.offset
-        arrays[name] = payload[first : first + count * kind.itemsize].view(kind).reshape(stored.shape)
-    return arrays
-
-
-def _payload_of(arrays: Arrays) -> np.ndarray:
-    """An entry's bytes behind the hash: the length of the list, the list, filled up with zeros, then the arrays."""
-    listed, size = dict[str, _Stored](), 0
-    for name, array in arrays.items():
-        listed[name] = _Stored(array.dtype.str, array.shape, size)  # type: ignore[arg-type]
-        size += _up(array.nbytes)
-    header = _encode(listed)
-    start = _LENGTH.itemsize
-    data = _up(_DIGEST + start + len(header)) - _DIGEST
-    payload = np.zeros(data + size, np.uint8)
-    payload[:start] = np.array([len(header)], _LENGTH).view(np.uint8)
-    payload[start : start + len(header)] = np.frombuffer(header, np.uint8)
-    for name, array in arrays.items():
-        first = data + listed[name].offset
-        payload[first : first + array.nbytes] = np.frombuffer(_bytes_of(array), np.uint8)
-    return payload
-
-
-def _up(size: int) -> int:
-    """The next multiple of `_ALIGNED`."""
-    return -(-size // _ALIGNED) * _ALIGNED
-
-
 def _write(path: Path, arrays: Arrays) -> None:
-    payload = _payload_of(arrays)
     try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_whole(path, hashlib.sha256(payload.data).digest(), payload.data, durable=False)
-        _written[path.parent] = _written.get(path.parent, np.inf) + len(payload)
-        if _written[path.parent] >= LOOK_SHARE * MOST_BYTES:
-            _make_room(path.parent)
-            _written[path.parent] = 0.0
+        size = entries.write(path, arrays)
     except OSError as error:
         _log.warning("cannot keep %s: %s", path, error)
+    else:
+        _count(path.parent, size)
+
+
+def _count(parent: Path, size: int) -> None:
+    """Look at how much there is in a folder, if so many bytes more make it worth a look."""
+    _written[parent] = _written.get(parent, np.inf) + size
+    if _written[parent] < LOOK_SHARE * MOST_BYTES:
+        return
+    try:
+        _make_room(parent)
+        _written[parent] = 0.0
+    except OSError as error:
+        _log.warning("cannot look at what is in %s: %s", parent, error)
 
 
 _written: dict[Path, float] = {}
 """What this process wrote to a folder since it last looked at how much there is: that takes long for thousands."""
 
 
-def _make_room(entries: Path) -> None:
+def _make_room(parent: Path) -> None:
     """Remove what was used longest ago, if there is too much, and drafts that nobody writes any more."""
     known = []
-    for path in entries.iterdir():
+    for path in parent.iterdir():
         with contextlib.suppress(FileNotFoundError):  # another process may remove it meanwhile
             status = path.stat()
             if not path.name.startswith("."):

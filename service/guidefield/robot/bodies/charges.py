@@ -11,10 +11,11 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import remembered
 from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.entries import Arrays
 from guidefield.kept import kept_with
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.scratch_space import scratch_space

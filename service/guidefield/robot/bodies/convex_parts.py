@@ -10,8 +10,9 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, recalled, remembered
+from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
+from guidefield.geometry.entries import Arrays
 from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Surface

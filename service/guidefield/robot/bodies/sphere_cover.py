@@ -11,8 +11,9 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, recalled, remembered
+from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.cover import Cover, cover
+from guidefield.geometry.entries import Arrays
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.nested import filled
 from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, remembered
+from guidefield.geometry.cache import remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
+from guidefield.geometry.entries import Arrays
 from guidefield.geometry.nested import nested
 from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off

@@ -1,0 +1,128 @@
+"""Files of arrays: what was written is read, mapped or not, and what was altered is found."""
+
+from __future__ import annotations
+
+import errno
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from guidefield.geometry import cache, entries
+from guidefield.geometry.entries import MAPPED, Draft, in_memory, read, write
+
+MANY = 3 * MAPPED // 8
+LAYOUT = {"numbers": ("<f8", (MANY,)), "kinds": ("<i4", (3, 5)), "none": ("<f4", (0, 2)), "some": ("|u1", (7,))}
+
+
+def filled(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    for array in arrays.values():
+        array[...] = rng.integers(0, 100, array.shape)
+    return arrays
+
+
+def check(arrays: dict[str, np.ndarray] | None, written: dict[str, np.ndarray]) -> None:
+    assert arrays is not None
+    assert list(arrays) == list(written)
+    for name, array in arrays.items():
+        assert array.dtype == written[name].dtype
+        assert array.shape == written[name].shape
+        assert array.tobytes() == written[name].tobytes()
+        assert not array.flags.writeable
+        assert array.flags.c_contiguous
+        assert array.ctypes.data % array.itemsize == 0
+
+
+def test_what_is_made_in_place_is_read_again(tmp_path: Path) -> None:
+    path, wanted = tmp_path / "folder" / "entry", filled(in_memory(LAYOUT))
+    draft = Draft(path)
+    made = draft.room(LAYOUT)
+    assert not any(array.any() for array in made.values())
+    filled(made)
+    assert read(path) is None, "it isn't whole yet"
+    kept, size = draft.keep()
+    draft.drop()
+    assert size == path.stat().st_size > MAPPED
+    check(kept, wanted)
+    check(read(path), wanted)
+    assert list(path.parent.iterdir()) == [path]
+    in_place = path.read_bytes()
+    write(path, wanted)
+    assert path.read_bytes() == in_place, "it is the same file, whoever writes it"
+
+
+def test_what_goes_stays_where_it_was_read(tmp_path: Path) -> None:
+    path, wanted = tmp_path / "entry", filled(in_memory(LAYOUT))
+    write(path, wanted)
+    found = read(path)
+    write(path, {name: array[:0] for name, array in wanted.items()})
+    path.unlink()
+    check(found, wanted)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9999])
+@pytest.mark.parametrize("bit", [0, 7])
+def test_one_bit_that_is_another_is_found(
+    share: float, bit: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "entry"
+    write(path, filled(in_memory(LAYOUT)))
+    content = bytearray(path.read_bytes())
+    content[int(share * len(content))] ^= 1 << bit
+    path.write_bytes(content)
+    with caplog.at_level(logging.WARNING):
+        assert read(path) is None
+    assert "damaged" in caplog.text
+
+
+@pytest.mark.parametrize("damage", [lambda c: c[:-64], lambda c: c + bytes(64), lambda c: c[:4096] + c[8192:]])
+def test_another_length_is_found(damage: Any, tmp_path: Path) -> None:
+    path = tmp_path / "entry"
+    write(path, in_memory(LAYOUT))
+    path.write_bytes(damage(path.read_bytes()))
+    assert read(path) is None
+
+
+def test_words_that_change_places_are_found() -> None:
+    words = np.random.default_rng(1).integers(0, 2**63, 2048)
+    found = entries.checksum(words.view(np.uint8))
+    for one, other in ((0, 1), (3, 515), (512, 1024), (0, 2047)):
+        turned = words.copy()
+        turned[[one, other]] = turned[[other, one]]
+        assert entries.checksum(turned.view(np.uint8)) != found
+        turned = words.copy()
+        turned[[one, other]] ^= np.int64(-(2**63))
+        assert entries.checksum(turned.view(np.uint8)) != found
+
+
+def test_without_room_it_is_in_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr(entries.os, "posix_fallocate", full)
+    draft = Draft(tmp_path / "entry")
+    filled(draft.room(LAYOUT))
+    kept, size = draft.keep()
+    assert size == 0
+    check(kept, filled(in_memory(LAYOUT)))
+    assert "no space left" in caplog.text
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(room: entries.Room) -> None:
+        room(LAYOUT)
+        raise RuntimeError("no")
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(RuntimeError, match="no"):
+        cache.made_in_place("large", {}, fail)
+    assert not [path for path in cache.folder().iterdir() if path.name != cache.NAMES]
+    made = cache.made_in_place("large", {}, lambda room: filled(room(LAYOUT)))
+    check(made, filled(in_memory(LAYOUT)))
+    check(cache.made_in_place("large", {}, lambda room: filled(room(LAYOUT))), made)
