@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.geometry.decomposition import Decomposition, decompose
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import SPREAD_POINTS, spread_points
+from guidefield.geometry.mesh_tree import SPREAD_POINTS, cluster_counts, spread_points, triangle_tree
 from guidefield.geometry.solid import solid
 from guidefield.kernels.cover.beyond_planes import not_beyond
 from tests.collision.lanes.test_lanes import torus
@@ -67,3 +67,10 @@ def test_points_of_a_piece_are_corners_of_its_triangles_and_reach_as_far() -> No
         assert len(points) <= SPREAD_POINTS
         held.append(len(corners))
     assert sum(held) == len(tree.corners)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6, 21, 43, 200, 1001])
+def test_clusters_are_as_many_as_were_counted(count: int) -> None:
+    tree = triangle_tree(np.random.default_rng(count).normal(size=(count, 3, 3)))
+    assert cluster_counts(count) == [len(nodes) for nodes, _ in tree.clusters]
+    assert (tree.links[:, 0] >= 0).sum() == count - 1

@@ -15,7 +15,7 @@ import pytest
 
 from guidefield.aside import StoppedError
 from guidefield.collision.lanes import scene_tables
-from guidefield.geometry import cache
+from guidefield.geometry import cache, entries
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, Scene as Message
@@ -94,17 +94,22 @@ def kinds() -> set[str]:
     return {path.name.partition("-")[0] for path in cache.folder().glob("*-*")}
 
 
+def nothing_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    for owner, name in ((entries, "write"), (entries.Draft, "room")):
+        monkeypatch.setattr(owner, name, lambda *_: pytest.fail("it is there"))
+
+
 def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found = everything(new_scene())
-    assert kinds() == {"mesh", "surface", "triangles", "boxes"}
+    assert kinds() == {"mesh", "surface", "lanes", "bodies"}
     assert len(list(cache.folder().glob("mesh-*"))) == 1, "small meshes are no files"
     monkeypatch.setattr(cache, "LARGE", 10**9)
     alone = everything(new_scene())
     monkeypatch.setattr(cache, "LARGE", 1)
-    first, entries = everything(new_scene()), len(list(cache.folder().glob("mesh-*")))
-    monkeypatch.setattr(cache, "_write", lambda *_: pytest.fail("it is there"))
+    first, many = everything(new_scene()), len(list(cache.folder().glob("mesh-*")))
+    nothing_is_written(monkeypatch)
     again = everything(new_scene())
-    assert entries == len(MESHES)
+    assert many == len(MESHES)
     assert alone == found
     assert first == found
     assert again == found
@@ -113,9 +118,9 @@ def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found, (whole, read) = everything(met(new_scene())), (everything(new_scene()), list[str]())
-    reading = cache._read
-    monkeypatch.setattr(cache, "_write", lambda *_: pytest.fail("it is there"))
-    monkeypatch.setattr(cache, "_read", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
+    reading = entries.read
+    nothing_is_written(monkeypatch)
+    monkeypatch.setattr(entries, "read", lambda path: (read.append(path.name.partition("-")[0]), reading(path))[1])
     part = met(new_scene())
     assert everything(part) == found
     assert {"mesh", "seen"} <= set(read)
@@ -147,7 +152,8 @@ def test_a_full_disk_costs_time_alone(monkeypatch: pytest.MonkeyPatch, caplog: p
     def full(*_: Any, **__: Any) -> None:
         raise OSError(errno.ENOSPC, "no space left")
 
-    monkeypatch.setattr(cache, "write_whole", full)
+    monkeypatch.setattr(entries, "write_whole", full)
+    monkeypatch.setattr(entries.os, "posix_fallocate", full)
     for _ in range(2):
         scene = new_scene()
         assert (everything(met(scene)), everything(scene)) == found
@@ -191,9 +197,9 @@ def test_time_that_is_up_leaves_no_half_of_a_tree() -> None:
     asked = iter([False, False, False])  # before it waits, and before the tree's first levels
     with pytest.raises(StoppedError):
         scene_tables.prepare_scene(scene, lambda: next(asked, True))
-    assert "triangles" not in kinds()
+    assert "lanes" not in kinds()
     prepare_in_time(None, scene, lambda: False)
-    assert "triangles" in kinds()
+    assert "lanes" in kinds()
 
 
 OTHER = """
@@ -212,7 +218,7 @@ def test_two_processes_at_once_find_the_same() -> None:
     scene = new_scene()
     own = repr([everything(met(scene)), everything(scene)]).encode()
     assert told == {hashlib.sha256(own).hexdigest() + "\n"}
-    assert kinds() == {"mesh", "surface", "seen", "triangles", "boxes"}
+    assert kinds() == {"mesh", "surface", "seen", "lanes", "bodies"}
 
 
 def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import coal
 import numpy as np
 
 from guidefield.geometry.decomposition import Decomposition
+from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import MeshTree, mesh_tree, spread_points
+from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, mesh_tree, spread_points
 from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
 from guidefield.kernels.collide.parts import (
+    BLOCKS,
     DISC,
+    FIRST_BLOCK,
     HALF_LENGTH,
+    KIND,
     LINK,
     OWN,
     PART,
@@ -135,49 +139,24 @@ class PartsTable:
         def there(points: np.ndarray) -> np.ndarray:
             return points if placement is None else moved(placement, points)
 
-        count = len(mesh.corners)
-        total = count + sum(len(nodes) for nodes, _ in mesh.clusters)
-        numbers, shapes = np.zeros((total, PART)), np.empty((total, SHAPE), np.int64)
-        corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
-        numbers[:count, :9] = corners.reshape(-1, 9)
-        shapes[:count] = TRIANGLE, 0, 0
-        links = mesh.links.copy()
-        self._n_parts, self._n_nodes = count, len(mesh.balls)
-        self._add_clusters(corners, mesh.clusters, shapes, links)
-        self._numbers.append(numbers.ravel())
-        self._shapes.append(shapes.ravel())
+        counts = [len(nodes) for nodes, _ in mesh.clusters]
+        made = in_memory(tree_layout(len(mesh.corners), len(mesh.balls), counts))
+        made["balls"][:] = mesh.balls.ravel()
+        if placement is not None:
+            made["balls"].reshape(-1, 4)[:, :3] = there(mesh.balls[:, :3])
+        made["links"][:] = mesh.links.ravel()
+        write_tree(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3), mesh.clusters, made)
+        self._n_nodes, self._n_parts = len(mesh.balls), len(made["shapes"]) // SHAPE
+        self._n_blocks = len(made["vertices"]) // BLOCK
+        self._numbers.append(made["numbers"])
+        self._shapes.append(made["shapes"])
+        self._vertices.append(made["vertices"])
         for node, hull in mesh.hulls.items():
-            links[node, OWN] = self._add_hull(POLYTOPE, there(hull))
+            made["links"][LINK * node + OWN] = self._add_hull(POLYTOPE, there(hull))
             if len(mesh.pieces) > 1 and node in mesh.pieces:
                 self._add_hull(SURFACE, there(spread_points(mesh, node)))
-        balls = mesh.balls if placement is None else np.column_stack([there(mesh.balls[:, :3]), mesh.balls[:, 3]])
-        self._balls.append(balls.ravel())
-        self._links.append(links.ravel())
-
-    def _add_clusters(
-        self,
-        corners: np.ndarray,
-        clusters: tuple[tuple[np.ndarray, np.ndarray], ...],
-        shapes_out: np.ndarray,
-        links_out: np.ndarray,
-    ) -> None:
-        """Add the hulls of clusters of triangles (t, 3, 3) as `MeshTree` has them, a part each, behind those."""
-        blocks = [-(-3 * members.shape[1] // LANES) for _, members in clusters]
-        ends = np.cumsum([each * len(nodes) for each, (nodes, _) in zip(blocks, clusters, strict=True)]).tolist()
-        vertices = np.empty(BLOCK * ends[-1], np.float32)
-        for each, end, (nodes, members) in zip(blocks, ends, clusters, strict=True):
-            count = len(nodes)
-            first = end - each * count
-            rows = np.ascontiguousarray(members, np.int64)
-            write_cluster_vertices(corners, rows, vertices[BLOCK * first : BLOCK * end])
-            parts = np.arange(self._n_parts, self._n_parts + count)
-            shapes_out[parts] = np.column_stack(
-                [np.full(count, POLYTOPE), first + each * np.arange(count), np.full(count, each)]
-            )
-            links_out[nodes, OWN] = parts
-            self._n_parts += count
-        self._vertices.append(vertices)
-        self._n_blocks = ends[-1]
+        self._balls.append(made["balls"])
+        self._links.append(made["links"])
 
     def _add_hull(self, kind: int, vertices: np.ndarray) -> int:
         """Add a hull, or points of a surface, as a part without a node: what a hull is apart from, all in it is."""
@@ -228,7 +207,54 @@ class PartsTable:
 
 def _behind_one_another(arrays: list[np.ndarray], kind: type) -> np.ndarray:
     """Arrays of one type, one behind the other; of one mesh of a million triangles they are not copied."""
-    return arrays[0] if len(arrays) == 1 else np.concatenate([np.empty(0, kind), *arrays])
+    some = [array for array in arrays if len(array)]
+    return some[0] if len(some) == 1 else np.concatenate([np.empty(0, kind), *some])
+
+
+def tree_layout(triangles: int, nodes: int, clusters: Sequence[int]) -> Layout:
+    """The arrays of `Parts` for the tree of a mesh, without polytopes about all that is below a node.
+
+    Args:
+        triangles: How many triangles it has.
+        nodes: How many nodes.
+        clusters: How many of these are of each of `CLUSTERS`.
+    """
+    parts = triangles + sum(clusters)
+    blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True))
+    return {
+        "balls": ("<f8", (BALL_ROW * nodes,)),
+        "links": ("<i8", (LINK * nodes,)),
+        "shapes": ("<i8", (SHAPE * parts,)),
+        "numbers": ("<f8", (PART * parts,)),
+        "vertices": ("<f4", (BLOCK * blocks,)),
+    }
+
+
+def _blocks(triangles: int) -> int:
+    """In how many blocks the corners of a cluster are."""
+    return -(-3 * triangles // LANES)
+
+
+def write_tree(corners: np.ndarray, clusters: tuple[tuple[np.ndarray, np.ndarray], ...], made: Arrays) -> None:
+    """Write what is left of the tables of a mesh where its tree stands: its triangles, and the hulls of its clusters.
+
+    Args:
+        corners: Of the triangles, shape (t, 3, 3) [m].
+        clusters: As of `MeshTree`.
+        made: As `tree_layout` has them, with the tree's balls and links, all else zero.
+    """
+    corners, part, block = np.ascontiguousarray(corners), len(corners), 0
+    made["numbers"].reshape(-1, PART)[:part, :9] = corners.reshape(-1, 9)
+    shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
+    shapes[:part, KIND] = TRIANGLE
+    for nodes, members in clusters:
+        count, each = len(nodes), _blocks(members.shape[1])
+        rows = np.ascontiguousarray(members, np.int64)
+        write_cluster_vertices(corners, rows, made["vertices"][BLOCK * block : BLOCK * (block + each * count)])
+        shapes[part : part + count, KIND], shapes[part : part + count, BLOCKS] = POLYTOPE, each
+        shapes[part : part + count, FIRST_BLOCK] = block + each * np.arange(count)
+        links[nodes, OWN] = np.arange(part, part + count)
+        part, block = part + count, block + each * count
 
 
 def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:

@@ -37,16 +37,26 @@ def box_tree(low: Floats, high: Floats) -> BoxTree:
         low: Lower corners, shape (n, 3) [m], n >= 1, finite.
         high: Upper corners, shape (n, 3) [m].
     """
-    along = along_curve(0.5 * (low + high))
-    nodes = box_nodes(np.take(np.hstack([low, high]), along.order, axis=0))
-    return BoxTree(nodes, (len(nodes) + 1) // 2, along.order)
+    return tree_over(np.hstack([low, high]))
+
+
+def tree_over(boxes: Floats) -> BoxTree:
+    """The same over boxes as lower, then upper corners, shape (n, 6) [m]."""
+    order = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:])).order
+    nodes = box_nodes(np.take(boxes, order, axis=0))
+    return BoxTree(nodes, (len(nodes) + 1) // 2, order)
+
+
+def node_count(boxes: int) -> int:
+    """How many nodes a tree over so many boxes has, at least one."""
+    leaves = 1
+    while leaves * LEAF < boxes:
+        leaves *= 2
+    return 2 * leaves - 1
 
 
 def box_nodes(boxes: Floats) -> Floats:
     """The nodes of a tree over boxes, shape (n, 6), n >= 1, in the order in which its leaves hold them."""
-    leaves = 1
-    while leaves * LEAF < len(boxes):
-        leaves *= 2
-    nodes = np.empty((2 * leaves - 1, 6))
+    nodes = np.empty((node_count(len(boxes)), 6))
     boxes_of_pairs(np.ascontiguousarray(boxes), LEAF, nodes)
     return nodes

@@ -11,12 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.geometry.axes import across
-from guidefield.geometry.box_tree import BoxTree, box_tree
-from guidefield.geometry.cache import Arrays, is_large, remembered
-from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, surface_rows
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
-from guidefield.kernels.distance.wide_triangles import wide_triangles
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -24,15 +21,7 @@ Integers = NDArray[np.int64]
 _IDENTITY = np.eye(3, 4)
 _IDENTITY.setflags(write=False)
 
-Triangulated = tuple[Floats, Integers, Integers]
-"""Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3), of which these are the neighbours."""
-
-NO_TRIANGLES = np.empty((0, 3), np.int64)
-
-NO_SURFACE: Triangulated = (np.empty((0, 3)), NO_TRIANGLES, NO_TRIANGLES)
-
-_THIN = 1e-12
-"""A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
+NO_SURFACE = SurfaceTables(np.empty((0, 6)), np.empty((0, 9)), np.empty((0, 21)))
 
 _FEW = 32
 """A surface of more triangles than this has its own axes."""
@@ -53,7 +42,7 @@ class Body:
         size: Three numbers by kind [m].
         bounds: Lower and upper corner of a box about it in its own frame, shape (6,) [m].
         placement: Rotation and translation of that frame, shape (3, 4) [m].
-        surface: Of a solid or sheet, in its own frame.
+        surface: The triangles of a solid or sheet, in its own frame.
         cloud: Where the words of its `LaneCloud` are, if it is a cloud.
     """
 
@@ -61,7 +50,7 @@ class Body:
     size: tuple[float, float, float]
     bounds: Floats
     placement: Floats
-    surface: Triangulated = NO_SURFACE
+    surface: SurfaceTables | None = None
     cloud: int = 0
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
@@ -92,22 +81,12 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
         neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
             which side is which at its edges and corners, and nothing else.
     """
-    wide = are_wide(vertices, triangles)
-    used = triangles if wide.all() else triangles[wide]
-    others = neighbours[are_wide(vertices, neighbours)] if len(neighbours) else neighbours
-    marked = np.zeros(len(vertices), bool)
-    marked[used] = True
-    corners = vertices[marked]
-    bounds = np.r_[corners.min(axis=0), corners.max(axis=0)]
-    return Body(kind, (0.0, 0.0, 0.0), bounds, _IDENTITY, (vertices, used, others))
+    return of_surface(surface_rows((vertices, triangles, neighbours)), kind)
 
 
-def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
-    """Which triangles have an area, shape (t,)."""
-    wide = np.empty(len(triangles), bool)
-    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    wide_triangles(vertices, triangles, _THIN, wide)
-    return wide
+def of_surface(rows: SurfaceRows, kind: int) -> Body:
+    """The body of a surface whose rows are made, SOLID or SHEET."""
+    return Body(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
 
 
 def flat_frame(vertices: Floats, triangles: Integers) -> Floats:
@@ -168,7 +147,7 @@ class BodyRows(NamedTuple):
     sizes: Floats
     bounds: Floats
     placements: Floats
-    surfaces: dict[int, Triangulated]
+    surfaces: dict[int, SurfaceTables]
     clouds: Integers
     boxes: Floats
 
@@ -195,7 +174,7 @@ def body_rows(bodies: Sequence[Body]) -> BodyRows:
         np.array([body.size for body in bodies], float).reshape(-1, 3),
         bounds,
         placements,
-        {row: body.surface for row, body in enumerate(bodies) if len(body.surface[1])},
+        {row: body.surface for row, body in enumerate(bodies) if body.surface is not None},
         np.array([body.cloud for body in bodies], np.int64),
         boxes_in_world(placements, bounds),
     )
@@ -300,38 +279,14 @@ def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float
     return Body(kind, size, np.array([-half[0], -half[1], -half[2], *half]), _IDENTITY)
 
 
-def _surface_tables(surfaces: dict[int, Triangulated], count: int) -> tuple[SurfaceTables, Integers]:
+def _surface_tables(surfaces: dict[int, SurfaceTables], count: int) -> tuple[SurfaceTables, Integers]:
     """Tables of the surfaces of some of n bodies, and where the tree of each stands, shape (n, 4)."""
-    nodes, corners, normals = [np.empty((0, 6))], [np.empty((0, 9))], [np.empty((0, 21))]
     spans = np.zeros((count, 4), np.int64)
     node = triangle = 0
-    for index, (vertices, triangles, neighbours) in sorted(surfaces.items()):
-        tree = _tree(vertices, triangles)
-        a, b, c = (np.take(vertices, column, axis=0) for column in np.take(triangles, tree.order, axis=0).T)
-        spans[index] = node, tree.leaves, triangle, len(triangles)
-        nodes.append(tree.nodes)
-        corners.append(np.hstack([a, b - a, c - a]))
-        all_of_it = np.concatenate([triangles, neighbours]) if len(neighbours) else triangles
-        normals.append(np.take(pseudonormals(vertices, all_of_it), tree.order, axis=0))
-        node, triangle = node + len(tree.nodes), triangle + len(triangles)
-    return SurfaceTables(
-        *(rows[1] if len(rows) == 2 else np.concatenate(rows) for rows in (nodes, corners, normals))
-    ), spans
-
-
-def _tree(vertices: Floats, triangles: Integers) -> BoxTree:
-    """The tree of a surface; of a large one from disk if it was asked for before."""
-
-    def made() -> BoxTree:
-        a, b, c = (np.take(vertices, column, axis=0) for column in triangles.T)
-        return box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-
-    if not is_large(len(triangles)):
-        return made()
-    inputs = {"vertices": vertices, "triangles": triangles}
-    found = remembered("boxes", inputs, lambda: _stored(made()))
-    return BoxTree(found["nodes"], (len(found["nodes"]) + 1) // 2, found["order"].astype(np.int64))
-
-
-def _stored(tree: BoxTree) -> Arrays:
-    return {"nodes": tree.nodes, "order": tree.order.astype(np.int32)}
+    for index, (nodes, corners, _) in sorted(surfaces.items()):
+        spans[index] = node, (len(nodes) + 1) // 2, triangle, len(corners)
+        node, triangle = node + len(nodes), triangle + len(corners)
+    if len(surfaces) == 1:
+        return next(iter(surfaces.values())), spans  # of a large one no copy is made
+    rows = (NO_SURFACE, *(surface for _, surface in sorted(surfaces.items())))
+    return SurfaceTables(*map(np.concatenate, zip(*rows, strict=True))), spans

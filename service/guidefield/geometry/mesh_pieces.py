@@ -1,15 +1,14 @@
-"""Trees of meshes, kept on disk: of one that is cut into convex parts, and of one with very many triangles."""
+"""Trees of meshes that are cut into convex parts, kept on disk."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import remembered
 from guidefield.geometry.decomposition import Decomposition, Part
 from guidefield.geometry.elements import Pieces, bisected
-from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about, triangle_tree
+from guidefield.geometry.entries import Arrays
+from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
 from guidefield.kernels.cover.beyond_planes import not_beyond
 
 LONGEST = 0.08
@@ -53,15 +52,6 @@ def remembered_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition)
     return _restored(remembered("tree", inputs, lambda: _stored(pieces_tree(vertices, faces, cut))))
 
 
-def remembered_triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lambda: None) -> MeshTree:
-    """`triangle_tree` of triangles (t, 3, 3); of a large mesh from disk if it was asked for before."""
-    if not is_large(len(triangles)):
-        return triangle_tree(triangles, before_level)
-    inputs = {"triangles": triangles}
-    found = remembered("triangles", inputs, lambda: _stored_alone(triangle_tree(triangles, before_level)))
-    return _restored_alone(triangles, found)
-
-
 def _in_part(pieces: Pieces, part: Part) -> np.ndarray:
     """Those of a mesh's pieces that come into a part, shape (t, 3, 3): not those beyond one of its planes."""
     corners = np.ascontiguousarray(pieces.corners[np.isin(pieces.sources, part.triangles)])
@@ -94,18 +84,3 @@ def _restored(arrays: Arrays) -> MeshTree:
     polytopes = dict(zip(arrays["nodes"].tolist(), hulls, strict=False))
     clusters = tuple((arrays[f"nodes {most}"], arrays[f"members {most}"]) for most in CLUSTERS)
     return MeshTree(arrays["corners"], arrays["balls"], arrays["links"], polytopes, arrays["pieces"], clusters)
-
-
-def _stored_alone(tree: MeshTree) -> Arrays:
-    """The arrays of a tree without polytopes, but its triangles; numbers of nodes and triangles in four bytes."""
-    numbers = {"links": tree.links}
-    for most, (nodes, rows) in zip(CLUSTERS, tree.clusters, strict=True):
-        numbers |= {f"nodes {most}": nodes, f"members {most}": rows}
-    return {"balls": tree.balls, **{name: array.astype(np.int32) for name, array in numbers.items()}}
-
-
-def _restored_alone(triangles: np.ndarray, arrays: Arrays) -> MeshTree:
-    numbers = {name: array.astype(np.int64) for name, array in arrays.items() if array.dtype == np.int32}
-    clusters = tuple((numbers[f"nodes {most}"], numbers[f"members {most}"]) for most in CLUSTERS)
-    corners = np.ascontiguousarray(triangles, float)
-    return MeshTree(corners, arrays["balls"], numbers["links"], {}, np.zeros(1, np.int64), clusters)

@@ -65,35 +65,56 @@ def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lamb
 
     `before_level` is called before each level, and may raise.
     """
+    nodes = 2 * len(triangles) - 1
+    return tree_written(triangles, np.empty((nodes, 4)), np.empty((nodes, 3), np.int64), before_level)
+
+
+def cluster_counts(triangles: int) -> list[int]:
+    """How many of the nodes of a `triangle_tree` over so many triangles are of each of `CLUSTERS`."""
+    counts, level = [0] * len(CLUSTERS), {(triangles, triangles + CLUSTERS[-1]): 1}
+    while level:
+        below: dict[tuple[int, int], int] = {}
+        for (size, above), many in level.items():
+            for k, most in enumerate(CLUSTERS):
+                counts[k] += many * (1 < size <= most < above)
+            for half in (size // 2, size - size // 2) if size > 1 else ():
+                below[half, size] = below.get((half, size), 0) + many
+        level = below
+    return counts
+
+
+def tree_written(
+    triangles: np.ndarray, balls: np.ndarray, links: np.ndarray, before_level: Callable[[], None]
+) -> MeshTree:
+    """`triangle_tree` in arrays for its balls (2 t - 1, 4) and links (2 t - 1, 3)."""
     triangles = np.ascontiguousarray(triangles, float)
     centres, members = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0, np.arange(len(triangles))
-    sizes = np.array([len(triangles)])
-    balls, links, made = [], [np.empty((0, 3), np.int64)], 0
+    sizes, made = np.array([len(triangles)]), 0
     above = np.array([np.iinfo(np.int64).max])
     found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in CLUSTERS]
     while len(sizes):  # level by level: the members of its nodes one after the other
         before_level()
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        balls.append(np.empty((len(sizes), 4)))
-        balls_about_runs(triangles, members, starts, sizes, balls[-1])
+        level = slice(made, made + len(sizes))
+        balls_about_runs(triangles, members, starts, sizes, balls[level])
         for most, nodes in zip(CLUSTERS, found, strict=True):
             first = np.flatnonzero((sizes > 1) & (sizes <= most) & (above > most))
             nodes.append((made + first, _runs(members, starts[first], sizes[first], most)))
         split = sizes > 1
-        children = made + len(sizes) + 2 * np.cumsum(split) - 2
-        rows = np.column_stack([np.where(split, children, -1), np.where(split, children + 1, -1), members[starts]])
-        rows[split, 2] = -1
-        links.append(rows)
+        children = level.stop + 2 * np.cumsum(split) - 2
+        rows = links[level]
+        rows[:, 0], rows[:, 1] = np.where(split, children, -1), np.where(split, children + 1, -1)
+        rows[:, 2] = np.where(split, -1, members[starts])
         members = members if split.all() else members[np.repeat(split, sizes)]
         halve_runs(centres, np.cumsum(sizes[split]) - sizes[split], sizes[split], members)
-        made += len(sizes)
+        made = level.stop
         above = np.repeat(sizes[split], 2)
         halves = sizes[split] // 2
         sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
     clusters = tuple(
         (np.concatenate(nodes), np.concatenate(rows)) for nodes, rows in (zip(*f, strict=True) for f in found)
     )
-    return MeshTree(triangles, np.concatenate(balls), np.concatenate(links), {}, np.zeros(1, np.int64), clusters)
+    return MeshTree(triangles, balls, links, {}, np.zeros(1, np.int64), clusters)
 
 
 def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:

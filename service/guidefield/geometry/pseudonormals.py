@@ -25,8 +25,13 @@ def pseudonormals(vertices: Floats, triangles: Integers) -> Floats:
     Returns:
         Shape (t, 21): face; edges ab, bc, ca; corners a, b, c.
     """
-    edges, count = numbered_edges(triangles)
     normals = np.empty((len(triangles), 21))
-    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    summed_normals(vertices, triangles, edges, count, normals)
+    write_pseudonormals(vertices, triangles, np.arange(len(triangles)), normals)
     return normals
+
+
+def write_pseudonormals(vertices: Floats, triangles: Integers, order: Integers, normals_out: Floats) -> None:
+    """Write them of some of the triangles, indices of shape (n,), in that order; shape (n, 21)."""
+    edges, count = numbered_edges(triangles)
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    summed_normals(vertices, triangles, edges, count, order, normals_out)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.geometry.box_tree import box_nodes
+from guidefield.geometry.cache import is_large, made_in_place
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.geometry.distance_bodies import (
     ROUNDING,
@@ -17,9 +18,12 @@ from guidefield.geometry.distance_bodies import (
     body_tables,
     flat_frame,
     joined_rows,
+    of_surface,
     primitive,
     triangulated,
 )
+from guidefield.geometry.entries import Room
+from guidefield.geometry.surface_rows import surfaces_in, write_surfaces
 from guidefield.kernels.collide.primitive import (
     HALF_SPACE as HALF_SPACE_PLACED,
 )
@@ -148,6 +152,8 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [body.placed(rotation, translation)]
     if obstacle.cloud is not None:
         return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, cloud_tables(obstacle).address)]
+    if obstacle.recipe.content and is_large(obstacle.faces):
+        return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
         return [
             triangulated(vertices, triangles, SOLID, neighbours).placed(rotation, translation)
@@ -159,3 +165,13 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         along = vertices if (axes == np.eye(3)).all() else vertices @ axes  # of a million it takes long
         sheets.append(triangulated(along, triangles, SHEET, neighbours).placed(rotation @ axes, translation))
     return sheets
+
+
+def _large_bodies(obstacle: Obstacle) -> list[Body]:
+    """The bodies of a large mesh in its own frame; from disk if they were asked for before."""
+
+    def write(room: Room) -> None:
+        write_surfaces(obstacle.surfaces, room)
+
+    made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
+    return [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]

@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.edges import edge_counts
+from guidefield.geometry.entries import Arrays
 from guidefield.geometry.surfaces import Surface
 from guidefield.messages.triples import Points, Triangles
 from guidefield.scene.points import corners_in, count_of, points_in

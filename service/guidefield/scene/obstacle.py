@@ -14,8 +14,8 @@ import pinocchio as pin
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.charged import convex_quads
-from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated
 from guidefield.geometry.placements import moved, se3
+from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
 from guidefield.messages import scene as messages
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface

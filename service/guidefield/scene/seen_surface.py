@@ -9,9 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.geometry.cache import Arrays, is_large, remembered
+from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.closed import used_alone
-from guidefield.geometry.distance_bodies import NO_TRIANGLES, Triangulated, are_wide
+from guidefield.geometry.entries import Arrays
+from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]

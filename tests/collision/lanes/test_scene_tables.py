@@ -11,7 +11,8 @@ from hypothesis import given, settings, strategies as st
 from guidefield.aside import StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.lanes import BatchCollision
-from guidefield.collision.lanes.scene_tables import _boxes, _clusters, lane_scene, prepare_scene
+from guidefield.collision.lanes.scene_tables import _clusters, lane_scene, prepare_scene
+from guidefield.collision.lanes.surface_tables import boxes_about
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import LINK, PART
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALF_SPACE, HALVES, ROUND
@@ -189,7 +190,7 @@ def test_boxes_of_a_surface_hold_its_triangles_each_once(count: int) -> None:
     parts = table.tables()
     links, numbers = parts.links.reshape(-1, LINK), parts.numbers.reshape(-1, PART)
     seen = []
-    for (kind, whole, root), row, box in zip(places.tolist(), rows, _boxes(rows), strict=True):
+    for (kind, whole, root), row, box in zip(places.tolist(), rows, boxes_about(rows), strict=True):
         assert (kind, whole) == (BOX, 0)
         waiting = [root]
         while waiting:

@@ -17,8 +17,8 @@ from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
+from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cluster_rows, large_surface
 from guidefield.collision.preparation import Told
-from guidefield.geometry.mesh_pieces import remembered_triangle_tree
 from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
@@ -27,7 +27,6 @@ from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import FIRST_BLOCK, LINK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import primitive_tables
-from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
@@ -37,9 +36,6 @@ from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.placed import placed_rows, rows_of, unplaced
 from guidefield.scene.scene import Scene
-
-CLUSTER = 1
-"""Which of the mesh trees' `CLUSTERS` stand behind one box each."""
 
 
 class _Tables(NamedTuple):
@@ -250,15 +246,23 @@ def _tables(obstacle: Obstacle, step: Callable[[], None] = lambda: None) -> _Tab
 
 
 def _tables_of(obstacle: Obstacle, step: Callable[[], None]) -> _Tables:
+    if obstacle.cloud is None and obstacle.faces > MOST_TRIANGLES:
+        made = large_surface(obstacle, step)
+        parts = Parts(**{name: made[name] for name in Parts._fields})
+        return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"], 0)
     table = PartsTable()
     places, rows = _stand_ins(obstacle, table, step)
-    parts = table.tables()
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
+    numbers = rows.astype(np.float32), boxes_about(rows).astype(np.float32)
+    return _tables_with(table.tables(), places, *numbers, address)
+
+
+def _tables_with(parts: Parts, places: np.ndarray, primitives: np.ndarray, boxes: np.ndarray, address: int) -> _Tables:
     return _Tables(
         (len(places), len(parts.balls) // BALL_ROW, len(parts.shapes) // SHAPE, len(parts.vertices) // BLOCK),
         np.column_stack([places, np.full(len(places), address)]),
-        rows.astype(np.float32),
-        _boxes(rows).astype(np.float32),
+        primitives,
+        boxes,
         parts.balls,
         parts.links.reshape(-1, LINK),
         parts.shapes.reshape(-1, SHAPE),
@@ -310,30 +314,17 @@ def _clusters(corners: np.ndarray, table: PartsTable, step: Callable[[], None]) 
 
     The roots are nodes of one tree over all triangles, from which on nothing else is reached.
     """
-    tree = (remembered_triangle_tree if len(corners) > MOST_TRIANGLES else mesh_tree)(corners, before_level=step)
+    tree = mesh_tree(corners, before_level=step)
     root = table.add_tree(tree)
     nodes, members = tree.clusters[CLUSTER]
     if len(corners) == 1:
         nodes, members = np.zeros(1, np.int64), np.zeros((1, 1), np.int64)
-    corners, members = np.ascontiguousarray(corners, float), np.ascontiguousarray(members, np.int64)
-    centres, spreads = np.empty((len(nodes), 3)), np.empty((len(nodes), 3, 3))
-    cluster_spreads(corners, members, centres, spreads)
-    axes, reaches = np.linalg.eigh(spreads)[1].swapaxes(1, 2).copy(), np.empty((len(nodes), 2, 3))
-    cluster_reaches(corners, members, centres, axes, reaches)
-    low, high = reaches[:, 0], reaches[:, 1]
-    rows = np.zeros((len(nodes), PRIMITIVE))
-    rows[:, :CENTRE] = axes.reshape(-1, 9)
-    rows[:, CENTRE:HALVES] = centres + np.einsum("ki,kij->kj", 0.5 * (low + high), axes)
-    rows[:, HALVES:ROUND] = 0.5 * (high - low)
-    return np.column_stack([np.full(len(nodes), BOX), np.zeros(len(nodes), np.int64), root + nodes]), rows
+    return _places_of(root + nodes), cluster_rows(corners, members)
 
 
-def _boxes(rows: np.ndarray) -> np.ndarray:
-    """The boxes along the world's axes about boxes or balls (k, PRIMITIVE): the least x, y, z, then the largest."""
-    axes = np.abs(rows[:, :CENTRE].reshape(-1, 3, 3))
-    reach = np.einsum("kji,kj->ki", axes, rows[:, HALVES:ROUND]) + rows[:, ROUND, None]
-    centres = rows[:, CENTRE:HALVES]
-    return np.hstack([centres - reach, centres + reach])
+def _places_of(nodes: np.ndarray) -> np.ndarray:
+    """Kind, whether it is the obstacle itself, and root of boxes about what is below nodes (k,), shape (k, 3)."""
+    return np.column_stack([np.full(len(nodes), BOX), np.zeros(len(nodes), np.int64), nodes])
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:

@@ -1,0 +1,106 @@
+"""The triangles of a body as the distance kernels read them, in the order of their tree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from guidefield.geometry.box_tree import node_count, tree_over
+from guidefield.geometry.entries import Arrays, Room, in_memory
+from guidefield.geometry.pseudonormals import write_pseudonormals
+from guidefield.kernels.distance.triangle_distance import SurfaceTables
+from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes
+from guidefield.kernels.distance.wide_triangles import wide_triangles
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+Triangulated = tuple[Floats, Integers, Integers]
+"""Vertices (v, 3) [m]; triangles (t, 3) that count; others (n, 3), of which these are the neighbours."""
+
+NO_TRIANGLES = np.empty((0, 3), np.int64)
+
+_THIN = 1e-12
+"""A triangle with less area than this share of its longest edge squared is a line: its neighbours' edges cover it."""
+
+
+class SurfaceRows(NamedTuple):
+    """A surface.
+
+    Attributes:
+        bounds: Lower and upper corner of the box about it, shape (6,) [m].
+        tables: Its tree and its triangles.
+    """
+
+    bounds: Floats
+    tables: SurfaceTables
+
+
+def surface_rows(part: Triangulated) -> SurfaceRows:
+    """The rows of a surface, read-only; at least one of its triangles has an area."""
+    made = write_surfaces([part], in_memory)
+    for array in made.values():
+        array.setflags(write=False)
+    return surfaces_in(made)[0]
+
+
+def write_surfaces(parts: Sequence[Triangulated], room: Room) -> dict[str, np.ndarray]:
+    """Write the rows of surfaces in arrays, which `surfaces_in` finds there.
+
+    Args:
+        parts: The surfaces; at least one triangle of each has an area.
+        room: Gives the arrays.
+    """
+    wide = [_wide(part) for part in parts]
+    counts = np.array([len(triangles) for _, triangles, _ in wide])
+    nodes, triangles = sum(map(node_count, counts.tolist())), int(counts.sum())
+    shapes = {"nodes": (nodes, 6), "corners": (triangles, 9), "normals": (triangles, 21), "bounds": (len(parts), 6)}
+    made = room({"counts": ("<i8", counts.shape), **{name: ("<f8", shape) for name, shape in shapes.items()}})
+    made["counts"][:] = counts
+    for part, rows in zip(wide, surfaces_in(made), strict=True):
+        _write(part, rows)
+    return made
+
+
+def surfaces_in(arrays: Arrays) -> list[SurfaceRows]:
+    """The surfaces whose rows are in arrays, in the same memory."""
+    found, node, triangle = list[SurfaceRows](), 0, 0
+    for bounds, count in zip(arrays["bounds"], arrays["counts"].tolist(), strict=True):
+        nodes = arrays["nodes"][node : node + node_count(count)]
+        corners, normals = (arrays[name][triangle : triangle + count] for name in ("corners", "normals"))
+        found.append(SurfaceRows(bounds, SurfaceTables(nodes, corners, normals)))
+        node, triangle = node + len(nodes), triangle + count
+    return found
+
+
+def are_wide(vertices: Floats, triangles: Integers) -> np.ndarray:
+    """Which triangles have an area, shape (t,)."""
+    wide = np.empty(len(triangles), bool)
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    wide_triangles(vertices, triangles, _THIN, wide)
+    return wide
+
+
+def _wide(part: Triangulated) -> Triangulated:
+    """Those triangles of a surface, and of what is beside it, that have an area."""
+    vertices, triangles, neighbours = part
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    wide = are_wide(vertices, triangles)
+    others = neighbours[are_wide(vertices, neighbours)] if len(neighbours) else neighbours
+    return vertices, triangles if wide.all() else triangles[wide], others
+
+
+def _write(part: Triangulated, rows: SurfaceRows) -> None:
+    """Write the rows of a surface all of whose triangles have an area."""
+    vertices, triangles, neighbours = part
+    boxes = np.empty((len(triangles), 6))
+    triangle_boxes(vertices, triangles, boxes)
+    tree = tree_over(boxes)
+    rows.bounds[:3], rows.bounds[3:] = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    rows.tables.nodes[:] = tree.nodes
+    corners_and_edges(vertices, triangles, tree.order, rows.tables.corners)
+    all_of_it = np.concatenate([triangles, neighbours]) if len(neighbours) else triangles
+    write_pseudonormals(vertices, all_of_it, tree.order, rows.tables.normals)
