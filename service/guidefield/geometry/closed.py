@@ -6,6 +6,7 @@ import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.connected import lowest_connected
+from guidefield.kernels.cover.signed_volume import signed_volume
 
 
 def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, Integers]:
@@ -28,15 +29,17 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     merged, index = _distinct(vertices)
     corners = np.take(index, np.asarray(triangles, dtype=np.int64).reshape(-1, 3))
     a, b, c = corners.T
-    kept = np.flatnonzero((a != b) & (b != c) & (c != a))
-    corners = corners[kept]
-    return *used_alone(merged, corners), kept
+    proper = (a != b) & (b != c) & (c != a)
+    kept = np.flatnonzero(proper)
+    return *used_alone(merged, corners if len(kept) == len(corners) else corners[kept]), kept
 
 
 def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
     """The vertices (v, 3) that triangles (t, 3) use, in their order, and the triangles of these."""
     used = np.zeros(len(vertices), bool)
     used[triangles] = True
+    if used.all():
+        return vertices, triangles
     return vertices[used], np.take(np.cumsum(used) - 1, triangles)
 
 
@@ -92,8 +95,8 @@ def volume(vertices: Floats, triangles: Integers) -> float:
         vertices: Shape (v, 3) [m], in any frame.
         triangles: Indices of vertices, shape (t, 3).
     """
-    corners = vertices[triangles] - vertices.mean(axis=0)
-    return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    return float(signed_volume(vertices, triangles, vertices.mean(axis=0)))
 
 
 def boundary(triangles: Integers, vertex_count: int) -> Integers:

@@ -17,13 +17,16 @@ _STEPS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
 """Widths that are tried, as shares of the widest: the corners of small triangles must not be taken for one."""
 
 
-def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -> tuple[Integers, float]:
+def seams(
+    vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK, numbered: tuple[Integers, int] | None = None
+) -> tuple[Integers, float]:
     """Which corners along the edges of a surface should be one, so that no edge is left that is one triangle's only.
 
     Args:
         vertices: Shape (v, 3) [m], no two at one place.
         triangles: Shape (t, 3), each with three different vertices.
         widest: How far apart along each axis corners may be that should be one [m].
+        numbered: What `numbered_edges` found, if it is at hand.
 
     Returns:
         For each vertex the one that it should be, shape (v,), itself where it is none of those; and the width of the
@@ -31,7 +34,7 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
         leaves some, each is itself and the width 0.
     """
     alone = np.arange(len(vertices))
-    loose = _loose(triangles)
+    loose = _loose(triangles, numbered or numbered_edges(triangles))
     if not len(loose) or widest <= 0.0:
         return alone, 0.0
     open_ = np.zeros(len(vertices), bool)
@@ -41,7 +44,8 @@ def seams(vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK) -
         joined, widths = alone.copy(), np.zeros(1)
         joined[loose], widths = _joined(vertices[loose], loose, float(width))
         welded = joined[near]
-        if not len(_loose(welded[are_proper(welded)], open_)):
+        welded = welded[are_proper(welded)]
+        if not len(_loose(welded, numbered_edges(welded), open_)):
             return joined, float(widths.max())
     return alone, 0.0
 
@@ -74,15 +78,19 @@ def are_proper(triangles: Integers) -> np.ndarray:
     return proper
 
 
-def _loose(triangles: Integers, among: np.ndarray | None = None) -> Integers:
+def _loose(triangles: Integers, numbered: tuple[Integers, int], among: np.ndarray | None = None) -> Integers:
     """Vertices of the edges that are one triangle's only, ascending, shape (n,).
 
     Args:
         triangles: Shape (t, 3).
+        numbered: Their edges.
         among: Only edges with one of these vertices count, shape (v,), bool; None: all do.
     """
-    numbers, edges = numbered_edges(triangles)
-    sides = np.flatnonzero(np.bincount(numbers, minlength=edges)[numbers] == 1)
+    numbers, edges = numbered
+    alone = np.bincount(numbers, minlength=edges) == 1
+    if not alone.any():
+        return np.empty(0, np.int64)
+    sides = np.flatnonzero(alone[numbers])
     start, end = triangles.ravel()[sides], triangles[sides // 3, (sides + 1) % 3]
     if among is not None:
         counted = among[start] | among[end]

@@ -9,6 +9,7 @@ import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.overlapping_boxes import swept_pairs
+from guidefield.kernels.distance.triangle_rows import triangle_boxes
 
 _TOUCHING = 1e-10
 """Faces that reach through each other by less than this fraction of the mesh's size only touch."""
@@ -49,18 +50,18 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
         vertices: Shape (v, 3) [m], finite, no two at one place.
         triangles: Shape (t, 3).
     """
-    corners = (vertices - vertices.mean(axis=0))[triangles]
-    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    centred, triangles = vertices - vertices.mean(axis=0), np.ascontiguousarray(triangles, np.int64)
+    boxes = np.empty((len(triangles), 6))
+    triangle_boxes(centred, triangles, boxes)
     size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     tolerance = _TOUCHING * size + 32.0 * np.finfo(float).eps * float(np.abs(vertices).max())
     found, examined, complete = [np.empty((0, 2), np.int64)], 0, True
-    for pairs in _overlapping(low, high):
+    for pairs in _overlapping(boxes[:, :3], boxes[:, 3:]):
         if pairs is None or examined + len(pairs) > EXAMINED:
             complete = False
             break
         examined += len(pairs)
-        found.append(pairs[_cross(corners, triangles, pairs, tolerance)])
+        found.append(pairs[_cross(centred, triangles, pairs, tolerance)])
     listed = np.sort(np.concatenate(found), axis=1)
     return Crossings(listed[np.lexsort((listed[:, 1], listed[:, 0]))], complete)
 
@@ -91,10 +92,11 @@ def _swept(low: Floats, high: Floats) -> tuple[Integers, Integers]:
     return order, np.searchsorted(low[order], high[order], side="right")
 
 
-def _cross(corners: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:
+def _cross(vertices: Floats, triangles: Integers, pairs: Integers, tolerance: float) -> np.ndarray:
     """Which pairs cross, shape (n,)."""
-    one, other = corners[pairs[:, 0]], corners[pairs[:, 1]]
-    shared = triangles[pairs[:, 0]][:, :, None] == triangles[pairs[:, 1]][:, None, :]
+    first, second = triangles[pairs[:, 0]], triangles[pairs[:, 1]]
+    one, other = vertices[first], vertices[second]
+    shared = first[:, :, None] == second[:, None, :]
     normal_one, blur_one = _normals(one)
     normal_other, blur_other = _normals(other)
     heights_one = _heights(one, other, normal_other, tolerance + blur_other, shared.any(axis=2))

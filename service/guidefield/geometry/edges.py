@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.surfaces import Integers
-from guidefield.kernels.cover.edge_numbers import number_edges
+from guidefield.kernels.cover.edge_numbers import count_ways, number_edges
 
 
 def numbered_edges(triangles: Integers) -> tuple[Integers, int]:
@@ -20,9 +20,12 @@ def numbered_edges(triangles: Integers) -> tuple[Integers, int]:
     return numbers, count
 
 
-def edge_counts(triangles: Integers) -> tuple[Integers, Integers]:
-    """How often each edge of triangles (t, 3) is run through upwards, and downwards, in the order of their numbers."""
-    numbers, count = numbered_edges(triangles)
-    upwards = triangles.ravel() < np.roll(triangles, -1, axis=1).ravel()
-    up: Integers = np.bincount(numbers[upwards], minlength=count)
-    return up, np.bincount(numbers, minlength=count) - up
+def edge_counts(triangles: Integers, numbered: tuple[Integers, int] | None = None) -> tuple[Integers, Integers]:
+    """How often each edge of triangles (t, 3) is run through upwards, and downwards, in the order of their numbers.
+
+    `numbered` is what `numbered_edges` found, if it is at hand.
+    """
+    numbers, count = numbered or numbered_edges(triangles)
+    up, down = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    count_ways(np.ascontiguousarray(triangles, np.int64), numbers, up, down)
+    return up, down

@@ -15,7 +15,7 @@ from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
-from guidefield.geometry.edges import edge_counts
+from guidefield.geometry.edges import edge_counts, numbered_edges
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.surfaces import Surface
 from guidefield.messages.triples import Points, Triangles
@@ -85,6 +85,7 @@ class Joined(NamedTuple):
         given: Which of the given ones each is, shape (t,).
         seams: For each vertex the one that it should be, shape (v,), as of `cracks.seams`.
         width: Of the widest crack [m].
+        edges: Which edge each side of the triangles is, shape (3 t,), and how many edges there are.
     """
 
     vertices: np.ndarray
@@ -92,6 +93,16 @@ class Joined(NamedTuple):
     given: np.ndarray
     seams: np.ndarray
     width: float
+    edges: tuple[np.ndarray, int]
+
+    @property
+    def welded(self) -> np.ndarray:
+        """The triangles with each vertex as the one it should be, but those that are none then."""
+        if self.width == 0.0:
+            return self.triangles
+        corners = self.seams[self.triangles]
+        welded: np.ndarray = corners[are_proper(corners)]
+        return welded
 
 
 def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
@@ -102,7 +113,8 @@ def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
         triangles: Indices of vertices, shape (t, 3).
     """
     distinct, corners, given = compact(vertices, triangles)
-    return Joined(distinct, corners, given, *seams(distinct, corners))
+    edges = numbered_edges(corners)
+    return Joined(distinct, corners, given, *seams(distinct, corners, numbered=edges), edges)
 
 
 def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
@@ -204,14 +216,14 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | N
 
 def surface_of(mesh: Joined) -> MeshSurface | None:
     """The same of a mesh whose vertices are merged."""
-    vertices, triangles, _, joined, width = mesh
-    if not _has_area(vertices, triangles):
+    vertices = mesh.vertices
+    if not _has_area(vertices, mesh.triangles):
         return None
-    triangles, solid, warnings = _facing_outwards(vertices, triangles, joined)
-    hull = _own_hull(vertices, _welded(triangles, joined)) if solid else None
-    if solid and width > 0.0:
-        triangles = np.concatenate([triangles, crack_lids(triangles, joined)])
-        warnings.append(f"its surface had cracks up to {1000.0 * width:.2g} mm wide, which were closed")
+    triangles, solid, warnings = _facing_outwards(mesh)
+    hull = _own_hull(vertices, mesh._replace(triangles=triangles).welded) if solid else None
+    if solid and mesh.width > 0.0:
+        triangles = np.concatenate([triangles, crack_lids(triangles, mesh.seams)])
+        warnings.append(f"its surface had cracks up to {1000.0 * mesh.width:.2g} mm wide, which were closed")
     for array in (vertices, triangles):
         array.setflags(write=False)
     return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
@@ -222,11 +234,10 @@ def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
 
     Those that overlap at a crack alone don't count.
     """
-    distinct, corners, given, joined, _ = mesh
-    given = given[are_proper(joined[corners])]
-    found = crossings(distinct, _welded(corners, joined))
+    found = crossings(mesh.vertices, mesh.welded)
     warnings = []
     if len(found.pairs):
+        given = mesh.given[are_proper(mesh.seams[mesh.triangles])]
         count = f"{len(found.pairs)} pairs" if len(found.pairs) > 1 else "1 pair"
         least = "" if found.complete else "at least "
         first, second = given[found.pairs[0]]
@@ -254,17 +265,15 @@ def _edges(triangles: np.ndarray) -> np.ndarray:
     return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
-def _facing_outwards(
-    vertices: np.ndarray, triangles: np.ndarray, joined: np.ndarray
-) -> tuple[np.ndarray, bool, list[str]]:
+def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
     """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
 
-    It is looked at with its cracks closed: `joined` says which vertex each should be.
+    It is looked at with its cracks closed.
     """
-    welded, proper = _welded(triangles, joined), np.flatnonzero(are_proper(joined[triangles]))
+    vertices, triangles, welded = mesh.vertices, mesh.triangles, mesh.welded
     if not len(welded):
         return triangles, False, ["it is as small as a crack: it is judged as a thin wall"]
-    forward, backward = edge_counts(welded)
+    forward, backward = edge_counts(welded, mesh.edges if mesh.width == 0.0 else None)
     warnings = []
     if not np.array_equal(forward, backward):
         open_edges = int(((forward + backward) == 1).sum())
@@ -274,6 +283,7 @@ def _facing_outwards(
         consistent = _turned_alike(vertices, welded) if ((forward + backward) == 2).all() else None
         if consistent is None:
             return triangles, False, ["its triangles can't be turned to face outwards: it is judged as a thin wall"]
+        proper = np.flatnonzero(are_proper(mesh.seams[triangles]))
         turned = proper[(consistent != welded).any(axis=1)]
         warnings.append(f"{len(turned)} of its triangles faced inwards and were turned")
         triangles = triangles.copy()
@@ -287,13 +297,6 @@ def _facing_outwards(
             warnings.append("its triangles ran clockwise from outside and were turned")
         triangles = triangles[:, ::-1]
     return np.ascontiguousarray(triangles), True, warnings
-
-
-def _welded(triangles: np.ndarray, joined: np.ndarray) -> np.ndarray:
-    """The triangles with each vertex as the one it should be, but those that are none then."""
-    corners = joined[triangles]
-    welded: np.ndarray = corners[are_proper(corners)]
-    return welded
 
 
 def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import types
+from numba import types, void
 
-from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES_OUT, Integers, compiled, inlined
+from guidefield.kernels.jit.signatures import INDEX_MATRIX, INDICES, INDICES_OUT, Integers, compiled, inlined
 
 FEW = 32
 """So many numbers are sorted by insertion; a vertex of a surface seldom has more edges."""
@@ -62,3 +62,20 @@ def number_edges(triangles: Integers, vertices: int, numbers_out: Integers) -> i
         if end > begin:
             count += 1
     return count
+
+
+@compiled(void(INDEX_MATRIX, INDICES, INDICES_OUT, INDICES_OUT))
+def count_ways(triangles: Integers, numbers: Integers, up_out: Integers, down_out: Integers) -> None:
+    """Count how often edges are run through upwards, and downwards.
+
+    Args:
+        triangles: Shape (t, 3).
+        numbers: Of their edges, as `number_edges` has them.
+        up_out: All zero; gets how often each goes from its lower vertex to the other one, shape (edges,).
+        down_out: All zero; gets how often it goes the other way.
+    """
+    for side in range(numbers.shape[0]):
+        if triangles[side // 3, side % 3] < triangles[side // 3, (side + 1) % 3]:
+            up_out[numbers[side]] += 1
+        else:
+            down_out[numbers[side]] += 1
