@@ -1,4 +1,4 @@
-"""What is found for a large mesh is kept on disk, and is the same to the last bit."""
+"""What is found for a large mesh or cloud is kept on disk, and is the same to the last bit."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import errno
 import hashlib
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,11 @@ import pytest
 
 from guidefield.aside import StoppedError
 from guidefield.collision.lanes import scene_tables
+from guidefield.collision.minimum import tables
 from guidefield.geometry import cache, entries
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.kernels.jit.cache import cache_folder
-from guidefield.messages.scene import Mesh, Scene as Message
+from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
 from guidefield.scene import distance_tables as of_scene, obstacle
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball, within_ball
@@ -175,10 +177,11 @@ def test_entries_that_go_one_by_one_are_made_again() -> None:
 
 def test_a_mesh_without_area_is_refused_from_disk_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "LARGE", 1)
-    flat = Mesh(name="flat", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles=[[0, 1, 2]])
-    for _ in range(2):
-        with pytest.raises(obstacle.SceneInvalid, match="no triangle with an area"):
-            build(Message(name="thin", obstacles=[flat]))
+    for corners in ([0, 1, 2], [0, 0, 1]):
+        flat = Mesh(name="flat", vertices=[[0, 0, 0], [1, 0, 0], [2, 0, 0]], triangles=[corners])
+        for _ in range(2):
+            with pytest.raises(obstacle.SceneInvalid, match="no triangle with an area"):
+                build(Message(name="thin", obstacles=[flat]))
     assert kinds() == {"mesh"}
 
 
@@ -231,3 +234,40 @@ def test_meshes_keep_the_folders_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     everything(build(Message(name="elsewhere", obstacles=[msgspec.structs.replace(moved, position=[0.7, 0.5, 0.5])])))
     assert sum(path.stat().st_size for path in cache.folder().iterdir()) <= size // 2
     assert everything(new_scene()) == new
+
+
+POINTS = np.random.default_rng(3).uniform([-3.0, -3.0, -0.1], [3.0, 3.0, 0.0], (20_000, 3)).tolist()
+
+
+def of_cloud(one: obstacle.Obstacle) -> list[bytes]:
+    """What is made of a cloud, and of what is met of it, as bytes."""
+    scene = build(Message(name="kept", obstacles=[one.message]))
+    parts = [replace(scene, obstacles=(one,))]
+    parts.append(within_ball(parts[0], Ball(0.2, 0.1, 0.5, 0.25)))
+    assert parts[1].obstacles[0].faces < 0.7 * len(POINTS)
+    made = [array for part in parts for array in tables._obstacle_parts(part)[1]]
+    return [array.tobytes() for array in (*made, *(part.obstacles[0].cloud.points for part in parts))]
+
+
+def test_a_cloud_is_kept_with_what_is_met_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    message = PointCloud(name="points", points=POINTS, radius=0.01)
+    made = obstacle.build(message, 0)
+    alone = of_cloud(replace(made, recipe=made.recipe._replace(content=b"")))
+    assert kinds() == set()
+    assert of_cloud(made) == alone
+    assert kinds() == {"points", "balls"}
+    obstacle._KNOWN.clear()
+    again, wider = (obstacle.build(msgspec.structs.replace(message, radius=r), 0) for r in (0.01, 0.02))
+    assert of_cloud(wider) != alone
+    nothing_is_written(monkeypatch)
+    assert of_cloud(again) == alone
+
+
+def test_a_cloud_that_moves_is_not_known_by_its_points() -> None:
+    pose = {"position": (0.1, 0.0, 0.0), "quaternion_xyzw": (0.0, 0.0, 0.0, 1.0)}
+    declared = {"type": "point_cloud", "points": POINTS, "radius": 0.01}
+    moving = {**declared, "name": "moving", "trajectory": {"times": [0.0, 1.0], "placements": [pose, pose]}}
+    both = [{**declared, "name": "resting"}, moving]
+    scene = build(msgspec.convert({"name": "kept", "obstacles": both}, Message, strict=False))
+    assert scene.obstacles[0].recipe.content
+    assert not scene.obstacles[1].recipe.content

@@ -15,7 +15,7 @@ from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, mesh_tree, spread_points
 from guidefield.geometry.placements import moved
-from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
+from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
 from guidefield.kernels.collide.parts import (
     BLOCKS,
@@ -87,12 +87,9 @@ class PartsTable:
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
-    def add_tree(self, mesh: MeshTree, rounding: float = 0.0) -> int:
-        """Add a mesh in the body's frame, rounded by a radius [m], to a table that is empty; the root of its tree."""
+    def add_tree(self, mesh: MeshTree) -> int:
+        """Add a mesh in the body's frame to a table that is empty; the root of its tree."""
         self.add_moved(mesh, None)
-        if rounding:
-            self._numbers[0].reshape(-1, PART)[:, ROUND] = rounding
-            self._balls[0].reshape(-1, BALL_ROW)[:, RADIUS] += rounding
         return 0
 
     def add_parts(self, alone: Parts) -> int:

@@ -49,6 +49,8 @@ _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("collision", "geometry", "kernels", "scene")
 """Where what computes is looked for; other rooms only hand over inputs."""
 
+_COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
+
 
 def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
     """What `make` returns, from disk if it was computed from the same inputs before.
@@ -177,8 +179,7 @@ def _imports(module: str, known: dict[str, list[str]]) -> set[str]:
     digest = hashlib.sha256(content).hexdigest()
     if digest not in known:
         known[digest] = sorted(_named(content))
-    rooms = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
-    return {name for name in known[digest] if name.startswith(rooms) and _source(name) is not None}
+    return {name for name in known[digest] if name.startswith(_COMPUTING) and _source(name) is not None}
 
 
 def _named(content: bytes) -> set[str]:
@@ -200,8 +201,8 @@ def _source(module: str) -> Path | None:
 @functools.cache
 def _file(package: Path, module: str) -> Path | None:
     """File of a module of a package; None if there is no such: that a thousand names are none takes 10 ms to see."""
-    path = package.parent.joinpath(*module.split(".")).with_suffix(".py")
-    return path if path.is_file() else None
+    path = os.path.join(package.parent, *module.split(".")) + ".py"  # noqa: PTH118  a third of the time of a Path
+    return Path(path) if os.path.isfile(path) else None  # noqa: PTH113
 
 
 def _write(path: Path, arrays: Arrays) -> None:

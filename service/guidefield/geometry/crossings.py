@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.geometry.extents import extents
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.overlapping_boxes import swept_pairs
 from guidefield.kernels.distance.triangle_rows import triangle_boxes
@@ -53,7 +54,7 @@ def crossings(vertices: Floats, triangles: Integers) -> Crossings:
     centred, triangles = vertices - vertices.mean(axis=0), np.ascontiguousarray(triangles, np.int64)
     boxes = np.empty((len(triangles), 6))
     triangle_boxes(centred, triangles, boxes)
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    size = float(np.linalg.norm(extents(vertices)))
     tolerance = _TOUCHING * size + 32.0 * np.finfo(float).eps * float(np.abs(vertices).max())
     found, examined, complete = [np.empty((0, 2), np.int64)], 0, True
     for pairs in _overlapping(boxes[:, :3], boxes[:, 3:]):

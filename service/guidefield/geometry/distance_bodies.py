@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.geometry.axes import across
+from guidefield.geometry.extents import box_about
 from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, surface_rows
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
@@ -126,7 +127,8 @@ def balls_about(points: Floats, radius: float, cloud: int) -> Body:
         radius: Of the balls [m].
         cloud: Where the words of their `LaneCloud` are; they have to stay there.
     """
-    bounds = np.r_[points.min(axis=0) - radius, points.max(axis=0) + radius]
+    low, high = box_about(points)
+    bounds = np.r_[low - radius, high + radius]
     return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
 
 

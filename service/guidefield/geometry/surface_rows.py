@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from guidefield.geometry.box_tree import node_count, tree_over
 from guidefield.geometry.entries import Arrays, Room, in_memory
+from guidefield.geometry.extents import box_about
 from guidefield.geometry.pseudonormals import write_pseudonormals
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes
@@ -99,7 +100,7 @@ def _write(part: Triangulated, rows: SurfaceRows) -> None:
     boxes = np.empty((len(triangles), 6))
     triangle_boxes(vertices, triangles, boxes)
     tree = tree_over(boxes)
-    rows.bounds[:3], rows.bounds[3:] = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    rows.bounds[:3], rows.bounds[3:] = box_about(boxes[:, :3])[0], box_about(boxes[:, 3:])[1]
     rows.tables.nodes[:] = tree.nodes
     corners_and_edges(vertices, triangles, tree.order, rows.tables.corners)
     all_of_it = np.concatenate([triangles, neighbours]) if len(neighbours) else triangles

@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
+from guidefield.geometry.extents import box_about
 from guidefield.kept import kept_with
 from guidefield.scene.charges import Charges
 
@@ -47,8 +48,7 @@ class Cloud:
     @cached_property
     def box(self) -> np.ndarray:
         """Corners of the box about the points, without their radius, shape (2, 3) [m, world]."""
-        columns = [self.points[:, axis] for axis in range(3)]  # one after another, which NumPy does in a fifth
-        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
+        return box_about(self.points)
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ import coal
 import numpy as np
 
 from guidefield.geometry.curve_order import curve_order
+from guidefield.geometry.extents import box_about
 
 PATCH = 8192
 """Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
@@ -49,8 +50,7 @@ class Facets:
     @cached_property
     def box(self) -> np.ndarray:
         """Lower and upper corner of the box about them, shape (2, 3) [m, own frame]."""
-        columns = self._made()[0].T  # one after another, which NumPy does in a fifth
-        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
+        return box_about(self._made()[0])
 
     @cached_property
     def whole(self) -> Any:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from guidefield.aside import together
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.closed import compact, connected_pieces, volume
 from guidefield.geometry.convex import convex, convex_hull
@@ -17,6 +18,7 @@ from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.edges import edge_counts, numbered_edges
 from guidefield.geometry.entries import Arrays
+from guidefield.geometry.extents import extents
 from guidefield.geometry.surfaces import Surface
 from guidefield.messages.triples import Points, Triangles
 from guidefield.scene.points import corners_in, count_of, points_in
@@ -162,15 +164,21 @@ def as_judged(surface: MeshSurface) -> JudgedMesh:
 
 def extent_of(points: np.ndarray) -> float:
     """Largest extent along an axis of points (n, 3) [m]."""
-    return float(np.ptp(points, axis=0).max())
+    return float(extents(points).max())
 
 
 def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     mesh = joined_mesh(vertices, triangles)
-    surface = surface_of(mesh)
+    if not is_large(len(triangles)) or not _has_area(mesh.vertices, mesh.triangles):
+        surface = surface_of(mesh)
+        crossing = () if surface is None or surface.hull is not None else crossing_warnings(mesh)
+    else:
+        surfaces, warnings = list[MeshSurface | None](), list[tuple[str, ...]]()
+        together(lambda: warnings.append(crossing_warnings(mesh)), lambda: surfaces.append(surface_of(mesh)))
+        (surface,), (crossing,) = surfaces, warnings
     if surface is None or surface.hull is not None:
         return surface
-    return replace(surface, warnings=(*surface.warnings, *crossing_warnings(mesh)))
+    return replace(surface, warnings=(*surface.warnings, *crossing))
 
 
 def _facts_of(surface: MeshSurface | None) -> Arrays:
@@ -249,7 +257,7 @@ def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
 
 def _has_area(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     """Whether some triangle has an area: of a large mesh one of the first."""
-    least = 1e-12 * np.ptp(vertices, axis=0).max() ** 2 if len(triangles) else 0.0
+    least = 1e-12 * extents(vertices).max() ** 2 if len(triangles) else 0.0
     some = (triangles[start : start + _SOME] for start in range(0, len(triangles), _SOME))
     return any(_areas(vertices, few).max() > least for few in some)
 
@@ -290,7 +298,7 @@ def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
         triangles[turned] = triangles[turned][:, ::-1]
         welded = consistent
     enclosed = volume(vertices, welded)
-    if abs(enclosed) <= _FLAT * np.linalg.norm(np.ptp(vertices, axis=0)) ** 3:
+    if abs(enclosed) <= _FLAT * np.linalg.norm(extents(vertices)) ** 3:
         return triangles, False, [*warnings, "it is closed around no volume: it is judged as a thin wall"]
     if enclosed < 0.0:
         if not warnings:
@@ -347,7 +355,7 @@ def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: lis
 
 def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
     """The hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume."""
-    size = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    size = float(np.linalg.norm(extents(vertices)))
     if _is_dented(vertices, _first_ones(vertices, triangles), _CONVEX * size):
         return None
     forward, backward = edge_counts(triangles)

@@ -13,6 +13,7 @@ import pinocchio as pin
 
 from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
+from guidefield.geometry.cache import is_large
 from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.placements import moved, se3
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
@@ -193,7 +194,8 @@ def build(message: messages.Obstacle, index: int, content: Content | None = None
     try:
         motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
         still = message if motion is None else posed(message, motion.placements[0])
-        obstacle = BUILDERS[type(still)](still, content)
+        is_moved = motion is not None and isinstance(still, messages.PointCloud)  # its points are others then
+        obstacle = BUILDERS[type(still)](still, content._replace(geometry=b"") if is_moved else content)
     except _UnusableError as error:
         raise SceneInvalid(
             f"obstacle {message.name!r}: {error.fault}",
@@ -261,7 +263,7 @@ def _polygon(message: messages.Polygon, _: Content) -> Obstacle:
     return sheet
 
 
-def _point_cloud(message: messages.PointCloud, _: Content) -> Obstacle:
+def _point_cloud(message: messages.PointCloud, content: Content) -> Obstacle:
     points = points_in(message.points)
     points.setflags(write=False)
     cloud, facets, placement = (
@@ -277,6 +279,7 @@ def _point_cloud(message: messages.PointCloud, _: Content) -> Obstacle:
         facets=facets,
         placement=placement,
         extent=extent_of(points),
+        content=content.geometry if is_large(len(points)) else b"",
     )
     return Obstacle(message, recipe, cloud=cloud)
 

@@ -23,7 +23,8 @@ class Recipe(NamedTuple):
         facets: The triangles that Coal judges, of what isn't convex; None of what is.
         placement: ``T_world_shape`` where it is known before the body is made.
         extent: Largest extent along an axis of its own frame [m] of what is declared by points.
-        content: What the geometry of a large mesh is known by: what is found for it is kept on disk; else nothing.
+        content: What the geometry of a large mesh or cloud is known by: what is found for it is kept on disk; else
+            nothing.
     """
 
     body: Callable[[Any], tuple[Any, Any]]

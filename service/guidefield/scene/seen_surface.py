@@ -12,6 +12,7 @@ import numpy as np
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.closed import used_alone
 from guidefield.geometry.entries import Arrays
+from guidefield.geometry.extents import box_about
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
 
@@ -85,7 +86,7 @@ def _found(
     alone, numbers = used_alone(vertices, np.concatenate([one for part in parts for one in part]))
     return {
         "counts": np.array([[len(seen), len(beside)] for seen, beside in parts]),
-        "box": np.array([vertices.min(axis=0), vertices.max(axis=0)]),
+        "box": box_about(vertices),
         "vertices": alone,
         "triangles": numbers.astype(np.int32),
     }

@@ -7,11 +7,13 @@ a corner: tables of all that is elsewhere are never made.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.cache import is_large
+from guidefield.geometry.cache import is_large, remembered
+from guidefield.geometry.entries import Arrays
 from guidefield.kept import kept_by
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.facets import Facets
@@ -82,14 +84,24 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
 
 
 def _cloud_met(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
-    """What is met of a cloud."""
-    chosen = seen_of(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
-    if chosen.mean() > WORTH:
+    """What is met of a cloud; of a large one from disk if it was asked for before."""
+
+    def found() -> Arrays:
+        chosen = seen_of(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
+        return {"points": cloud.points[chosen] if chosen.mean() <= WORTH else np.empty((0, 3))}
+
+    content = obstacle.recipe.content
+    if content:
+        known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, WORTH])}
+        content = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+        points = remembered("points", known, found)["points"]
+    else:
+        points = found()["points"]
+    if not len(points):
         return None
-    points = cloud.points[chosen]
     points.setflags(write=False)
     facets = Facets(len(points), lambda: cloud_specks(points))
-    recipe = obstacle.recipe._replace(facets=facets, body=_body_of(facets, obstacle))
+    recipe = obstacle.recipe._replace(facets=facets, body=_body_of(facets, obstacle), content=content)
     return dataclasses.replace(obstacle, recipe=recipe, cloud=Cloud(points, cloud.radius))
 
 

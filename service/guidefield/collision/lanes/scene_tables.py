@@ -17,9 +17,9 @@ from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
-from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cluster_rows, large_surface
+from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
 from guidefield.collision.preparation import Told
-from guidefield.geometry.mesh_tree import mesh_tree, triangle_tree
+from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
@@ -281,11 +281,8 @@ def surface_parts(obstacle: Obstacle) -> Parts:
 
 @kept_with
 def _cloud_parts(obstacle: Obstacle) -> Parts:
-    """The balls of a cloud: triangles whose corners are one, rounded by their radius."""
     assert obstacle.cloud is not None, "only clouds are asked for"
-    table = PartsTable()
-    table.add_tree(triangle_tree(np.repeat(obstacle.cloud.points[:, None], 3, axis=1)), obstacle.cloud.radius)
-    return table.tables()
+    return cloud_parts(obstacle, obstacle.cloud)
 
 
 def _stand_ins(obstacle: Obstacle, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""The triangles of a large obstacle as tables for the lane kernels; those of a mesh are kept on disk."""
+"""The triangles of a mesh, and the balls of a cloud, as tables for kernels; those of large ones are kept on disk."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ import numpy as np
 
 from guidefield.collision.convex_parts import tree_layout, write_tree
 from guidefield.geometry.cache import is_large, made_in_place
-from guidefield.geometry.entries import Arrays, Room, in_memory
+from guidefield.geometry.entries import Arrays, Layout, Room, in_memory
 from guidefield.geometry.mesh_tree import cluster_counts, tree_written
-from guidefield.kernels.collide.balls import BALL_ROW
-from guidefield.kernels.collide.parts import LINK
+from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
+from guidefield.kernels.collide.parts import LINK, PART, ROUND as PART_ROUND, Parts
 from guidefield.kernels.collide.primitive import CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
+from guidefield.read_only import read_only
+from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
+
+Cluster = tuple[np.ndarray, np.ndarray]
+"""Nodes, shape (k,), and the triangles below each, shape (k, most)."""
 
 CLUSTER = 1
 """Which of the mesh trees' `CLUSTERS` stand behind one box each."""
@@ -36,32 +41,56 @@ def large_surface(obstacle: Obstacle, step: Callable[[], None]) -> Arrays:
     def write(room: Room) -> Arrays:
         return _written(np.take(obstacle.vertices, obstacle.triangles, axis=0), step, room)
 
-    if not obstacle.recipe.content or not is_large(obstacle.faces):
-        return write(in_memory)
-    place = np.array(obstacle.placement.homogeneous, float)
-    return made_in_place("lanes", {"content": np.frombuffer(obstacle.recipe.content, np.uint8), "place": place}, write)
+    return _kept("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
+
+
+def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
+    """The balls of a cloud: triangles whose corners are one, rounded by their radius."""
+
+    def write(room: Room) -> Arrays:
+        corners = np.repeat(cloud.points[:, None], 3, axis=1)
+        made = room(_layout(len(corners)))
+        _write_tree(corners, made, lambda: None)
+        made["numbers"].reshape(-1, PART)[:, PART_ROUND] = cloud.radius
+        made["balls"].reshape(-1, BALL_ROW)[:, RADIUS] += cloud.radius
+        return made
+
+    made = _kept("balls", obstacle, write, {"radius": np.array(cloud.radius)})
+    return Parts(**{name: made[name] for name in Parts._fields})
+
+
+def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: Arrays) -> Arrays:
+    """What is written, read-only; of a large obstacle from disk if it was asked for before."""
+    content = obstacle.recipe.content
+    if content and is_large(obstacle.faces):
+        return made_in_place(kind, {"content": np.frombuffer(content, np.uint8), **more}, write)
+    made = write(in_memory)
+    read_only(*made.values())
+    return made
 
 
 def _written(corners: np.ndarray, step: Callable[[], None], room: Room) -> Arrays:
-    """The same of triangles (t, 3, 3) in the world."""
-    count, nodes = len(corners), 2 * len(corners) - 1
-    clusters = cluster_counts(count)
-    boxes = clusters[CLUSTER]
-    made = room(
-        {
-            **tree_layout(count, nodes, clusters),
-            "nodes": ("<i8", (boxes,)),
-            "primitives": ("<f4", (boxes, PRIMITIVE)),
-            "boxes": ("<f4", (boxes, 6)),
-        }
-    )
-    tree = tree_written(corners, made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK), step)
-    step()
-    write_tree(corners, tree.clusters, made)
-    made["nodes"][:], members = tree.clusters[CLUSTER]
+    """The tables of triangles (t, 3, 3) in the world."""
+    boxes = cluster_counts(len(corners))[CLUSTER]
+    of_boxes = {"nodes": ("<i8", (boxes,)), "primitives": ("<f4", (boxes, PRIMITIVE)), "boxes": ("<f4", (boxes, 6))}
+    made = room({**_layout(len(corners)), **of_boxes})
+    made["nodes"][:], members = _write_tree(corners, made, step)[CLUSTER]
     rows = cluster_rows(corners, members)
     made["primitives"][:], made["boxes"][:] = rows, boxes_about(rows)
     return made
+
+
+def _layout(triangles: int) -> Layout:
+    return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles))
+
+
+def _write_tree(corners: np.ndarray, made: Arrays, step: Callable[[], None]) -> tuple[Cluster, ...]:
+    """Write the tree over triangles (t, 3, 3); its clusters."""
+    balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
+    tree = tree_written(corners, balls, links, step)
+    step()
+    write_tree(corners, tree.clusters, made)
+    return tree.clusters
 
 
 def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
