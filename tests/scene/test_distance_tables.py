@@ -78,8 +78,10 @@ def test_boxes_about_slanted_polygons_are_as_thin_as_these() -> None:
         (body,) = bodies_of(build(messages.Scene("s", obstacles=[polygon])).obstacles[0])
         extents = np.sort(body.bounds[3:] - body.bounds[:3])
         np.testing.assert_allclose(extents, [0.0, 0.5, 0.6], atol=1e-12)
-        placed = body.surface[0] @ body.placement[:, :3].T + body.placement[:, 3]
-        np.testing.assert_allclose(placed, corners, atol=1e-12)
+        a, u, w = np.split(body.surface.corners, 3, axis=1)
+        placed = np.concatenate([a, a + u, a + w]) @ body.placement[:, :3].T + body.placement[:, 3]
+        apart = np.linalg.norm(placed[:, None] - corners, axis=2)
+        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-12, "each is a corner, and each is there"
 
 
 def test_a_bent_surface_keeps_its_axes() -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, mesh_tree, spread_points
+from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, spread_points
 from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
@@ -142,7 +142,9 @@ class PartsTable:
         if placement is not None:
             made["balls"].reshape(-1, 4)[:, :3] = there(mesh.balls[:, :3])
         made["links"][:] = mesh.links.ravel()
-        write_tree(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3), mesh.clusters, made)
+        corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
+        write_triangles(corners, made)
+        write_clusters(corners, mesh.clusters, made)
         self._n_nodes, self._n_parts = len(mesh.balls), len(made["shapes"]) // SHAPE
         self._n_blocks = len(made["vertices"]) // BLOCK
         self._numbers.append(made["numbers"])
@@ -232,18 +234,27 @@ def _blocks(triangles: int) -> int:
     return -(-3 * triangles // LANES)
 
 
-def write_tree(corners: np.ndarray, clusters: tuple[tuple[np.ndarray, np.ndarray], ...], made: Arrays) -> None:
-    """Write what is left of the tables of a mesh where its tree stands: its triangles, and the hulls of its clusters.
+def write_triangles(corners: np.ndarray, made: Arrays) -> None:
+    """Write the triangles of a mesh as its first parts.
 
     Args:
-        corners: Of the triangles, shape (t, 3, 3) [m].
-        clusters: As of `MeshTree`.
-        made: As `tree_layout` has them, with the tree's balls and links, all else zero.
+        corners: Shape (t, 3, 3) [m].
+        made: As `tree_layout` has them, all zero.
     """
-    corners, part, block = np.ascontiguousarray(corners), len(corners), 0
-    made["numbers"].reshape(-1, PART)[:part, :9] = corners.reshape(-1, 9)
+    made["numbers"].reshape(-1, PART)[: len(corners), :9] = corners.reshape(-1, 9)
+    made["shapes"].reshape(-1, SHAPE)[: len(corners), KIND] = TRIANGLE
+
+
+def write_clusters(corners: np.ndarray, clusters: tuple[Cluster, ...], made: Arrays) -> None:
+    """Write the hulls of the clusters of a mesh as the parts behind its triangles.
+
+    Args:
+        corners: Of the triangles, contiguous, shape (t, 3, 3) [m].
+        clusters: As of `MeshTree`.
+        made: As `tree_layout` has them, with the tree's links.
+    """
+    part, block = len(corners), 0
     shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
-    shapes[:part, KIND] = TRIANGLE
     for nodes, members in clusters:
         count, each = len(nodes), _blocks(members.shape[1])
         rows = np.ascontiguousarray(members, np.int64)

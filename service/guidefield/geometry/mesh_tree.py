@@ -18,6 +18,9 @@ MOST_VERTICES = 192
 CLUSTERS = (5, 21, 85)
 """The first nodes on the way down with no more triangles get their corners as a polytope: 16, 64 or 256 of them."""
 
+Cluster = tuple[np.ndarray, np.ndarray]
+"""Nodes, shape (k,), and the triangles below each, shape (k, most)."""
+
 SPREAD_POINTS = 48
 """Most points that stand for a piece's surface."""
 
@@ -41,7 +44,7 @@ class MeshTree:
     links: np.ndarray
     hulls: dict[int, np.ndarray]
     pieces: np.ndarray
-    clusters: tuple[tuple[np.ndarray, np.ndarray], ...]
+    clusters: tuple[Cluster, ...]
 
 
 def mesh_tree(
@@ -91,7 +94,7 @@ def tree_written(
     centres, members = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0, np.arange(len(triangles))
     sizes, made = np.array([len(triangles)]), 0
     above = np.array([np.iinfo(np.int64).max])
-    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in CLUSTERS]
+    found: list[list[Cluster]] = [[] for _ in CLUSTERS]
     while len(sizes):  # level by level: the members of its nodes one after the other
         before_level()
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from guidefield.collision.convex_parts import tree_layout, write_tree
+from guidefield.aside import together
+from guidefield.collision.convex_parts import tree_layout, write_clusters, write_triangles
 from guidefield.geometry.cache import is_large, made_in_place
 from guidefield.geometry.entries import Arrays, Layout, Room, in_memory
-from guidefield.geometry.mesh_tree import cluster_counts, tree_written
+from guidefield.geometry.mesh_tree import Cluster, cluster_counts, tree_written
 from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.parts import LINK, PART, ROUND as PART_ROUND, Parts
 from guidefield.kernels.collide.primitive import CENTRE, HALVES, PRIMITIVE, ROUND
@@ -17,9 +18,6 @@ from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spre
 from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
-
-Cluster = tuple[np.ndarray, np.ndarray]
-"""Nodes, shape (k,), and the triangles below each, shape (k, most)."""
 
 CLUSTER = 1
 """Which of the mesh trees' `CLUSTERS` stand behind one box each."""
@@ -71,12 +69,15 @@ def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: 
 
 def _written(corners: np.ndarray, step: Callable[[], None], room: Room) -> Arrays:
     """The tables of triangles (t, 3, 3) in the world."""
-    boxes = cluster_counts(len(corners))[CLUSTER]
-    of_boxes = {"nodes": ("<i8", (boxes,)), "primitives": ("<f4", (boxes, PRIMITIVE)), "boxes": ("<f4", (boxes, 6))}
+    count = cluster_counts(len(corners))[CLUSTER]
+    of_boxes = {"nodes": ("<i8", (count,)), "primitives": ("<f4", (count, PRIMITIVE)), "boxes": ("<f4", (count, 6))}
     made = room({**_layout(len(corners)), **of_boxes})
-    made["nodes"][:], members = _write_tree(corners, made, step)[CLUSTER]
-    rows = cluster_rows(corners, members)
-    made["primitives"][:], made["boxes"][:] = rows, boxes_about(rows)
+
+    def write_boxes(cluster: Cluster) -> None:
+        rows = cluster_rows(corners, cluster[1])
+        made["nodes"][:], made["primitives"][:], made["boxes"][:] = cluster[0], rows, boxes_about(rows)
+
+    _write_tree(corners, made, step, lambda clusters: write_boxes(clusters[CLUSTER]))
     return made
 
 
@@ -84,13 +85,21 @@ def _layout(triangles: int) -> Layout:
     return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles))
 
 
-def _write_tree(corners: np.ndarray, made: Arrays, step: Callable[[], None]) -> tuple[Cluster, ...]:
-    """Write the tree over triangles (t, 3, 3); its clusters."""
+def _write_tree(
+    corners: np.ndarray,
+    made: Arrays,
+    step: Callable[[], None],
+    more: Callable[[tuple[Cluster, ...]], None] = lambda _: None,
+) -> None:
+    """Write the tree over triangles (t, 3, 3), and whatever else is written of its clusters at the same time."""
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
-    tree = tree_written(corners, balls, links, step)
+    clusters = tree_written(corners, balls, links, step).clusters
     step()
-    write_tree(corners, tree.clusters, made)
-    return tree.clusters
+    together(
+        lambda: write_triangles(corners, made),
+        lambda: more(clusters),
+        lambda: write_clusters(corners, clusters, made),
+    )
 
 
 def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
