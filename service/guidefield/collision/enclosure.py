@@ -11,7 +11,7 @@ import numpy as np
 
 from guidefield.collision.world import PairNames, World
 from guidefield.geometry.closed import connected_pieces
-from guidefield.kept import kept_with
+from guidefield.kept import MISSING, Answers, kept_with
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
@@ -32,10 +32,11 @@ def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
         world: The robot among obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
-    known, key = world.enclosures, q.tobytes()  # starts are asked about again and again
-    if key not in known:
-        known[key] = _enclosed_each(world, [q])[0]
-    return known[key]
+    answer = _ENCLOSURES.of(world, key := q.tobytes())  # starts are asked about again and again
+    return _ENCLOSURES.keep(world, key, _enclosed_each(world, [q])[0]) if answer is MISSING else answer
+
+
+_ENCLOSURES = Answers[PairNames | None]()
 
 
 def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:

@@ -124,11 +124,6 @@ class World:
         return {}
 
     @cached_property
-    def enclosures(self) -> dict[bytes, PairNames | None]:
-        """What is around what at configurations that were asked about alone, as far as that was asked."""
-        return {}
-
-    @cached_property
     def boxes(self) -> ObstacleBoxes:
         """Boxes about the obstacles."""
         return obstacle_boxes(self.scene)
