@@ -388,6 +388,15 @@ def _look_about(moving: MovingRobot, search: _Search, stride: float, answers: Fl
                         _keep(answers, own, time, found, pair)
 
 
+@uncounted
+def _nearly_touch(answers: Floats) -> bool:
+    """Whether an answer is that bodies touch, or nearly."""
+    least = np.inf
+    for q in range(answers.shape[0]):
+        least = min(least, answers[q, DISTANCE])
+    return bool(least <= NEARLY)
+
+
 ANSWERS = types.Array(types.float64, 2, "C")
 _INDEX, _OUT = types.int64, types.Array(types.float64, 1, "C")
 
@@ -451,12 +460,3 @@ def search_along(
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
             count += 1
     return count
-
-
-@uncounted
-def _nearly_touch(answers: Floats) -> bool:
-    """Whether an answer is that bodies touch, or nearly."""
-    least = np.inf
-    for q in range(answers.shape[0]):
-        least = min(least, answers[q, DISTANCE])
-    return bool(least <= NEARLY)
