@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum import along, nearest
+from guidefield.collision.minimum import by_kernels as kernel_search, nearest
 from guidefield.collision.minimum.along import Along, smallest_along
+from guidefield.collision.minimum.by_coal import ByCoal
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
@@ -38,8 +39,8 @@ def without_coal(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("Coal was asked")
 
-    monkeypatch.setattr(along._Coal, "obstacles", refuse)
-    monkeypatch.setattr(along._Coal, "own", refuse)
+    monkeypatch.setattr(ByCoal, "obstacles", refuse)
+    monkeypatch.setattr(ByCoal, "own", refuse)
 
 
 def by_kernels(place: World, trajectory: Trajectory, times: Sequence[float] | None = None) -> Along:
@@ -153,7 +154,7 @@ def test_among_what_moves_too_answers_are_those_of_coal_alone(
         surveyor = Surveyor(nearest.with_nearest(surveyor.worlds, surveyor.curve, times), surveyor.curve)
     spans = [(0.0, trajectory.duration), SPAN]
     found = smallest_along(surveyor, times, spans)
-    monkeypatch.setattr(along, "is_served", lambda _: False)
+    monkeypatch.setattr(kernel_search, "is_served", lambda _: False)
     by_coal = smallest_along(surveyor, times, spans)
     for mine, other in zip((*found.obstacle, found.own), (*by_coal.obstacle, by_coal.own), strict=True):
         assert mine.distance == pytest.approx(other.distance, abs=TOLERANCE + ACCURACY)
@@ -188,10 +189,8 @@ def test_what_does_not_touch_is_measured_by_kernels_though_the_other_does(
         if touching[other] and not touching[part]:
             break
     for name in (part, other):
-        search = getattr(along._Coal, name)
-        monkeypatch.setattr(
-            along._Coal, name, lambda self, name=name, search=search: asked.append(name) or search(self)
-        )
+        search = getattr(ByCoal, name)
+        monkeypatch.setattr(ByCoal, name, lambda self, name=name, search=search: asked.append(name) or search(self))
     found = by_kernels(place, trajectory)
     assert asked == [other]
     for mine, exact in zip((*found.obstacle, found.own), by_coal, strict=True):
@@ -200,7 +199,7 @@ def test_what_does_not_touch_is_measured_by_kernels_though_the_other_does(
 
 @pytest.mark.usefixtures("without_coal")
 def test_a_search_that_is_stopped_tells_what_is_certain(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(along, "AT_ONCE", 4)
+    monkeypatch.setattr(kernel_search, "AT_ONCE", 4)
     place = World.build(group("panda"), library_scene("bookshelf"))
     trajectory, _ = clear_motion(place, 0.15)
     ends = (0.0, trajectory.duration)

@@ -19,31 +19,28 @@ from numba import types
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Integers, compiled
-from guidefield.kernels.minimum.closing import BENT, BOUNDS, TRAVEL, Ways, body_closing, closing_of, find_moves
-from guidefield.kernels.minimum.curve_ways import MOST_ORDER
-from guidefield.kernels.minimum.pair_distance import (
-    Ask,
-    least_distance,
-    new_ask,
-    pair_distance,
-    pair_keeps,
-    squared_gap,
+from guidefield.kernels.minimum.answers import (
+    BOUND,
+    OWN,
+    SINCE,
+    UNTIL,
+    is_own,
+    keep,
+    least_asked,
+    may_improve,
+    nearly_touch,
 )
-from guidefield.kernels.minimum.places import TWIST, Place, Room, find_twists, place_at
-from guidefield.kernels.minimum.tables import MOVING_ROBOT, BodyPairs, MovingRobot, RobotBodies
+from guidefield.kernels.minimum.closing import BENT, TRAVEL, body_closing, closing_of, find_moves
+from guidefield.kernels.minimum.looks import APART, WHEN, Search, look_about, look_at, new_search
+from guidefield.kernels.minimum.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
+from guidefield.kernels.minimum.places import find_twists, place_at
+from guidefield.kernels.minimum.tables import MOVING_ROBOT, MovingRobot
 
 DEEPEST = 48
 """How often a stretch is halved at most: no number is between its ends after that."""
 
 ERROR = 8e-6
 """How much smaller a distance may be than it was found, vertices in single precision counted [m]."""
-
-SINCE, UNTIL, OWN, DISTANCE, TIME, PAIR, BOUND, ANSWER = range(8)
-"""Numbers of a question, from when until when [s] and whether about own pairs, 1, or others, 0; and of its answer: the
-smallest distance [m], when [s], which pair, and what all keep at least [m]; then how many numbers there are."""
-
-APART, WHEN = range(2)
-"""Numbers of what was told of a pair last: how far it was apart at most [m], and when [s]."""
 
 BEGINS, ENDS, INTERVAL = range(3)
 """Numbers of a stretch that waits: from when until when [s]; then how many there are."""
@@ -52,18 +49,11 @@ SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
 """Numbers of a stretch on the way down: from when until when [s], where its pairs begin and how many there are; then
 how many numbers there are."""
 
-STEPS = 3
-"""So often it is looked where about the smallest of some places its pair is nearer still, each time half as far away.
-Unrecorded."""
-
 MOST_LEFT = 20_000
 """A stretch in which more pairs are left is halved before it is looked at closely."""
 
 TOUCHING = -1
 """What is returned where two bodies touch, or nearly: how deep isn't known here."""
-
-NEARLY = 1e-5
-"""What is nearly touching [m]."""
 
 
 class _Left(NamedTuple):
@@ -78,67 +68,6 @@ class _Left(NamedTuple):
     pairs: Integers
 
 
-class _Search(NamedTuple):
-    """What a search holds.
-
-    Attributes:
-        place, room, ways: The robot at a time, scratch, and how far it goes about it.
-        ask: What was asked last.
-        told: A distance that each pair had no more than, and when, shape (m, 2) [m, s].
-        least: What each pair keeps at least at a place, shape (m,) [m].
-    """
-
-    place: Place
-    room: Room
-    ways: Ways
-    ask: Ask
-    told: Floats
-    least: Floats
-
-
-@counted
-def _place(robot: RobotBodies) -> Place:
-    n = robot.offset.shape[0]
-    return Place(
-        np.empty((robot.joints.parents.shape[0], 3, 4)),
-        np.empty((robot.carriers.shape[0], 3)),
-        np.empty((n, TWIST)),
-        np.empty((n, TWIST)),
-    )
-
-
-@counted
-def _room(robot: RobotBodies) -> Room:
-    n, nv = robot.offset.shape[0], robot.expand.shape[1]
-    return Room(
-        np.empty(MOST_ORDER),
-        np.empty(nv),
-        np.empty(nv),
-        np.empty(n),
-        np.empty(n),
-        np.empty(robot.origin.shape[0]),
-        np.empty((3, 3)),
-        np.empty(3),
-    )
-
-
-@counted
-def _ways(robot: RobotBodies, pairs: BodyPairs) -> Ways:
-    n, nv, movers = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.first_by.shape[0]
-    return Ways(
-        np.empty((2, MOST_ORDER, nv)),
-        np.empty(nv),
-        np.empty(nv),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.empty(n),
-        np.empty((movers, BOUNDS)),
-        np.zeros(movers),
-    )
-
-
 @counted
 def _left(count: int) -> _Left:
     """Nothing is on the way down; all of so many pairs are looked at in a new stretch."""
@@ -149,107 +78,8 @@ def _left(count: int) -> _Left:
     return _Left(np.empty((levels, LEVEL)), pairs)
 
 
-@counted
-def new_search(moving: MovingRobot) -> _Search:
-    """The robot is nowhere yet, and nothing is known."""
-    robot, pairs = moving.robot, moving.pairs
-    told = np.full((pairs.first.shape[0], 2), np.inf)
-    told[:, WHEN] = 0.0
-    least = np.empty(pairs.first.shape[0])
-    return _Search(_place(robot), _room(robot), _ways(robot, pairs), new_ask(moving), told, least)
-
-
 @uncounted
-def _least_asked(answers: Floats, own: int, since: float, until: float, tolerance: float) -> float:
-    """What pairs, own ones or not, have to keep between two times so that no answer is more than a tolerance too large.
-
-    Minus infinity where nothing is asked; else no less than 0: what overlaps isn't told from what touches.
-    """
-    least = -np.inf
-    for q in range(answers.shape[0]):
-        if since < answers[q, UNTIL] and until > answers[q, SINCE] and answers[q, OWN] == own:
-            least = max(least, answers[q, DISTANCE] - tolerance, 0.0)
-    return least
-
-
-@uncounted
-def _keep(answers: Floats, own: int, time: float, distance: float, pair: int) -> None:
-    """Keep a distance of a pair, an own one or not, where it is smaller than all before."""
-    for q in range(answers.shape[0]):
-        if _is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
-            answers[q, DISTANCE], answers[q, TIME], answers[q, PAIR] = distance, time, pair
-
-
-@uncounted
-def _is_about(answers: Floats, q: int, own: int, time: float) -> bool:
-    """Whether a question is about own pairs, or about others, at a time."""
-    return bool(answers[q, SINCE] <= time <= answers[q, UNTIL] and answers[q, OWN] == own)
-
-
-@uncounted
-def _is_own(moving: MovingRobot, pair: int) -> int:
-    """Whether a pair is one of the robot's own, 1 or 0."""
-    return 1 if pair < moving.pairs.first_by.shape[0] else 0
-
-
-@uncounted
-def _smallest_now(
-    moving: MovingRobot, search: _Search, first: int, past: int, time: float, likely: int, answers: Floats
-) -> tuple[float, int]:
-    """Keep the smallest distance of some pairs where the robot is placed, at a time [s]; that [m] and its pair.
-
-    The likely pair, if that isn't -1, is asked first, then what may be closest. Infinite, and -1, without a pair.
-    """
-    found, nearest, least, closest = np.inf, -1, search.least, first
-    for pair in range(first, past):
-        least[pair] = least_distance(moving, pair, search.place)
-        closest = pair if least[pair] < least[closest] else closest
-    for index in range(first - 2 if past > first else past, past):
-        pair = index
-        if index < first:
-            pair = likely if index == first - 2 else closest
-        if pair < 0 or least[pair] >= found:
-            continue
-        least[pair] = np.inf
-        apart = pair_distance(moving, pair, search.place, found, search.ask)
-        if apart < found:
-            found, nearest = apart, pair
-    _keep(answers, _is_own(moving, nearest), time, found, nearest)
-    return found, nearest
-
-
-@uncounted
-def _look_at(
-    moving: MovingRobot, search: _Search, times: Floats, few: int, answers: Floats, distances_out: Floats
-) -> None:
-    """Look at some times and where spans begin or end within the motion: see `search_along`."""
-    own, every, count = moving.pairs.first_by.shape[0], moving.pairs.first.shape[0], times.shape[0]
-    nearest, nearest_own = -1, -1
-    for p in range(count):
-        place_at(moving, times[p], search.place, search.room)
-        distances_out[p], nearest = _smallest_now(moving, search, own, every, times[p], nearest, answers)
-        if p % few == 0 or p == count - 1:
-            _, nearest_own = _smallest_now(moving, search, 0, own, times[p], nearest_own, answers)
-    for q in range(answers.shape[0]):
-        for side in range(2 if own < every else 0):
-            time = answers[q, SINCE if side == 0 else UNTIL]
-            if times[0] < time < times[count - 1]:
-                place_at(moving, time, search.place, search.room)
-                _, nearest = _smallest_now(moving, search, own, every, time, nearest, answers)
-
-
-@uncounted
-def _may_improve(answers: Floats, own: int, time: float, distance: float) -> float:
-    """The largest answer about own pairs, or others, at a time that is larger than a distance; else minus infinity."""
-    most = -np.inf
-    for q in range(answers.shape[0]):
-        if _is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
-            most = max(most, answers[q, DISTANCE])
-    return most
-
-
-@uncounted
-def _are_far(moving: MovingRobot, search: _Search, pair: int, stretch: int, share: float, least: float) -> bool:
+def _are_far(moving: MovingRobot, search: Search, pair: int, stretch: int, share: float, least: float) -> bool:
     """Whether a pair keeps a distance by its balls, or ball and box, as both bodies are seen from the world."""
     place, ways, robot, pairs = search.place, search.ways, moving.robot, moving.pairs
     a, b = pairs.first[pair], pairs.second[pair]
@@ -262,7 +92,7 @@ def _are_far(moving: MovingRobot, search: _Search, pair: int, stretch: int, shar
 @uncounted
 def _is_done(
     moving: MovingRobot,
-    search: _Search,
+    search: Search,
     pair: int,
     stretch: int,
     share: float,
@@ -288,23 +118,23 @@ def _is_done(
     if kept == np.inf:
         return True
     last[APART], last[WHEN] = kept, middle
-    own = _is_own(moving, pair)
-    most = _may_improve(answers, own, middle, kept)
+    own = is_own(moving, pair)
+    most = may_improve(answers, own, middle, kept)
     if most > -np.inf:
         found = pair_distance(moving, pair, search.place, most, search.ask)
         if found < most:
             last[APART] = found
-            _keep(answers, own, middle, found, pair)
+            keep(answers, own, middle, found, pair)
     return False
 
 
 @uncounted
-def _close(moving: MovingRobot, search: _Search, pair: int, travel: float, level: Floats, answers: Floats) -> None:
+def _close(moving: MovingRobot, search: Search, pair: int, travel: float, level: Floats, answers: Floats) -> None:
     """Write to the answers' bounds what a pair keeps at least in a stretch, in whose middle the robot is."""
     apart = pair_distance(moving, pair, search.place, np.inf, search.ask)
     since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
-    own = _is_own(moving, pair)
-    _keep(answers, own, 0.5 * (since + until), apart, pair)
+    own = is_own(moving, pair)
+    keep(answers, own, 0.5 * (since + until), apart, pair)
     for q in range(answers.shape[0]):
         if since < answers[q, UNTIL] and until > answers[q, SINCE] and answers[q, OWN] == own:
             answers[q, BOUND] = min(answers[q, BOUND], apart - travel - ERROR)
@@ -313,7 +143,7 @@ def _close(moving: MovingRobot, search: _Search, pair: int, travel: float, level
 @uncounted
 def _judged(
     moving: MovingRobot,
-    search: _Search,
+    search: Search,
     left: _Left,
     stretch: int,
     level: int,
@@ -332,17 +162,17 @@ def _judged(
     place_at(moving, 0.5 * (since + until), search.place, search.room)
     share = find_moves(moving, since, until, search.room, search.ways)
     find_twists(moving, search.place, search.room)
-    asked, of_own = _least_asked(answers, 0, since, until, tolerance), _least_asked(answers, 1, since, until, tolerance)
+    asked, of_own = least_asked(answers, 0, since, until, tolerance), least_asked(answers, 1, since, until, tolerance)
     for index in range(start, start + count):
         pair = left.pairs[index]
-        own = _is_own(moving, pair)
+        own = is_own(moving, pair)
         least = of_own if own else asked
         if least == -np.inf or _is_done(moving, search, pair, stretch, share, row, least, longest, answers):
             continue
         if own:  # an answer may be smaller now
-            of_own = _least_asked(answers, 1, since, until, tolerance)
+            of_own = least_asked(answers, 1, since, until, tolerance)
         else:
-            asked = _least_asked(answers, 0, since, until, tolerance)
+            asked = least_asked(answers, 0, since, until, tolerance)
         if until - since <= shortest:
             mover = closing_of(moving, pair, stretch, share, search.place, search.ways)
             _close(moving, search, pair, search.ways.known[mover, TRAVEL], row, answers)
@@ -369,35 +199,8 @@ def _halve(left: _Left, level: int, more: int) -> int:
     return level + 2
 
 
-@uncounted
-def _look_about(moving: MovingRobot, search: _Search, stride: float, answers: Floats) -> None:
-    """Look where about the smallest distances, at times a stride apart, the same pairs are nearer still."""
-    for q in range(answers.shape[0]):
-        step = stride if answers[q, PAIR] >= 0.0 else 0.0
-        for _ in range(STEPS if step > 0.0 else 0):
-            step *= 0.5
-            pair, about = int(answers[q, PAIR]), answers[q, TIME]
-            for side in range(2):
-                time = about - step if side == 0 else about + step
-                own = _is_own(moving, pair)
-                if _is_about(answers, q, own, time):
-                    place_at(moving, time, search.place, search.room)
-                    most = answers[q, DISTANCE]
-                    found = pair_distance(moving, pair, search.place, most, search.ask)
-                    if found < most:
-                        _keep(answers, own, time, found, pair)
-
-
-@uncounted
-def _nearly_touch(answers: Floats) -> bool:
-    """Whether an answer is that bodies touch, or nearly."""
-    least = np.inf
-    for q in range(answers.shape[0]):
-        least = min(least, answers[q, DISTANCE])
-    return bool(least <= NEARLY)
-
-
 ANSWERS = types.Array(types.float64, 2, "C")
+
 _INDEX, _OUT = types.int64, types.Array(types.float64, 1, "C")
 
 
@@ -439,10 +242,10 @@ def search_along(
     search, left, stretch = new_search(moving), _left(moving.pairs.first.shape[0]), 0
     stack, last = left.stack, times.shape[0] - 1
     if last >= 0:
-        _look_at(moving, search, times, few, answers, distances_out)
-        if _nearly_touch(answers):
+        look_at(moving, search, times, few, answers, distances_out)
+        if nearly_touch(answers):
             return TOUCHING
-        _look_about(moving, search, (times[last] - times[0]) / max(last, 1), answers)
+        look_about(moving, search, (times[last] - times[0]) / max(last, 1), answers)
     while count > 0 and (stretch < most or shortest > 0.0):
         count -= 1
         stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
@@ -450,7 +253,7 @@ def search_along(
         while top > 0 and (stretch < most or shortest > 0.0):
             stretch += 1
             more = _judged(moving, search, left, stretch, top - 1, tolerance, longest, shortest, answers)
-            if _nearly_touch(answers):
+            if nearly_touch(answers):
                 return TOUCHING
             if more < 0:  # both halves have all of its own
                 more = int(stack[top - 1, COUNT])
