@@ -195,7 +195,7 @@ def test_a_mesh_that_comes_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> No
     kept.of(scene)
     real = content.content_of
     for where in (content, obstacle):
-        monkeypatch.setattr(where, "content_of", lambda one: hashed.append(one.name) or real(one))
+        monkeypatch.setattr(where, "content_of", lambda one, *look: hashed.append(one.name) or real(one, *look))
     after = changed(scene, SceneDiff(add=[mesh("m", np.random.default_rng(0))]))
     assert kept.of(after) is kept.of(after)
     assert hashed == ["m"]

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import MalformedRequest, RequestTooLarge, SceneInvalid
-from guidefield.messages.scene import Box, Float32Array, PointCloud, Scene
+from guidefield.messages.scene import Box, PointCloud, Scene
+from guidefield.messages.values import Float32Array
 from guidefield.scene import library
 from guidefield.stores.scenes import PackagedScenes, SceneStore
 

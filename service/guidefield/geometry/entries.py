@@ -63,7 +63,10 @@ def in_memory(layout: Layout) -> dict[str, np.ndarray]:
 
 
 def read(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a file, read-only; None if there is no such file, or none that can be used, which is logged."""
+    """The arrays of a file, read-only, in the shapes in which they were written, by name.
+
+    None if there is no such file, or none that can be used, which is logged.
+    """
     try:
         content = _content(path)
         os.utime(path)
@@ -127,7 +130,7 @@ class Draft:
         self._content: np.ndarray | None = None
 
     def room(self, layout: Layout) -> dict[str, np.ndarray]:
-        """Arrays to write in, all zero; to be asked for once."""
+        """Arrays to write in, of the types and shapes asked for, all zero; to be asked for once."""
         header, size = _header(layout)
         try:
             self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -142,7 +145,7 @@ class Draft:
         return _arrays_in(content)
 
     def keep(self) -> tuple[dict[str, np.ndarray], int]:
-        """The arrays, read-only from now on, and how many bytes the file has: 0 if there is none."""
+        """The arrays, in their shapes, read-only from now on, and how many bytes the file has: 0 if there is none."""
         content, size = self._content, 0
         assert content is not None, "nothing was made"
         if self._file is not None:

@@ -99,7 +99,7 @@ class Joined(NamedTuple):
 
     @property
     def welded(self) -> np.ndarray:
-        """The triangles with each vertex as the one it should be, but those that are none then."""
+        """The triangles with each vertex as the one it should be, but those that are none then, shape (k, 3)."""
         if self.width == 0.0:
             return self.triangles
         corners = self.seams[self.triangles]

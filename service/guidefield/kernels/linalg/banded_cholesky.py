@@ -26,7 +26,15 @@ FIRST, PAST = 0, 1
 
 @uncounted
 def fill(blocks: Floats, first: int, size: int, damping: float, strips_out: Floats) -> None:
-    """A group's upper triangle, with whole blocks on its diagonal, which is multiplied by 1 + damping."""
+    """A group's upper triangle, with whole blocks on its diagonal, which is multiplied by 1 + damping.
+
+    Args:
+        blocks: As in `factorize_bordered`, shape (n, m, 4 m).
+        first: Where the group's rows begin.
+        size: How many it has.
+        damping: Not negative.
+        strips_out: Shape (n, strips, rows `TILE`).
+    """
     n, whole = blocks.shape[0], blocks.shape[1]
     per_block = strips_out.shape[1] // (COUPLED + 1)
     for f in range(n):
@@ -253,7 +261,13 @@ def _substitute_tile_back(inverse: Floats, x: Floats) -> None:
 
 @uncounted
 def substitute(strips: Floats, inverses: Floats, right: Floats) -> None:
-    """Replace b by (U^T U)^{-1} b; b has the rows of the identity, and those of three more blocks, which are zero."""
+    """Replace b by (U^T U)^{-1} b.
+
+    Args:
+        strips: U, as `factorize` leaves it, shape (n, strips, rows `TILE`).
+        inverses: Of its tiles on the diagonal, shape (n, tiles, `TILE`²).
+        right: b, with the rows of the identity, and those of three more blocks, which are zero, shape ((n + 3) rows,).
+    """
     n, count, _ = strips.shape
     per_block = count // (COUPLED + 1)
     for f in range(n):

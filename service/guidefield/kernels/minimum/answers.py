@@ -20,6 +20,8 @@ NEARLY = 1e-5
 def least_asked(answers: Floats, own: int, since: float, until: float, tolerance: float) -> float:
     """What pairs, own ones or not, have to keep between two times so that no answer is more than a tolerance too large.
 
+    Answers have the shape (q, ANSWER), here and below.
+
     Minus infinity where nothing is asked; else no less than 0: what overlaps isn't told from what touches.
     """
     least = -np.inf
@@ -31,7 +33,7 @@ def least_asked(answers: Floats, own: int, since: float, until: float, tolerance
 
 @uncounted
 def keep(answers: Floats, own: int, time: float, distance: float, pair: int) -> None:
-    """Keep a distance of a pair, an own one or not, where it is smaller than all before."""
+    """Keep a distance of a pair, an own one or not, where it is smaller than all before; answers (q, ANSWER)."""
     for q in range(answers.shape[0]):
         if is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
             answers[q, DISTANCE], answers[q, TIME], answers[q, PAIR] = distance, time, pair
@@ -39,7 +41,7 @@ def keep(answers: Floats, own: int, time: float, distance: float, pair: int) -> 
 
 @uncounted
 def is_about(answers: Floats, q: int, own: int, time: float) -> bool:
-    """Whether a question is about own pairs, or about others, at a time."""
+    """Whether a question, one of (q, ANSWER), is about own pairs, or about others, at a time."""
     return bool(answers[q, SINCE] <= time <= answers[q, UNTIL] and answers[q, OWN] == own)
 
 
@@ -51,7 +53,7 @@ def is_own(moving: MovingRobot, pair: int) -> int:
 
 @uncounted
 def may_improve(answers: Floats, own: int, time: float, distance: float) -> float:
-    """The largest answer about own pairs, or others, at a time that is larger than a distance; else minus infinity."""
+    """The largest of answers (q, ANSWER) about own pairs, or others, at a time that is above a distance; else -inf."""
     most = -np.inf
     for q in range(answers.shape[0]):
         if is_about(answers, q, own, time) and distance < answers[q, DISTANCE]:
@@ -61,7 +63,7 @@ def may_improve(answers: Floats, own: int, time: float, distance: float) -> floa
 
 @uncounted
 def nearly_touch(answers: Floats) -> bool:
-    """Whether an answer is that bodies touch, or nearly."""
+    """Whether one of answers (q, ANSWER) is that bodies touch, or nearly."""
     least = np.inf
     for q in range(answers.shape[0]):
         least = min(least, answers[q, DISTANCE])

@@ -142,7 +142,7 @@ def look_at(
 
 @uncounted
 def look_about(moving: MovingRobot, search: Search, stride: float, answers: Floats) -> None:
-    """Look where about the smallest distances, at times a stride apart, the same pairs are nearer still."""
+    """Look where about the smallest of answers (q, ANSWER), a stride of time apart, the same pairs are nearer still."""
     for q in range(answers.shape[0]):
         step = stride if answers[q, PAIR] >= 0.0 else 0.0
         for _ in range(STEPS if step > 0.0 else 0):
