@@ -328,3 +328,15 @@ def test_surfaces_in_contact_are_not_asked_about_again(monkeypatch: pytest.Monke
     assert (obstacle.distance, obstacle.bound) == (0.0, -TOLERANCE)
     assert not are_signed(place)[obstacle.pair]
     assert len(asked) < 100, "nothing is less than nothing: the first contact of a surface is the answer"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 4])
+def test_surfaces_that_come_close_are_looked_at_until_they_touch(seed: int) -> None:
+    """Less than the tolerance away isn't contact: a search that ended there told a positive distance of a contact."""
+    place = World.build(group("ur5"), library_scene("wall_with_window"))
+    surveyor, mixed = surveyor_of(place, trajectory := motion(place.group, seed, 1.6)), are_mixed(place)
+    places = surveyor.places(np.unique(np.r_[0.0, surveyor.breaks.clip(0.0, trajectory.duration), trajectory.duration]))
+    question = Question(mixed & ~are_signed(place), 0.0, trajectory.duration)
+    close = Smallest(0.5 * TOLERANCE, -0.5 * TOLERANCE, 0.0, int(np.flatnonzero(mixed)[0]))
+    (found,) = smallest(surveyor, places, [question], [close])
+    assert found.distance == 0.0

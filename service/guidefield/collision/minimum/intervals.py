@@ -128,10 +128,10 @@ class Entries(ReadOnly):
         return Entries(*(array[chosen] for array in vars(self).values()))
 
     def first_order(self, places: Places) -> np.ndarray:
-        """What each keeps at least by the rule of first order, or anyway, shape (e,) [m]."""
+        """What each keeps at least by the rule of first order, shape (e,) [m]."""
         a, b = (without_coal_error(places.distances[row, self.pair]) for row in (self.first, self.last))
         travel = self.speed * self.span
-        bound: np.ndarray = np.maximum(np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel), self.never_below)
+        bound: np.ndarray = np.maximum(0.5 * (a + b - travel), np.maximum(a, b) - travel)
         return bound
 
     def kept(self, places: Places, least: np.ndarray) -> np.ndarray:

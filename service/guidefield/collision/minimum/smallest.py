@@ -127,7 +127,8 @@ class _Search:
         places, entries = intervals.places, intervals.entries(self.surveyor)
         while True:
             least = self._asked(places, entries)
-            left = ~entries.kept(places, least)
+            done = entries.never_below >= least + self.tolerance  # none of these is less than what is known already
+            left = ~(done | entries.kept(places, least))
             if not left.any():
                 return None
             entries = entries.those(left)
@@ -155,7 +156,7 @@ class _Search:
         bounds = [min(best.distance - self.tolerance, other.bound) for best, other in known]
         for intervals in waiting:
             entries = intervals.entries(self.surveyor)
-            kept = entries.first_order(intervals.places)
+            kept = np.maximum(entries.first_order(intervals.places), entries.never_below)
             for index, there in enumerate(self._about(intervals.places, entries)):
                 bounds[index] = min(bounds[index], float(kept[there].min(initial=np.inf)))
         return [replace(best, bound=bound) for best, bound in zip(self.best, bounds, strict=True)]
