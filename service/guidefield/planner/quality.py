@@ -257,9 +257,8 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
 def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
     """Lengths of a trajectory in the chart [rad or m] and of the tip's way [m], shape (WAYS,)."""
     steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / max(1, len(trajectory.times) - 1)))
-    joints, expand, offset, origin, carrier, point = kinematics.tip
     share, levels, lengths = MEASURING.length_share, MEASURING.length_levels, np.empty(WAYS)
-    way_lengths(*trajectory.tables, joints, expand, offset, origin, carrier, point, steps, share, levels, lengths)
+    way_lengths(*trajectory.tables, kinematics.tip, steps, share, levels, lengths)
     return lengths
 
 

@@ -12,8 +12,8 @@ from guidefield.kernels.distance.points_distance import ROWS
 from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import JointTable, place_joints, place_subspaces
+from guidefield.kernels.kinematics.chart import place_by_chart, subspaces_by_chart
+from guidefield.kernels.kinematics.forward_kinematics import JointTable, place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64
 
@@ -163,18 +163,7 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
     joints = robot.joints
     for i in range(robot.offsets.shape[0]):
         work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
-    configuration(joints, work.values, robot.origin, work.q)
-    place_joints(
-        joints.parents,
-        joints.kinds,
-        joints.axes,
-        joints.placements,
-        joints.idx_q,
-        work.q,
-        work.rotation,
-        work.translation,
-        work.world,
-    )
+    place_by_chart(joints, work.values, robot.origin, work.q, work.rotation, work.translation, work.world)
     place_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
     subspaces_by_chart(joints, work.values, work.q, work.subspaces)
     for b in range(robot.link_joints.shape[0]):

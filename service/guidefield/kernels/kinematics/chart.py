@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats, Vector3, inlined
 from guidefield.kernels.kinematics.forward_kinematics import (
     CONTINUOUS,
@@ -19,6 +20,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     REVOLUTE,
     SPHERICAL,
     JointTable,
+    place_joints,
 )
 
 _SMALL = 1e-4
@@ -49,6 +51,41 @@ def configuration(joints: JointTable, values: Floats, origin: Floats, q_out: Flo
                 q_out[q], q_out[q + 1], q_out[q + 2] = values[v], values[v + 1], values[v + 2]
                 v, q = v + 3, q + 3
             turned(origin, (values[v], values[v + 1], values[v + 2]), q, q_out)
+
+
+@uncounted
+def place_by_chart(
+    joints: JointTable,
+    values: Floats,
+    origin: Floats,
+    q_out: Floats,
+    rotation: Floats,
+    translation: Floats,
+    poses_out: Floats,
+) -> None:
+    """Place joints at chart coordinates.
+
+    Args:
+        joints: The joints.
+        values: As in `configuration`, and so are the next two.
+        origin: See there.
+        q_out: See there.
+        rotation: Scratch of a joint, shape (3, 3).
+        translation: Scratch of a joint, shape (3,).
+        poses_out: Placements in the world, shape (n, 3, 4) [m].
+    """
+    configuration(joints, values, origin, q_out)
+    place_joints(
+        joints.parents,
+        joints.kinds,
+        joints.axes,
+        joints.placements,
+        joints.idx_q,
+        q_out,
+        rotation,
+        translation,
+        poses_out,
+    )
 
 
 @inlined

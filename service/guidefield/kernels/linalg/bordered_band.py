@@ -61,6 +61,15 @@ def room_for_factor(n: int, size: int, more: int) -> BorderedFactor:
     )
 
 
+@uncounted
+def inner_product(first: Floats, second: Floats) -> float:
+    """The inner product of two rows, shape (n,)."""
+    total = 0.0
+    for k in range(first.shape[0]):
+        total += first[k] * second[k]
+    return total
+
+
 @counted
 def _of_group(factor: BorderedFactor, n: int, first: int, size: int) -> tuple[Floats, Integers, Floats]:
     """Where a group's strips, their spans and the inverses are kept: behind what those before it can take."""
@@ -129,23 +138,14 @@ def factorize_bordered(
         factor_out.across[e] = border[e]
         _solve_band(factor_out, n, factor_out.across[e])
     pivots = factor_out.pivots
-    pivot: float = corner[0, 0] * (1.0 + damping) - _product(border[0], factor_out.across[0])
+    pivot: float = corner[0, 0] * (1.0 + damping) - inner_product(border[0], factor_out.across[0])
     pivots[0] = pivot
     if more == 1 or not pivot > 0.0:
         return pivot > 0.0
-    between: float = corner[0, 1] - _product(border[0], factor_out.across[1])
-    second = corner[1, 1] * (1.0 + damping) - _product(border[1], factor_out.across[1]) - between / pivot * between
+    between: float = corner[0, 1] - inner_product(border[0], factor_out.across[1])
+    second = corner[1, 1] * (1.0 + damping) - inner_product(border[1], factor_out.across[1]) - between / pivot * between
     pivots[1], pivots[2] = second, between / pivot
     return bool(second > 0.0)
-
-
-@uncounted
-def _product(first: Floats, second: Floats) -> float:
-    """The inner product of two rows."""
-    total = 0.0
-    for k in range(first.shape[0]):
-        total += first[k] * second[k]
-    return total
 
 
 @compiled(types.void(FACTOR, types.int64, VECTOR, types.Array(types.float64, 1, "C")))
@@ -155,9 +155,9 @@ def solve_factorized(factor: BorderedFactor, blocks: int, right: Floats, solutio
     x = solution_out[:rows]
     x[:] = right[:rows]
     _solve_band(factor, blocks, x)
-    first = right[rows] - _product(factor.border[0], x)
+    first = right[rows] - inner_product(factor.border[0], x)
     if more > 1:
-        second = right[rows + 1] - _product(factor.border[1], x) - factor.pivots[2] * first
+        second = right[rows + 1] - inner_product(factor.border[1], x) - factor.pivots[2] * first
         second /= factor.pivots[1]
         solution_out[rows + 1] = second
         first -= factor.pivots[2] * factor.pivots[0] * second

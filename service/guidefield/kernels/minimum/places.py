@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.kinematics.chart import configuration, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import place_joints, place_subspaces
+from guidefield.kernels.kinematics.chart import place_by_chart, subspaces_by_chart
+from guidefield.kernels.kinematics.forward_kinematics import place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.minimum.curve_ways import write_point
 from guidefield.kernels.minimum.tables import MovingRobot
@@ -63,26 +63,15 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
         place: Where poses and centres are written.
         room: Scratch.
     """
-    robot, joints = moving.robot, moving.robot.joints
+    robot = moving.robot
     write_point(moving.curve, time, room.weights, room.z)
     for i in range(robot.offset.shape[0]):
         value = robot.offset[i]
         for j in range(room.z.shape[0]):
             value += robot.expand[i, j] * room.z[j]
         room.values[i] = value
-    configuration(joints, room.values, robot.origin, room.q)
     poses = place.poses
-    place_joints(
-        joints.parents,
-        joints.kinds,
-        joints.axes,
-        joints.placements,
-        joints.idx_q,
-        room.q,
-        room.rotation,
-        room.translation,
-        poses,
-    )
+    place_by_chart(robot.joints, room.values, robot.origin, room.q, room.rotation, room.translation, poses)
     for b in range(robot.carriers.shape[0]):
         x, y, z = moved_by(poses[robot.carriers[b]], robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
         place.centres[b, 0], place.centres[b, 1], place.centres[b, 2] = x, y, z

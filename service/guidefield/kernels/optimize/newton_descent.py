@@ -15,6 +15,7 @@ from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.linalg.bordered_band import (
     BorderedFactor,
     factorize_bordered,
+    inner_product,
     room_for_factor,
     solve_factorized,
 )
@@ -93,15 +94,6 @@ def _largest(values: Floats) -> float:
     for i in range(values.shape[0]):
         most = max(most, abs(values[i]))
     return most
-
-
-@uncounted
-def _product(first: Floats, second: Floats) -> float:
-    """The inner product of two rows."""
-    total = 0.0
-    for i in range(first.shape[0]):
-        total += first[i] * second[i]
-    return total
 
 
 @uncounted
@@ -197,7 +189,7 @@ def newton_descent(
         if not factorize_bordered(inner, groups, border, corner, rules.damping, factor):
             break
         solve_factorized(factor, inner.shape[0], -gradient, move)
-        promised = -_product(gradient, move)
+        promised = -inner_product(gradient, move)
         if promised < rules.settled * abs(value):
             break
         stride = _stride(move, free, rules)

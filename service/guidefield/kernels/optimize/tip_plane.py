@@ -19,8 +19,7 @@ from guidefield.kernels.jit.signatures import (
     compiled,
     inlined,
 )
-from guidefield.kernels.kinematics.forward_kinematics import JointTable
-from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
+from guidefield.kernels.kinematics.frame_positions import CarriedPoint, frame_positions, frame_slopes
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
 
@@ -32,21 +31,12 @@ class TipPlane(NamedTuple):
     """A robot's tip, and a guide plane's heights: over the plane, and over its inset edges, where it is one side of it.
 
     Attributes:
-        joints: Joints of the model, followers included.
-        expand, offset: Coordinates of the model's chart by those of the group, shapes (n, nv) and (n,).
-        origin: Configuration of the model from which rotation vectors start, shape (nq,).
-        carrier: The joint that carries the tip.
-        point: The tip in its frame, shape (3,) [m].
+        tip: The tip.
         directions: Along which heights are taken, the plane's first, shape (k, 3).
         heights: Of the plane and its inset edges along them, shape (k,) [m].
     """
 
-    joints: JointTable
-    expand: Rows
-    offset: Row
-    origin: Row
-    carrier: int
-    point: Row
+    tip: CarriedPoint
     directions: Rows
     heights: Row
 
@@ -88,7 +78,7 @@ def nearest_crossing(
         for k in range(SAMPLES):
             at[k] = min(max(about + spacing * (k - SAMPLES // 2), 0.0), last)
         spline_points(points, at, zs)
-        frame_positions(place.joints, place.expand, place.offset, place.origin, zs, place.carrier, place.point, tips)
+        frame_positions(place.tip, zs, tips)
         least = 0
         for k in range(SAMPLES):
             squares[k] = _missed(place, tips[k], missed)
@@ -144,8 +134,8 @@ def add_crossing(
     of_tip, missed, rows = np.empty((3, nv)), np.empty(k), np.zeros((k, nv))
     spline_points(points, where, z)
     spline_slopes(points, where, slope)
-    frame_positions(place.joints, place.expand, place.offset, place.origin, z, place.carrier, place.point, tip)
-    frame_slopes(place.joints, place.expand, place.offset, place.origin, z[0], place.carrier, place.point, of_tip)
+    frame_positions(place.tip, z, tip)
+    frame_slopes(place.tip, z[0], of_tip)
     square = _missed(place, tip[0], missed)
     gradient, passed, along = np.zeros(nv), np.zeros(nv), crossing * crossing
     for r in range(k):

@@ -10,8 +10,13 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.kinematics.forward_kinematics import JOINTS, JointTable
-from guidefield.kernels.kinematics.frame_positions import PointScratch, place_point, point_scratch
+from guidefield.kernels.kinematics.frame_positions import (
+    CARRIED_POINT,
+    CarriedPoint,
+    PointScratch,
+    place_point,
+    point_scratch,
+)
 from guidefield.kernels.timing.hermite import place_and_rate
 
 IN_CHART, OF_FRAME, WAYS = range(3)
@@ -42,17 +47,6 @@ class _Scratch(NamedTuple):
     rates: Floats
     places: Floats
     room: PointScratch
-
-
-class _Frame(NamedTuple):
-    """A frame as `frame_positions` has it."""
-
-    joints: JointTable
-    expand: Floats
-    offset: Floats
-    origin: Floats
-    carrier: int
-    point: Floats
 
 
 @uncounted
@@ -93,7 +87,7 @@ def against_chords(points: Floats, rates: Floats, step: float) -> float:
 
 @uncounted
 def _look(
-    tables: _Tables, frame: _Frame, piece: int, begin: float, end: float, scratch: _Scratch, look_out: Floats
+    tables: _Tables, tip: CarriedPoint, piece: int, begin: float, end: float, scratch: _Scratch, look_out: Floats
 ) -> None:
     """Look at a part of a piece, between two times [s]: shape (LOOK,)."""
     points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
@@ -107,16 +101,7 @@ def _look(
                 tables.jerks[piece, j],
                 t,
             )
-        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(
-            frame.joints,
-            frame.expand,
-            frame.offset,
-            frame.origin,
-            points[k],
-            frame.carrier,
-            frame.point,
-            scratch.room,
-        )
+        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.room)
     chord_lengths(points, IN_CHART * STRIDES, look_out)
     chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
     look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
@@ -137,8 +122,7 @@ def _unsure(look: Floats, way: int) -> float:
 
 @compiled(
     void(
-        VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, JOINTS, MATRIX, VECTOR, VECTOR, types.int64, VECTOR,
-        types.int64, SCALAR, types.int64, VECTOR_OUT,
+        VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, CARRIED_POINT, types.int64, SCALAR, types.int64, VECTOR_OUT,
     )
 )  # fmt: skip
 def way_lengths(
@@ -147,12 +131,7 @@ def way_lengths(
     velocities: Floats,
     accelerations: Floats,
     jerks: Floats,
-    joints: JointTable,
-    expand: Floats,
-    offset: Floats,
-    origin: Floats,
-    carrier: int,
-    point: Floats,
+    tip: CarriedPoint,
     steps: int,
     share: float,
     levels: int,
@@ -166,26 +145,20 @@ def way_lengths(
         velocities: See there.
         accelerations: See there.
         jerks: See there, shape (n - 1, nv).
-        joints: As in `frame_positions`, and so are the next five.
-        expand: See there.
-        offset: See there.
-        origin: See there.
-        carrier: See there.
-        point: See there.
+        tip: The frame's origin.
         steps: Chords of each part, a multiple of four.
         share: Parts of which all together the lengths are off by no more than this share of the whole aren't halved.
         levels: So often at most it is looked.
         lengths_out: In the chart [rad or m] and of the frame [m], shape (WAYS,).
     """
     tables = _Tables(times, positions, velocities, accelerations, jerks)
-    frame = _Frame(joints, expand, offset, origin, carrier, point)
     pieces, nv = times.shape[0] - 1, positions.shape[1]
     points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
-    scratch = _Scratch(points, rates, places, point_scratch(joints, offset, origin))
+    scratch = _Scratch(points, rates, places, point_scratch(tip))
     first_looks, first_parts = np.empty((pieces, LOOK)), np.empty((pieces, 3))
     for piece in range(pieces):
         first_parts[piece, 0], first_parts[piece, 1], first_parts[piece, 2] = piece, times[piece], times[piece + 1]
-        _look(tables, frame, piece, times[piece], times[piece + 1], scratch, first_looks[piece])
+        _look(tables, tip, piece, times[piece], times[piece + 1], scratch, first_looks[piece])
     for way in range(WAYS):
         looks, parts, done = first_looks, first_parts, 0.0
         lengths_out[way] = 0.0
@@ -209,7 +182,7 @@ def way_lengths(
                     for side in range(2):
                         since, until = (begin, middle) if side == 0 else (middle, end)
                         halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
-                        _look(tables, frame, piece, since, until, scratch, looks_at_halves[half])
+                        _look(tables, tip, piece, since, until, scratch, looks_at_halves[half])
                         half += 1
             if count == 0:
                 break

@@ -46,10 +46,9 @@ class PlanePlace:
     def tip_plane(self) -> TipPlane:
         """As in `Place`."""
         directions, offsets = self._heights
-        joints, expand, offset, origin, carrier, point = self.problem.kinematics.tip
         rows = np.ascontiguousarray(directions.T), offsets + self.plane.flat.origin @ directions
         read_only(*rows)
-        return TipPlane(joints, expand, offset, origin, carrier, point, *rows)
+        return TipPlane(self.problem.kinematics.tip, *rows)
 
     def missed(self, zs: ChartPoints) -> np.ndarray:
         """As in `Place`, shape (n, 1 + edges)."""

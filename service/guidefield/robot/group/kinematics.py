@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.kernels.kinematics.forward_kinematics import JointTable
-from guidefield.kernels.kinematics.frame_positions import frame_positions, frame_slopes
+from guidefield.kernels.kinematics.frame_positions import CarriedPoint, frame_positions, frame_slopes
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
@@ -50,24 +49,21 @@ class Kinematics:
     def tip_positions(self, zs: ChartPoints) -> np.ndarray:
         """Positions of the tip in the world, shape (k, 3) [m], at chart points of the group, shape (k, nv)."""
         positions = np.empty((len(zs), 3))
-        joints, expand, offset, origin, carrier, point = self.tip
-        frame_positions(joints, expand, offset, origin, np.ascontiguousarray(zs, float), carrier, point, positions)
+        frame_positions(self.tip, np.ascontiguousarray(zs, float), positions)
         return positions
 
     def tip_slopes(self, z: ChartPoint) -> np.ndarray:
         """Derivative of the tip's position by the chart at a point of the group's, shape (nv,): shape (3, nv) [m]."""
         slopes = np.empty((3, len(z)))
-        joints, expand, offset, origin, carrier, point = self.tip
-        frame_slopes(joints, expand, offset, origin, np.ascontiguousarray(z, float), carrier, point, slopes)
+        frame_slopes(self.tip, np.ascontiguousarray(z, float), slopes)
         return slopes
 
     @cached_property
-    def tip(self) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray, int, np.ndarray]:
-        """What the kernels want of the group and its tip, see `frame_positions`."""
-        chain, expand, offset, point = _alike_tip(self.group, self.group.tip_id)
+    def tip(self) -> CarriedPoint:
+        """The group's tip, as kernels know it."""
         origin = np.array(self.group.expand(self.group.q_origin), float)
         read_only(origin)
-        return chain, expand, offset, origin, len(chain.parents) - 1, point
+        return _alike_tip(self.group, self.group.tip_id)._replace(origin=origin)
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).
@@ -83,13 +79,11 @@ class Kinematics:
 
 
 @kept_with_alike
-def _alike_tip(group: PlanningGroup, tip_id: int) -> tuple[JointTable, np.ndarray, np.ndarray, np.ndarray]:
-    """Of a frame what `frame_positions` wants of it and the group, but for where rotation vectors start.
-
-    Of the joints those that lead to it, the last of which carries it.
-    """
+def _alike_tip(group: PlanningGroup, tip_id: int) -> CarriedPoint:
+    """A frame of a group, but for where rotation vectors start; of the joints those that lead to it."""
     frame = group.model.frames[tip_id]
     expand, offset = np.array(group.expand_velocity, float, order="C"), np.array(group.expand_offset, float)
     point = np.array(frame.placement.translation)
     read_only(expand, offset, point)
-    return chain_of(joints_of(group), int(frame.parentJoint)), expand, offset, point
+    chain = chain_of(joints_of(group), int(frame.parentJoint))
+    return CarriedPoint(chain, expand, offset, np.empty(0), len(chain.parents) - 1, point)
