@@ -120,6 +120,44 @@ def _unsure(look: Floats, way: int) -> float:
     return float(max(abs(_length(look, way) - before), look[AGAINST]))
 
 
+@uncounted
+def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
+    """The length of a way of those parts of which it is asked, (k, LOOK) and (k, WAYS)."""
+    total = 0.0
+    for k in range(looks.shape[0]):
+        total += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+    return total
+
+
+@uncounted
+def _is_asked(asked: Floats, k: int) -> bool:
+    """Whether some way of a part is asked, of (k, WAYS)."""
+    return bool(asked[k, IN_CHART] > 0.0 or asked[k, OF_FRAME] > 0.0)
+
+
+@uncounted
+def _leave_unsure(looks: Floats, asked: Floats, most: Floats, done: Floats) -> int:
+    """Ask no more for lengths that are off by no more than some, (WAYS,), and add them up; of how many parts it is.
+
+    Args:
+        looks: At parts, shape (k, LOOK).
+        asked: Whether a way of each is asked, 1 or 0, shape (k, WAYS); changed.
+        most: By how much a length may be off, shape (WAYS,).
+        done: The lengths of what isn't asked any more, shape (WAYS,); changed.
+
+    Returns:
+        Of how many parts some way is still asked.
+    """
+    count = 0
+    for k in range(looks.shape[0]):
+        for way in range(WAYS):
+            if asked[k, way] > 0.0 and not _unsure(looks[k], way) > most[way]:
+                asked[k, way] = 0.0
+                done[way] += _length(looks[k], way)
+        count += 1 if _is_asked(asked, k) else 0
+    return count
+
+
 @compiled(
     void(
         VECTOR, MATRIX, MATRIX, MATRIX, MATRIX, CARRIED_POINT, types.int64, SCALAR, types.int64, VECTOR_OUT,
@@ -155,35 +193,34 @@ def way_lengths(
     pieces, nv = times.shape[0] - 1, positions.shape[1]
     points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
     scratch = _Scratch(points, rates, places, point_scratch(tip))
-    first_looks, first_parts = np.empty((pieces, LOOK)), np.empty((pieces, 3))
+    looks, parts, asked = np.empty((pieces, LOOK)), np.empty((pieces, 3)), np.ones((pieces, WAYS))
     for piece in range(pieces):
-        first_parts[piece, 0], first_parts[piece, 1], first_parts[piece, 2] = piece, times[piece], times[piece + 1]
-        _look(tables, tip, piece, times[piece], times[piece + 1], scratch, first_looks[piece])
-    for way in range(WAYS):
-        looks, parts, done = first_looks, first_parts, 0.0
-        lengths_out[way] = 0.0
-        for _ in range(levels):
-            total, count = 0.0, 0
-            for k in range(looks.shape[0]):
-                total += _length(looks[k], way)
-            most = share / max(1, pieces) * (done + total)
-            for k in range(looks.shape[0]):
-                if _unsure(looks[k], way) > most:
-                    count += 1
-                else:
-                    done += _length(looks[k], way)
-            lengths_out[way], half = done, 0
-            halves, looks_at_halves = np.empty((2 * count, 3)), np.empty((2 * count, LOOK))
-            for k in range(looks.shape[0]):
-                if _unsure(looks[k], way) > most:
-                    lengths_out[way] += _length(looks[k], way)
-                    piece, begin, end = int(parts[k, 0]), parts[k, 1], parts[k, 2]
-                    middle = 0.5 * (begin + end)
-                    for side in range(2):
-                        since, until = (begin, middle) if side == 0 else (middle, end)
-                        halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
-                        _look(tables, tip, piece, since, until, scratch, looks_at_halves[half])
-                        half += 1
-            if count == 0:
-                break
-            looks, parts = looks_at_halves, halves
+        parts[piece, 0], parts[piece, 1], parts[piece, 2] = piece, times[piece], times[piece + 1]
+        _look(tables, tip, piece, times[piece], times[piece + 1], scratch, looks[piece])
+    done, most = np.zeros(WAYS), np.empty(WAYS)
+    for _ in range(levels):
+        for way in range(WAYS):
+            lengths_out[way] = _asked_length(looks, asked, way)
+            most[way] = share / max(1, pieces) * (done[way] + lengths_out[way])
+        count = _leave_unsure(looks, asked, most, done)
+        halves, looked, wanted = np.empty((2 * count, 3)), np.empty((2 * count, LOOK)), np.empty((2 * count, WAYS))
+        half = 0
+        for way in range(WAYS):
+            lengths_out[way] = done[way]
+        for k in range(looks.shape[0]):
+            if not _is_asked(asked, k):
+                continue
+            piece, begin, end = int(parts[k, 0]), parts[k, 1], parts[k, 2]
+            middle = 0.5 * (begin + end)
+            for way in range(WAYS):
+                lengths_out[way] += _length(looks[k], way) if asked[k, way] > 0.0 else 0.0
+            for side in range(2):
+                since, until = (begin, middle) if side == 0 else (middle, end)
+                halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
+                for way in range(WAYS):
+                    wanted[half, way] = asked[k, way]
+                _look(tables, tip, piece, since, until, scratch, looked[half])
+                half += 1
+        if count == 0:
+            break
+        looks, parts, asked = looked, halves, wanted
