@@ -30,6 +30,7 @@ class MotionBound(ReadOnly):
 
     Attributes:
         half_widths: Matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move.
+        alone: Whether a joint's move is its own column's, shape (nv of the model,).
         together: Matrix (nv of the model, nv of the model): which columns make one move, counted in its first column.
         centred: The same for turns about a centre, halved: the squared distances from three axes through a point add
             up to twice that from the point.
@@ -44,6 +45,7 @@ class MotionBound(ReadOnly):
     """
 
     half_widths: np.ndarray
+    alone: np.ndarray
     together: np.ndarray
     centred: np.ndarray
     turns: np.ndarray
@@ -124,6 +126,7 @@ def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
     together, centred = _moves(group)
     arrays = {
         "half_widths": np.abs(group.expand_velocity),
+        "alone": (together == np.eye(len(together))).all(axis=0) & (centred == together).all(axis=0),
         "together": together,
         "centred": centred,
         "turns": bodies.turns.copy(),

@@ -44,6 +44,7 @@ def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRo
         part_radii=_rows(about.part_radii),
         moved_by=np.array(about.moved_by, order="C"),
         turns=about.turns[None].copy(),
+        alone=bound.alone[None].copy(),
         half_widths=_rows(bound.half_widths),
         together=_rows(bound.together),
         centred=_rows(bound.centred),

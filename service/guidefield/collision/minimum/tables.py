@@ -76,6 +76,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         offset=np.array(group.expand_offset, float),
         origin=np.empty(0),
         half_widths=np.ascontiguousarray(bound.half_widths, float),
+        alone=bound.alone.astype(float),
         together=np.ascontiguousarray(bound.together, float),
         centred=np.ascontiguousarray(bound.centred, float),
         turns=bound.turns.astype(float),

@@ -62,9 +62,11 @@ def _spread(robot: CertifiedRobot, widths: Floats, s: int, spread: Floats, sweep
         for i in range(widths.shape[1]):
             sweep[j] += robot.half_widths[j, i] * abs(widths[s, i])
     for j in range(n):
-        square = 0.0
-        for i in range(n):
-            square += sweep[i] * sweep[i] * robot.together[i, j]
+        square = sweep[j] * sweep[j]
+        if not robot.alone[0, j]:
+            square = 0.0
+            for i in range(n):
+                square += sweep[i] * sweep[i] * robot.together[i, j]
         spread[j] = math.sqrt(square)
     for j in range(n):
         sweep[j] = 2.0 * math.sin(0.5 * min(spread[j], math.pi)) if robot.turns[0, j] else spread[j]
@@ -84,9 +86,11 @@ def _find_reach(robot: CertifiedRobot, b: int, jacobian: Floats, centre: Floats,
     for j in range(n):
         room.reach[j] = 0.0
         if robot.moved_by[b, j]:
-            square = 0.0
-            for i in range(n):
-                square += room.square[i] * robot.centred[i, j]
+            square = room.square[j]
+            if not robot.alone[0, j]:
+                square = 0.0
+                for i in range(n):
+                    square += room.square[i] * robot.centred[i, j]
             room.reach[j] = math.sqrt(square) + (robot.radii[b] if robot.turns[0, j] else 0.0)
 
 

@@ -18,6 +18,7 @@ class CertifiedRobot(NamedTuple):
         part_radii: Their radii, shape (r,) [m].
         moved_by: Whether joint j moves a body, shape (r, n).
         turns: Whether joint j turns rather than slides, shape (1, n).
+        alone: Whether it makes a move of its own, shape (1, n).
         half_widths, together, centred, doubled: As those of `collision.motion_bound.MotionBound`.
         moving: The bodies that are tested against obstacles, ascending, shape (m,).
         own: The robot's own pairs, shape (p, 2).
@@ -38,6 +39,7 @@ class CertifiedRobot(NamedTuple):
     part_radii: Row
     moved_by: Flags
     turns: Flags
+    alone: Flags
     half_widths: Rows
     together: Rows
     centred: Rows

@@ -66,12 +66,13 @@ def _spread(robot: RobotBodies, sizes: Floats, ways: Ways, out: Floats) -> None:
         for j in range(sizes.shape[0]):
             total += robot.half_widths[i, j] * sizes[j]
         ways.squares[i] = total * total
-        out[i] = 0.0
-    for k in range(n):
-        for i in range(n):
-            out[i] += robot.together[k, i] * ways.squares[k]
     for i in range(n):
-        out[i] = math.sqrt(out[i])
+        square = ways.squares[i]
+        if robot.alone[i] == 0.0:
+            square = 0.0
+            for k in range(n):
+                square += robot.together[k, i] * ways.squares[k]
+        out[i] = math.sqrt(square)
 
 
 @uncounted
@@ -109,9 +110,12 @@ def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: Place, w
         ways.squares[by[k]] = vx * vx + vy * vy + vz * vz
     swept = 0.0
     for k in range(count):
-        i, square = by[k], 0.0
-        for other in range(count):
-            square += robot.centred[by[other], i] * ways.squares[by[other]]
+        i = by[k]
+        square = ways.squares[i]
+        if robot.alone[i] == 0.0:
+            square = 0.0
+            for other in range(count):
+                square += robot.centred[by[other], i] * ways.squares[by[other]]
         ways.rho[i] = math.sqrt(square) + robot.turns[i] * robot.radii[b]
         swept += ways.rho[i] * ways.sweeps[i]
     return swept

@@ -18,6 +18,7 @@ class RobotBodies(NamedTuple):
         offset: Shape (n,) [rad or m].
         origin: Configuration of the model from which rotation vectors start, shape (nq,).
         half_widths: The sizes of `expand`, shape (n, nv).
+        alone: 1 for a coordinate that makes a move of its own, shape (n,).
         together: Which coordinates make one move, counted in its first, shape (n, n).
         centred: The same for turns about a centre, halved, shape (n, n).
         turns: 1 for a coordinate that turns, 0 for one that slides, shape (n,).
@@ -36,6 +37,7 @@ class RobotBodies(NamedTuple):
     offset: Row
     origin: Row
     half_widths: Rows
+    alone: Row
     together: Rows
     centred: Rows
     turns: Row
