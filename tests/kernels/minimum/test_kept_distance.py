@@ -34,9 +34,19 @@ Body = tuple[Any, np.ndarray | None]
 """A Coal shape, and its points about its origin; None: those of a half-space."""
 
 
-@lane_kernel(types.float64(PARTS, VECTOR, PARTS, VECTOR, VECTOR, types.float64, types.float64, VECTOR_OUT))
+@lane_kernel(
+    types.float64(PARTS, VECTOR, PARTS, VECTOR, VECTOR, types.float64, types.float64, types.float64, VECTOR_OUT)
+)
 def keeps(
-    a: Parts, pose_a: Floats, b: Parts, pose_b: Floats, twists: Floats, half: float, asked: float, work: Floats
+    a: Parts,
+    pose_a: Floats,
+    b: Parts,
+    pose_b: Floats,
+    twists: Floats,
+    half: float,
+    asked: float,
+    bent: float,
+    work: Floats,
 ) -> float:
     """`bodies_keep` of two bodies, each alone in its tables."""
     return bodies_keep(
@@ -49,6 +59,7 @@ def keeps(
         pointers(twists),
         half,
         asked,
+        bent,
         pointers(work),
     )
 
@@ -156,7 +167,7 @@ def test_what_is_kept_is_kept_at_all_times(seed: int, first: str, second: str) -
         poses[1], tables[1] = pin.SE3.Identity(), placed_half_space(shapes[1], poses[1])
     found = keeps(
         tables[0], numbers(poses[0]), tables[1], numbers(poses[1]), twists_of(one, other), half,
-        max(wanted + bend, 1e-6),
+        max(wanted + bend, 1e-6), bend,
         np.zeros(WORK),
     )  # fmt: skip
     if found < np.inf:
@@ -190,10 +201,32 @@ def test_bodies_that_shift_together_keep_exactly_their_distance(seed: int, first
     a, b = (table_of(shape) for shape in shapes)
     work = np.zeros(WORK)
     arguments = (a, numbers(poses[0]), b, numbers(poses[1]), twists_of(both, both), 0.3)
-    assert keeps(*arguments, apart - 2.0 * ACCURACY, work) == np.inf
-    left = keeps(*arguments, apart + 2.0 * ACCURACY, work)
+    assert keeps(*arguments, apart - 2.0 * ACCURACY, 0.0, work) == np.inf
+    left = keeps(*arguments, apart + 2.0 * ACCURACY, 0.0, work)
     assert apart - ACCURACY <= left < np.inf
-    assert keeps(*arguments, apart - 2.0 * ACCURACY, work) == np.inf  # what was left last is tried first
+    assert keeps(*arguments, apart - 2.0 * ACCURACY, 0.0, work) == np.inf  # what was left last is tried first
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 10**6), st.sampled_from(["box", "mesh"]), st.sampled_from(["capsule", "mesh"]))
+def test_what_is_told_later_is_told_in_a_shorter_time(seed: int, first: str, second: str) -> None:
+    """Nodes that would be told soon aren't divided: that doesn't go on for ever, nor is what is too near ever told."""
+    shapes, poses, rng = given_bodies(seed, (first, second))
+    middle = distance(shapes[0], poses[0], shapes[1], poses[1])
+    if middle <= 1e-2:
+        return
+    one, other = (pin.Motion(rng.normal(size=6)) for _ in range(2))
+    tables, asked = [table_of(shape) for shape in shapes], rng.uniform(0.5, 0.99) * middle
+    half, work = 1.0, np.zeros(WORK)
+    bend = 0.5 * half**2 * (bend_of(one, poses[0], half) + bend_of(other, poses[1], half))
+    arguments = (tables[0], numbers(poses[0]), tables[1], numbers(poses[1]), twists_of(one, other))
+    for _ in range(40):
+        if keeps(*arguments, half, asked + bend, bend, work) == np.inf:
+            break
+        assert keeps(*arguments, half, middle + bend + ACCURACY, bend, work) < np.inf
+        half, bend = 0.5 * half, 0.25 * bend
+    else:
+        raise AssertionError("it is never told")
 
 
 def test_a_fast_body_that_passes_by_is_told_from_one_that_comes_closer() -> None:
@@ -206,7 +239,7 @@ def test_a_fast_body_that_passes_by_is_told_from_one_that_comes_closer() -> None
     def kept(twist: pin.Motion, asked: float) -> float:
         return keeps(
             table_of(box), numbers(poses[0]), table_of(ground), numbers(poses[1]), twists_of(twist, still), 0.1, asked,
-            np.zeros(WORK),
+            0.0, np.zeros(WORK),
         )  # fmt: skip
 
     assert kept(along, 0.01 - ACCURACY) == np.inf

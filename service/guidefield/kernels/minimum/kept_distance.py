@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from numba import boolean, types
+from numba import types
 
 from guidefield.kernels.collide.balls import ball_radius
 from guidefield.kernels.collide.gjk import PLACED, support
@@ -58,6 +58,14 @@ turns, and the lengths of the latter; then how many there are."""
 NODE_ROUNDS = 8
 """After how many rounds of GJK two nodes are divided: with 5 a UR5's own pairs take a fifth longer, and with 12 a
 Baxter's a tenth."""
+
+RATE = 0.02
+"""Two nodes that would be told in a shorter time aren't divided, as long as few were looked at: what they are farther
+apart than asked in the middle is at least this share, for each pair of nodes so far, of what they may lose. With half
+or twice of it a UR5 takes a tenth longer."""
+
+LATER = 1e30
+"""What is told then is that share of this [m]: more than any distance."""
 
 NODE_A, NODE_B, ENTRY = range(3)
 """Numbers of an entry of the stack: a node of each body; then how many there are."""
@@ -108,7 +116,7 @@ def _second_rests(twists: Floats) -> bool:
 
 
 @lane_step(
-    boolean(
+    types.float64(
         POINTED_PARTS,
         types.int64,
         types.float64,
@@ -132,24 +140,28 @@ def _keep_along(
     share: float,
     asked: float,
     work: Floats,
-) -> bool:
-    """Whether two parts keep a distance [m] along the axis as both move by up to a share of their twists."""
+) -> float:
+    """What two parts keep along the axis as both move by up to a share of their twists [m].
+
+    Where that is less than what is asked, something that isn't less and is less than what is asked.
+    """
     x, y, z = axis_in(work)
     length = axis_length(work)
     n, back = (x / length, y / length, z / length), (-x / length, -y / length, -z / length)
-    far, rests = 0.0, _second_rests(twists)
+    far, rests, kept = 0.0, _second_rests(twists), math.inf
     for side in range(2):
         s = share if side == 0 else -share
         if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
             far = b.numbers[PART * part_b + PLANE_OFFSET]
         elif side == 0 or not rests:
             far = _farthest(b, part_b, POSE_B, twists, SECOND_TWIST, radius_b, n, s, work)
-        if not -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work) - far >= asked:
-            return False
-    return True
+        kept = min(kept, -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work) - far)
+        if not kept >= asked:
+            break
+    return kept
 
 
-@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, DOUBLE_POINTER))
+@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
 def _nodes_keep(
     a: Parts,
     node_a: int,
@@ -160,9 +172,13 @@ def _nodes_keep(
     twists: Floats,
     share: float,
     asked: float,
+    bent: float,
     work: Floats,
 ) -> float:
-    """Infinite where all that two nodes hold keeps what is asked; else the distance of two leaves, or less than any."""
+    """Infinite where all that two nodes hold keeps what is asked; else the distance of two leaves, or less than any.
+
+    Or, of other nodes, a share of `LATER`.
+    """
     part_a, part_b, leaves = part_of(a, node_a), part_of(b, node_b), is_leaf(a, node_a) and is_leaf(b, node_b)
     radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
     place_ball(a, node_a, pose_a, work, POSE_A)
@@ -179,18 +195,24 @@ def _nodes_keep(
     rounds_a = place_part_of(a, node_a, pose_a, work, POSE_A)
     rounds_b = place_part_of(b, node_b, pose_b, work, POSE_B)
     # the axis of what was looked at last often tells
-    if axis_length(work) > 0.0 and _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work):
+    if axis_length(work) > 0.0 and (
+        _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work) >= asked
+    ):
         return math.inf
     most, rounds, least = asked + travel, ROUNDS if leaves else NODE_ROUNDS, -math.inf if leaves else asked
     apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, least, most, rounds, work)
     if apart >= most:
         return math.inf
-    if apart > asked and _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work):
-        return math.inf
-    return float(apart) if leaves else -math.inf
+    later = -math.inf
+    if apart > (asked if leaves else asked - bent):
+        kept = _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work)
+        if kept >= asked:
+            return math.inf
+        later = LATER * float((apart - asked + bent) / (apart - kept + bent))
+    return float(apart) if leaves else later
 
 
-@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, DOUBLE_POINTER))
+@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
 def bodies_keep(
     a: Parts,
     root_a: int,
@@ -201,6 +223,7 @@ def bodies_keep(
     twists: Floats,
     share: float,
     asked: float,
+    bent: float,
     work: Floats,
 ) -> float:
     """Whether two bodies keep a distance as both move by the same share of their twists.
@@ -215,25 +238,31 @@ def bodies_keep(
         twists: How both move, shape (TWISTS,) [m and rad, world].
         share: The most of these that they move by, there and back.
         asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
+        bent: How much of it that is [m].
         work: Scratch, shape (WORK,); the search begins with the axis and the leaves in it, and leaves its last axis,
             and the leaves that didn't keep it.
 
     Returns:
-        Infinite where they keep it; else the distance in the middle of two of their leaves, which may be larger [m].
+        Infinite where they keep it; else the distance in the middle of two of their leaves, which may be larger, or
+        more than any distance, where it is sooner told in halves of the time [m].
     """
     top = STACK + ENTRY
     work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b
     if work[LEAF_A] > 0.0:
         node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
         if kept < math.inf or (node_a == root_a and node_b == root_b):
             return kept
+    visited = 0
     while top > STACK:
         top -= ENTRY
+        visited += 1
         node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
         if kept == math.inf:
             continue
+        if kept >= LATER * RATE * visited:
+            return kept
         if is_leaf(a, node_a) and is_leaf(b, node_b):
             work[LEAF_A], work[LEAF_B] = node_a + 1, node_b + 1
             return kept

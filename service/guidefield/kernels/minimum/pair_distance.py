@@ -101,7 +101,7 @@ def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask
 
 @uncounted
 def pair_keeps(
-    moving: MovingRobot, pair: int, place: Place, known: Floats, share: float, asked: float, ask: Ask
+    moving: MovingRobot, pair: int, place: Place, known: Floats, share: float, asked: float, bent: float, ask: Ask
 ) -> float:
     """Whether a pair would keep a distance about a place if its bodies moved straight by shares of their twists.
 
@@ -111,7 +111,8 @@ def pair_keeps(
         place: The place.
         known: What is known of its mover; it begins with the twists of its bodies.
         share: How much of these at most, there and back.
-        asked: The distance, above 0 [m].
+        asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
+        bent: How much of it that is [m].
         ask: Where the search begins, and its scratch; changed.
 
     Returns:
@@ -122,10 +123,12 @@ def pair_keeps(
     pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
     twists = pointers(known)
     if pair < moving.pairs.first_by.shape[0]:
-        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, share, asked, scratch)
+        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, share, asked, bent, scratch)
     else:
         scene = pointers(obstacles.parts)
-        found = bodies_keep(own, root, pose_a, scene, obstacles.roots[second], rests, twists, share, asked, scratch)
+        found = bodies_keep(
+            own, root, pose_a, scene, obstacles.roots[second], rests, twists, share, asked, bent, scratch
+        )
     _remember(pair, ask)
     return float(found)
 

@@ -114,7 +114,7 @@ def _is_done(
     asked, last = least + known[BENT] + ERROR, search.told[pair]
     if since <= last[WHEN] <= until and asked > last[APART] + known[TRAVEL]:
         return False  # it isn't as far apart in the middle either
-    kept = pair_keeps(moving, pair, search.place, known, share, asked, search.ask)
+    kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
     if kept == np.inf:
         return True
     last[APART], last[WHEN] = kept, middle
