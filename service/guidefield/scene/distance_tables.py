@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +30,7 @@ from guidefield.kernels.collide.primitive import (
     HALF_SPACE as HALF_SPACE_PLACED,
 )
 from guidefield.kernels.collide.primitive_bodies import primitive_bodies
-from guidefield.kernels.distance.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.distance.distance import HALF_SPACE, SEEN_SOLID, SHEET, SOLID, DistanceTables
 from guidefield.read_only import read_only
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
@@ -156,8 +158,8 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
         return [
-            triangulated(vertices, triangles, SOLID, neighbours).placed(rotation, translation)
-            for vertices, triangles, neighbours in obstacle.surfaces
+            triangulated(*part[:2], kind, part[2]).placed(rotation, translation)
+            for part, kind in zip(obstacle.surfaces, _kinds(obstacle), strict=False)
         ]
     sheets = []
     for vertices, triangles, neighbours in obstacle.surfaces:
@@ -174,4 +176,13 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
         write_surfaces(obstacle.surfaces, room)
 
     made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
-    return [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
+    return [of_surface(rows, kind) for rows, kind in zip(surfaces_in(made), _kinds(obstacle), strict=False)]
+
+
+def _kinds(obstacle: Obstacle) -> Iterator[int]:
+    """What each of an obstacle's surfaces is, on and on where all of them are there."""
+    if not obstacle.solid:
+        return itertools.repeat(SHEET)
+    if obstacle.seen is None:
+        return itertools.repeat(SOLID)
+    return iter([SEEN_SOLID if len(neighbours) else SOLID for _, _, neighbours in obstacle.seen.parts])

@@ -15,11 +15,14 @@ import numpy as np
 from numba import void
 
 from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
+from guidefield.kernels.distance.ray_winding import surely_outside
 from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.distance.triangle_distance import (
     LEAF,
+    Span,
     SurfaceTables,
     box_gap_squared,
+    some_triangle_near,
     surface_distance,
 )
 from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Rows, numba_type
@@ -31,18 +34,22 @@ from guidefield.kernels.jit.signatures import (
     SCALAR,
     VECTOR_OUT,
     Floats,
+    Vector3,
     compiled,
 )
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
-"""Kinds of bodies."""
+BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, SEEN_SOLID = range(8)
+"""Kinds of bodies; of a seen solid only a part of the closed surface is there, see scene/seen_surface.py."""
 
 
 _STACK = 64
 
 _FEW = 32
 """So few bodies are looked at one by one."""
+
+_SMALL = 64
+"""A surface of so few triangles may be near where its box is."""
 
 
 class DistanceTables(NamedTuple):
@@ -141,13 +148,34 @@ def body_distance(
     elif kind == CLOUD:
         d, nx, ny, nz = cloud_distance(tables.clouds[body], p[0], p[1], p[2], cutoff)
     else:
-        solid = kind == SOLID
-        spans = tables.spans
-        span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
-        reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
-        d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
+        d, nx, ny, nz = _from_surface(p, body, tables, gap == 0.0, cutoff, depth)
     nx, ny, nz = turned_by(T, nx, ny, nz)
     return d, nx, ny, nz
+
+
+@uncounted
+def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cutoff: float, depth: float) -> Signed:
+    """As `body_distance`, of a point in the frame of a surface; `boxed`: in the box about it.
+
+    What is far from the surface but in its box may be deep inside a solid. A ray tells: to find the nearest triangle
+    takes long where many are almost as far.
+    """
+    kind, span, near = tables.kinds[body], _span(tables, body), max(cutoff, 0.0)
+    x, y, z = p
+    if kind == SHEET or not boxed or depth <= near:
+        return surface_distance(x, y, z, tables.surfaces, span, kind != SHEET, near)
+    if kind == SOLID and near < math.inf:
+        found = surface_distance(x, y, z, tables.surfaces, span, True, near)
+        if found[0] < math.inf or surely_outside(x, y, z, tables.surfaces, span):
+            return found
+    return surface_distance(x, y, z, tables.surfaces, span, True, depth)
+
+
+@uncounted
+def _span(tables: DistanceTables, body: int) -> Span:
+    """Where the tree of a surface stands."""
+    spans = tables.spans
+    return spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3]
 
 
 @uncounted
@@ -168,15 +196,22 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
 
 @uncounted
 def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
+    """Whether a body may be within reach of a point; the box about it in the world costs the least to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
     if not bounds_near(x, y, z, body, tables, reach):
         return False
-    if tables.kinds[body] != CLOUD:
+    kind = tables.kinds[body]
+    if kind == CLOUD:
+        px, py, pz = moved_back_by(tables.placements[body], x, y, z)
+        return not cloud_beyond(tables.clouds[body], px, py, pz, reach)
+    if tables.spans[body, 3] <= _SMALL or kind == SEEN_SOLID:
         return True
-    p = moved_back_by(tables.placements[body], x, y, z)
-    return not cloud_beyond(tables.clouds[body], p[0], p[1], p[2], reach)
+    px, py, pz = moved_back_by(tables.placements[body], x, y, z)
+    span, surfaces = _span(tables, body), tables.surfaces
+    if some_triangle_near(px, py, pz, surfaces, span, reach):
+        return True
+    return kind == SOLID and not surely_outside(px, py, pz, surfaces, span)
 
 
 @counted

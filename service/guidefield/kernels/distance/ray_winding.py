@@ -105,6 +105,23 @@ def _crossings(p: Vector3, u: Vector3, surfaces: SurfaceTables, span: Span) -> i
     return total
 
 
+@inlined
+def _winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> int:
+    """The winding number around a point, or something above `GRAZED` / 2 if each of `RAYS` rays grazes an edge."""
+    box = span[0]
+    nodes = surfaces.nodes
+    if not (nodes[box, 0] <= x <= nodes[box, 3] and nodes[box, 1] <= y <= nodes[box, 4]):
+        return 0
+    if not nodes[box, 2] <= z <= nodes[box, 5]:
+        return 0
+    total = GRAZED
+    for k in range(RAYS):
+        total = _crossings((x, y, z), ray_direction(k), surfaces, span)
+        if total <= GRAZED // 2:
+            return total
+    return total
+
+
 @compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
 def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> int:
     """Winding number of a closed surface around a point that is not on it.
@@ -119,17 +136,22 @@ def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Spa
     Returns:
         The number; 0 where each of `RAYS` rays grazes an edge.
     """
-    box = span[0]
-    nodes = surfaces.nodes
-    if not (nodes[box, 0] <= x <= nodes[box, 3] and nodes[box, 1] <= y <= nodes[box, 4]):
-        return 0
-    if not nodes[box, 2] <= z <= nodes[box, 5]:
-        return 0
-    for k in range(RAYS):
-        total = _crossings((x, y, z), ray_direction(k), surfaces, span)
-        if total <= GRAZED // 2:
-            return total
-    return 0
+    total = _winding(x, y, z, surfaces, span)
+    return total if total <= GRAZED // 2 else 0
+
+
+@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
+def surely_outside(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> bool:
+    """Whether a closed surface is certain not to wind around a point that is not on it.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        span: Where the surface's tree stands.
+    """
+    return _winding(x, y, z, surfaces, span) == 0
 
 
 @compiled(void(MATRIX, SURFACES, SPAN, INDICES_OUT))

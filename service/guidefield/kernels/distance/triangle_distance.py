@@ -131,21 +131,9 @@ def _nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, 
     return best, found
 
 
-@compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
-def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float) -> int:
-    """The triangle of a tree that is nearest to a point and nearer than a cutoff.
-
-    Args:
-        x: Point in the frame of the surface [m], with y and z.
-        y: See x.
-        z: See x.
-        surfaces: All surfaces.
-        span: Where the tree stands.
-        cutoff: Distance beyond which nothing is looked for [m]; may be infinite.
-
-    Returns:
-        Index of a row of `corners`, or -1.
-    """
+@inlined
+def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float, any_of_them: bool) -> int:
+    """The triangle that is nearest, or any that is nearer than the cutoff, as `nearest_triangle`."""
     root, leaves, first, count = span
     p = (x, y, z)
     if leaves == 1:
@@ -163,6 +151,8 @@ def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span
         if leaf >= 0:
             begin, end = first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)
             best, found = _nearest_of(p, surfaces.corners, begin, end, best, found)
+            if found >= 0 and any_of_them:
+                return found
             continue
         near, far = 2 * node + 1, 2 * node + 2
         to_near = box_gap_squared(x, y, z, surfaces.nodes, root + near)
@@ -176,6 +166,39 @@ def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span
             waiting[top], gaps[top] = near, to_near
             top += 1
     return found
+
+
+@compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
+def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float) -> int:
+    """The triangle of a tree that is nearest to a point and nearer than a cutoff.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        span: Where the tree stands.
+        cutoff: Distance beyond which nothing is looked for [m]; may be infinite.
+
+    Returns:
+        Index of a row of `corners`, or -1.
+    """
+    return _search(x, y, z, surfaces, span, cutoff, False)
+
+
+@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
+def some_triangle_near(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, reach: float) -> bool:
+    """Whether any triangle of a tree is nearer to a point than a reach: sooner told than which is nearest.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        span: Where the tree stands.
+        reach: Distance [m], not negative; may be infinite.
+    """
+    return _search(x, y, z, surfaces, span, reach, True) >= 0
 
 
 @compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, types.boolean, SCALAR))
