@@ -76,7 +76,7 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     )
     if seen is None:
         return None
-    facets = Facets(seen.count, lambda: seen.surface)
+    facets = Facets(seen.count, lambda: seen.surface, seen.content)
     met = recipe._replace(
         surface=lambda _: seen.surface, facets=facets, body=_body_of(facets, obstacle), content=seen.content
     )
@@ -100,7 +100,7 @@ def _cloud_met(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: flo
     if not len(points):
         return None
     points.setflags(write=False)
-    facets = Facets(len(points), lambda: cloud_specks(points))
+    facets = Facets(len(points), lambda: cloud_specks(points), content)
     recipe = obstacle.recipe._replace(facets=facets, body=_body_of(facets, obstacle), content=content)
     return dataclasses.replace(obstacle, recipe=recipe, cloud=Cloud(points, cloud.radius))
 
