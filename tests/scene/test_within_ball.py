@@ -12,6 +12,7 @@ import pytest
 
 from guidefield.geometry import cache
 from guidefield.kernels.distance.distance import SEEN_SOLID, distance_at_points
+from guidefield.kernels.distance.ray_winding import ROOM
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.scene import seen_surface, within_ball as room
@@ -116,6 +117,8 @@ def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutof
     whole = one_alone(everything(), 1)
     points, met = places(ball, 400), distance_tables(within_ball(whole, ball))
     assert SEEN_SOLID in met.kinds
+    assert (met.anchors[:, ROOM] > 0.0).all()
+    assert len(met.anchors) == met.spans[:, 4].max() == (met.kinds == SEEN_SOLID).sum()
     far = distance_at_points(distance_tables(whole), points)[0]
     near = distance_at_points(met, points, cutoff)[0]
     assert (far > cutoff).any()

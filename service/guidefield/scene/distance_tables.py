@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -139,6 +138,7 @@ def _declared(placed: np.ndarray) -> BodyRows:
         bounds=np.empty((count, 6)),
         placements=np.empty((count, 3, 4)),
         surfaces={},
+        anchors={},
         clouds=np.zeros(count, np.int64),
         boxes=np.empty((count, 6)),
     )
@@ -157,10 +157,8 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     if obstacle.recipe.content and is_large(obstacle.faces):
         return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
-        return [
-            triangulated(*part[:2], kind, part[2]).placed(rotation, translation)
-            for part, kind in zip(obstacle.surfaces, _kinds(obstacle), strict=False)
-        ]
+        solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
+        return [body.placed(rotation, translation) for body in _as_seen(obstacle, solids)]
     sheets = []
     for vertices, triangles, neighbours in obstacle.surfaces:
         axes = flat_frame(vertices, triangles)
@@ -176,13 +174,16 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
         write_surfaces(obstacle.surfaces, room)
 
     made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
-    return [of_surface(rows, kind) for rows, kind in zip(surfaces_in(made), _kinds(obstacle), strict=False)]
+    bodies = [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
+    return _as_seen(obstacle, bodies) if obstacle.solid else bodies
 
 
-def _kinds(obstacle: Obstacle) -> Iterator[int]:
-    """What each of an obstacle's surfaces is, on and on where all of them are there."""
-    if not obstacle.solid:
-        return itertools.repeat(SHEET)
+def _as_seen(obstacle: Obstacle, solids: list[Body]) -> list[Body]:
+    """The solids of an obstacle, those of which only a part is seen as such."""
     if obstacle.seen is None:
-        return itertools.repeat(SOLID)
-    return iter([SEEN_SOLID if len(neighbours) else SOLID for _, _, neighbours in obstacle.seen.parts])
+        return solids
+    parts = zip(solids, obstacle.seen.parts, obstacle.seen.anchors, strict=True)
+    return [
+        dataclasses.replace(body, kind=SEEN_SOLID, anchor=anchor) if len(neighbours) else body
+        for body, (_, _, neighbours), anchor in parts
+    ]

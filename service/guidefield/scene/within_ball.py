@@ -15,6 +15,7 @@ import numpy as np
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
 from guidefield.kept import kept_by
+from guidefield.scene.anchor import anchor_of, no_anchor
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.facets import Facets
 from guidefield.scene.obstacle import Obstacle
@@ -69,6 +70,7 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     seen = seen_surface(
         lambda: recipe.surface(message),
         lambda: [part[1] for part in obstacle.surfaces],
+        anchor_of if obstacle.solid else no_anchor,
         recipe.content,
         centre,
         ball.radius,

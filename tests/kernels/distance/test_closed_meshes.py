@@ -90,7 +90,7 @@ def test_sides_are_those_that_solid_angles_tell(mesh: solids.Mesh) -> None:
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
 def test_whether_some_triangle_is_near_is_told_as_by_the_nearest(mesh: solids.Mesh) -> None:
     tables, points = tables_of(mesh_message(*mesh)), asked_at(mesh, 3)[::3]
-    span = tuple(tables.spans[0].tolist())
+    span = tuple(tables.spans[0, :4].tolist())
     size = float(np.ptp(mesh[0], axis=0).max())
     for reach in (0.0, 0.01 * size, 0.1 * size, np.inf):
         for x, y, z in points.tolist():

@@ -12,10 +12,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import void
+from numba import types, void
 
 from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
-from guidefield.kernels.distance.ray_winding import surely_outside
+from guidefield.kernels.distance.ray_winding import surely_outside, surely_outside_seen
 from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.distance.triangle_distance import (
     LEAF,
@@ -63,7 +63,9 @@ class DistanceTables(NamedTuple):
             (0 for a sphere). A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
         boxes: A box about it along the world's axes, shape (n, 6) [m].
-        spans: Of a surface, where its tree stands, see `SPAN`; shape (n, 4).
+        spans: Of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that
+            have none; shape (n, 5).
+        anchors: Of seen solids, how their sides are told, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
         surfaces: Triangles of all surfaces.
         clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
@@ -76,6 +78,7 @@ class DistanceTables(NamedTuple):
     bounds: Rows
     boxes: Rows
     spans: IndexRows
+    anchors: Rows
     nodes: Rows
     surfaces: SurfaceTables
     clouds: Indices
@@ -164,11 +167,43 @@ def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cu
     x, y, z = p
     if kind == SHEET or not boxed or depth <= near:
         return surface_distance(x, y, z, tables.surfaces, span, kind != SHEET, near)
-    if kind == SOLID and near < math.inf:
+    if near < math.inf:
         found = surface_distance(x, y, z, tables.surfaces, span, True, near)
-        if found[0] < math.inf or surely_outside(x, y, z, tables.surfaces, span):
+        if found[0] < math.inf or _surely_outside(p, body, tables):
             return found
     return surface_distance(x, y, z, tables.surfaces, span, True, depth)
+
+
+@uncounted
+def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
+    """Whether a point in the frame of a solid, and not on its surface, is certain to be outside."""
+    span, row = _span(tables, body), tables.spans[body, 4]
+    if tables.kinds[body] == SOLID:
+        outside: bool = surely_outside(p[0], p[1], p[2], tables.surfaces, span)
+        return outside
+    return row > 0 and surely_outside_seen(p[0], p[1], p[2], tables.surfaces, span, tables.anchors, row - 1)
+
+
+@compiled(types.boolean(SCALAR, SCALAR, SCALAR, TABLES, types.int64))
+def outside_of(x: float, y: float, z: float, tables: DistanceTables, obstacle: int) -> bool:
+    """Whether a point is certain to be outside of all solids of an obstacle, if it is not on the surface of one.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        tables: The bodies.
+        obstacle: Index of the obstacle; nothing is certain about one that isn't there.
+    """
+    some = False
+    for body in range(tables.kinds.shape[0]):
+        if tables.obstacles[body] == obstacle:
+            some = True
+            if tables.kinds[body] != SOLID and tables.kinds[body] != SEEN_SOLID:
+                return False
+            if not _surely_outside(moved_back_by(tables.placements[body], x, y, z), body, tables):
+                return False
+    return some
 
 
 @uncounted
@@ -205,13 +240,12 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
     if kind == CLOUD:
         px, py, pz = moved_back_by(tables.placements[body], x, y, z)
         return not cloud_beyond(tables.clouds[body], px, py, pz, reach)
-    if tables.spans[body, 3] <= _SMALL or kind == SEEN_SOLID:
+    if tables.spans[body, 3] <= _SMALL:
         return True
-    px, py, pz = moved_back_by(tables.placements[body], x, y, z)
-    span, surfaces = _span(tables, body), tables.surfaces
-    if some_triangle_near(px, py, pz, surfaces, span, reach):
+    p = moved_back_by(tables.placements[body], x, y, z)
+    if some_triangle_near(p[0], p[1], p[2], tables.surfaces, _span(tables, body), reach):
         return True
-    return kind == SOLID and not surely_outside(px, py, pz, surfaces, span)
+    return kind != SHEET and not _surely_outside(p, body, tables)
 
 
 @counted

@@ -120,8 +120,17 @@ def _away(p: Vector3, corners: Floats, i: int, s: float, t: float) -> Vector3:
 
 
 @inlined
-def _nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
-    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found."""
+def nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
+    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found.
+
+    Args:
+        p: Point in the frame of the surface [m].
+        corners: Corner a, edges b - a and c - a, shape (t, 9) [m].
+        begin: The first of those that are looked at.
+        end: The one past the last.
+        best: Square of the distance of what was found [m^2].
+        found: Its index.
+    """
     for i in range(begin, end):
         s, t, _ = _closest(p, corners, i)
         dx, dy, dz = _away(p, corners, i, s, t)
@@ -137,7 +146,7 @@ def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, c
     root, leaves, first, count = span
     p = (x, y, z)
     if leaves == 1:
-        return _nearest_of(p, surfaces.corners, first, first + count, cutoff * cutoff, -1)[1]
+        return nearest_of(p, surfaces.corners, first, first + count, cutoff * cutoff, -1)[1]
     waiting, gaps = np.empty(_STACK, np.int64), np.empty(_STACK)
     waiting[0], gaps[0] = 0, box_gap_squared(x, y, z, surfaces.nodes, root)
     top = 1
@@ -150,7 +159,7 @@ def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, c
         leaf = node - (leaves - 1)
         if leaf >= 0:
             begin, end = first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)
-            best, found = _nearest_of(p, surfaces.corners, begin, end, best, found)
+            best, found = nearest_of(p, surfaces.corners, begin, end, best, found)
             if found >= 0 and any_of_them:
                 return found
             continue
