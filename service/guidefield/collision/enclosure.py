@@ -10,15 +10,18 @@ import coal
 import numpy as np
 
 from guidefield.collision.world import PairNames, World
+from guidefield.geometry.cache import is_large
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.extents import box_about
 from guidefield.kept import MISSING, Answers, kept_with
 from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.distance.distance import outside_of
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
+from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.obstacle import Obstacle
 
@@ -72,7 +75,7 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
     there, at = world.placement(outer), world.placement(inner)
     local = np.array([there.actInv(at.act(point)) for point in _solid_of(world, inner).points]).reshape(-1, 3)
     within = ((local > solid.box[0]) & (local < solid.box[1])).all(axis=1)
-    return any(_winds_around(point, solid) for point in local[within])
+    return any(_winds_around(world, outer, solid, point) for point in local[within])
 
 
 def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray) -> bool:
@@ -84,13 +87,20 @@ def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray)
         near = near[np.abs(near[:, axis] - middle[axis]) < reach]
     local = (near - there.translation) @ there.rotation
     within = local[((local > low) & (local < high)).all(axis=1)]
-    return any(_winds_around(point, solid) for point in within)
+    return any(_winds_around(world, outer, solid, point) for point in within)
 
 
-def _winds_around(point: np.ndarray, solid: _Solid) -> bool:
-    """Whether the closed surface of a solid winds around a point, shape (3,) [m, its frame]."""
+def _winds_around(world: World, outer: int, solid: _Solid, point: np.ndarray) -> bool:
+    """Whether the closed surface of a body winds around a point, shape (3,) [m, its frame].
+
+    Solid angles tell. Of a large obstacle most points are sooner proven to be outside.
+    """
     assert solid.surface is not None, "only closed meshes are asked for"
     vertices, triangles = solid.surface
+    if outer >= world.pairs.links and is_large(len(triangles)):
+        x, y, z = (float(one) for one in world.placement(outer).act(point))
+        if outside_of(x, y, z, distance_tables(world.scene), outer - world.pairs.links):
+            return False
     return abs(winding_by_angles(float(point[0]), float(point[1]), float(point[2]), vertices, triangles)) > 0.5
 
 
