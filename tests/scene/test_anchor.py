@@ -12,6 +12,7 @@ from guidefield.kernels.distance.triangle_distance import SurfaceTables
 from guidefield.read_only import read_only
 from guidefield.scene.anchor import anchor_of, no_anchor
 from tests.geometry import solids
+from tests.kernels.distance.test_closed_meshes import voxels
 
 SOLIDS = {
     "ring": solids.torus(),
@@ -21,6 +22,7 @@ SOLIDS = {
     "overlapping": solids.overlapping(),
     "twice": solids.together(solids.torus(), solids.torus(0.1, 0.028)),
     "inside out": solids.turned(solids.torus()),
+    "cells": voxels(3)[1],
 }
 
 

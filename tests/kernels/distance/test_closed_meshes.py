@@ -96,3 +96,38 @@ def test_whether_some_triangle_is_near_is_told_as_by_the_nearest(mesh: solids.Me
         for x, y, z in points.tolist():
             nearest = nearest_triangle(x, y, z, tables.surfaces, span, reach)
             assert some_triangle_near(x, y, z, tables.surfaces, span, reach) == (nearest >= 0)
+
+
+def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
+    """Which cells of a grid are full, shape (side, side, side), and their surface: most edges belong to four faces."""
+    full = np.zeros((side + 2, side + 2, side + 2), bool)
+    full[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).random((side, side, side)) < 0.45
+    faces = []
+    for axis in range(3):
+        along, u, v = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        ahead = np.roll(full, -1, axis=axis)
+        for cells, outwards in ((full & ~ahead, True), (~full & ahead, False)):
+            corner = np.argwhere(cells) + along
+            quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
+            faces.append(quad if outwards else quad[:, ::-1])
+    corners = np.concatenate(faces)
+    vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    quads = numbers.reshape(-1, 4)
+    return full, (vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_in_cells_that_are_full_it_is_inside_whatever_touches_there(seed: int) -> None:
+    full, (vertices, triangles) = voxels(seed)
+    tables = tables_of(mesh_message(vertices, triangles))
+    cells = np.argwhere(np.ones_like(full))
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([cells + 0.5, cells + 0.25, cells + rng.uniform(0.01, 0.99, cells.shape)])
+    inside = np.tile(full.ravel(), 3)
+    apart = solids.distance(points, (vertices, triangles))
+    for cutoff in (0.01, 0.3, np.inf):
+        found = distance_at_points(tables, points, cutoff)[0]
+        np.testing.assert_array_equal(found < 0.0, inside)
+        near = inside | (apart < cutoff)
+        np.testing.assert_allclose(np.abs(found[near]), apart[near], atol=1e-12)
+        assert (found[~near] == np.inf).all()
