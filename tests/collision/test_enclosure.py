@@ -8,13 +8,24 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.enclosure import enclosed, enclosed_each, winding_number
+from guidefield.collision.enclosure import enclosed, enclosed_each
+from guidefield.geometry import cache
+from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.robot.group.alike import Alike
 from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, group, grouped, rest
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room
+
+
+@pytest.fixture(autouse=True, params=[cache.LARGE, 1], ids=["small", "large"])
+def _size(request, monkeypatch, tmp_path):
+    """Each mesh as a small one, and as a large one."""
+    monkeypatch.setattr(cache, "LARGE", request.param)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
 
 def test_a_robot_inside_a_solid_mesh_touches_nothing_but_is_enclosed():
@@ -105,8 +116,10 @@ def test_winding_number_tells_what_trimesh_tells(seed):
     point = rng.uniform(-1.5, 1.5, 3)
     heights = np.einsum("ij,ij->i", hull.face_normals, point - hull.vertices[hull.faces[:, 0]])
     inside = float(heights.max() < 0)
-    assert winding_number(point, np.array(hull.triangles)) == pytest.approx(inside, abs=1e-9)
-    assert winding_number(point, np.array(hull.triangles)[:, ::-1]) == pytest.approx(-inside, abs=1e-9)
+    vertices, triangles = np.array(hull.vertices), np.array(hull.faces)
+    assert winding_by_angles(*point.tolist(), vertices, triangles) == pytest.approx(inside, abs=1e-9)
+    turned = np.ascontiguousarray(triangles[:, ::-1])
+    assert winding_by_angles(*point.tolist(), vertices, turned) == pytest.approx(-inside, abs=1e-9)
 
 
 def test_coal_alone_does_not_notice():

@@ -4,7 +4,9 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -259,3 +261,24 @@ def test_what_sources_name_is_read_once_and_kept(monkeypatch: pytest.MonkeyPatch
     monkeypatch.undo()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert _fingerprint() == first
+
+
+def test_sources_are_parsed_one_after_another(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """CPython 3.11 fails at times where two threads parse at once."""
+    alone, parsing = threading.Lock(), cache._named
+
+    def named(content: bytes) -> set[str]:
+        assert alone.acquire(blocking=False), "another thread parses"
+        try:
+            time.sleep(0.0)  # others may run
+            return parsing(content)
+        finally:
+            alone.release()
+
+    monkeypatch.setattr(cache, "_named", named)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    modules = [f"guidefield.geometry.{name}" for name in ("cache", "curve_order", "box_tree", "surface_rows")]
+    with ThreadPoolExecutor(len(modules)) as threads:
+        found = list(threads.map(cache._sources.__wrapped__, modules))
+    assert len(set(found)) == len(modules)
+    assert found == [cache._sources(module) for module in modules]

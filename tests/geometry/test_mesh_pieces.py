@@ -9,7 +9,17 @@ import pytest
 
 from guidefield.geometry.decomposition import Decomposition, decompose
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import SPREAD_POINTS, cluster_counts, spread_points, triangle_tree
+from guidefield.geometry.mesh_tree import (
+    BOXED,
+    CLUSTERS,
+    SPREAD_POINTS,
+    Cluster,
+    boxed_count,
+    cluster_counts,
+    spread_points,
+    tree_written,
+    triangle_tree,
+)
 from guidefield.geometry.solid import solid
 from guidefield.kernels.cover.beyond_planes import not_beyond
 from tests.collision.lanes.test_lanes import torus
@@ -74,3 +84,20 @@ def test_clusters_are_as_many_as_were_counted(count: int) -> None:
     tree = triangle_tree(np.random.default_rng(count).normal(size=(count, 3, 3)))
     assert cluster_counts(count) == [len(nodes) for nodes, _ in tree.clusters]
     assert (tree.links[:, 0] >= 0).sum() == count - 1
+
+
+@pytest.mark.parametrize("count", [1, 85, 86, 171, 1001, 2048, 2049, 5000])
+def test_nodes_that_may_get_a_box_are_told_with_all_that_is_below(count: int) -> None:
+    triangles, told = np.random.default_rng(count).normal(size=(count, 3, 3)), list[Cluster]()
+    balls, links = np.empty((2 * count - 1, 4)), np.empty((2 * count - 1, 3), np.int64)
+    tree_written(triangles, balls, links, lambda: None, told.append)
+    assert boxed_count(count) == sum(len(nodes) for nodes, _ in told)
+    for nodes, members in told:
+        for node, row in zip(nodes.tolist(), members, strict=True):
+            waiting, below = [node], set[int]()
+            while waiting:
+                left, right, triangle = links[waiting.pop()].tolist()
+                below.update([triangle] if left < 0 else [])
+                waiting += [] if left < 0 else [left, right]
+            assert set(row.tolist()) == below
+            assert CLUSTERS[-1] < len(below) <= BOXED

@@ -58,7 +58,7 @@ def test_rows_are_those_of_coals_shapes(chosen: tuple[str, ...], count: int) -> 
         np.testing.assert_allclose(tables.sizes[row], body.size, rtol=1e-15)
         np.testing.assert_allclose(tables.bounds[row], body.bounds, rtol=1e-15)
         np.testing.assert_allclose(tables.placements[row], body.placement, atol=1e-15)
-        assert tables.spans[row].tolist() == [0, 0, 0, 0]
+        assert tables.spans[row].tolist() == [0, 0, 0, 0, 0]
     assert not any(array.flags.writeable for array in tables[:7])
 
 

@@ -56,7 +56,11 @@ def test_patches_are_all_of_a_surface_and_are_made_when_they_are_asked_for() -> 
 @pytest.mark.usefixtures("small")
 def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
     vertices, triangles = terrain(20)
-    body, whole, patches = coal.Capsule(0.05, 0.3), facets.bvh(vertices, triangles), Patches(vertices, triangles)
+    body, whole, patches = (
+        coal.Capsule(0.05, 0.3),
+        facets.bvh(vertices, triangles),
+        Patches(lambda: (vertices, triangles)),
+    )
     rng = np.random.default_rng(4)
     there = _placement(rng)
     touching = 0

@@ -118,6 +118,19 @@ def test_what_is_kept_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None
     assert any("cross" in warning for warning in new_scene().warnings)
 
 
+def test_patches_are_read_as_they_were_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def patches() -> list[bytes]:
+        found = new_scene().obstacles[0].recipe.facets.patches
+        return [array.tobytes() for array in (found._triangles, found._low, found._high)]
+
+    first = patches()
+    assert "patches" in kinds()
+    nothing_is_written(monkeypatch)
+    assert patches() == first
+    monkeypatch.setattr(cache, "LARGE", 10**9)
+    assert patches() == first, "without a file too"
+
+
 def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     found, (whole, read) = everything(met(new_scene())), (everything(new_scene()), list[str]())
     reading = entries.read

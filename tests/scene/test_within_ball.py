@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.kernels.distance.distance import distance_at_points
+from guidefield.kernels.distance.distance import SEEN_SOLID, distance_at_points
+from guidefield.kernels.distance.ray_winding import ROOM
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.scene import seen_surface, within_ball as room
@@ -108,6 +109,20 @@ def test_what_is_inside_a_wall_is_told_as_before() -> None:
     assert (far > 0.05).any()
     near = distance_at_points(distance_tables(within_ball(whole, ball)), points)[0]
     np.testing.assert_allclose(near, far, atol=1e-12)
+
+
+@pytest.mark.parametrize("cutoff", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("ball", [Ball(4.1, 0.2, 1.0, 0.6), Ball(3.3, 0.0, 1.2, 0.5)])
+def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutoff: float) -> None:
+    whole = one_alone(everything(), 1)
+    points, met = places(ball, 400), distance_tables(within_ball(whole, ball))
+    assert SEEN_SOLID in met.kinds
+    assert (met.anchors[:, ROOM] > 0.0).all()
+    assert len(met.anchors) == met.spans[:, 4].max() == (met.kinds == SEEN_SOLID).sum()
+    far = distance_at_points(distance_tables(whole), points)[0]
+    near = distance_at_points(met, points, cutoff)[0]
+    assert (far > cutoff).any()
+    np.testing.assert_allclose(near, np.where(far < cutoff, far, np.inf), atol=1e-12)
 
 
 def test_field_names_and_what_is_small_stay() -> None:

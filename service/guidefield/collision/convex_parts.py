@@ -210,16 +210,17 @@ def _behind_one_another(arrays: list[np.ndarray], kind: type) -> np.ndarray:
     return some[0] if len(some) == 1 else np.concatenate([np.empty(0, kind), *some])
 
 
-def tree_layout(triangles: int, nodes: int, clusters: Sequence[int]) -> Layout:
+def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], boxes: int = 0) -> Layout:
     """The arrays of `Parts` for the tree of a mesh, without polytopes about all that is below a node.
 
     Args:
         triangles: How many triangles it has.
         nodes: How many nodes.
         clusters: How many of these are of each of `CLUSTERS`.
+        boxes: How many larger ones have a box.
     """
-    parts = triangles + sum(clusters)
-    blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True))
+    parts = triangles + sum(clusters) + boxes
+    blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + boxes
     return {
         "balls": ("<f8", (BALL_ROW * nodes,)),
         "links": ("<i8", (LINK * nodes,)),
@@ -263,6 +264,23 @@ def write_clusters(corners: np.ndarray, clusters: tuple[Cluster, ...], made: Arr
         shapes[part : part + count, FIRST_BLOCK] = block + each * np.arange(count)
         links[nodes, OWN] = np.arange(part, part + count)
         part, block = part + count, block + each * count
+
+
+def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
+    """Write boxes about all that is below some nodes as the last parts.
+
+    Args:
+        nodes: Shape (k,).
+        boxes: Their corners, shape (k, 8, 3) [m].
+        made: As `tree_layout` has them, with the tree's links.
+    """
+    shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
+    vertices = made["vertices"].reshape(-1, 3, LANES)
+    part, block, count = len(shapes) - len(nodes), len(vertices) - len(nodes), len(nodes)
+    vertices[block:] = np.tile(boxes, (1, LANES // 8, 1)).swapaxes(1, 2)
+    shapes[part:, KIND], shapes[part:, BLOCKS] = POLYTOPE, 1
+    shapes[part:, FIRST_BLOCK] = block + np.arange(count)
+    links[nodes, OWN] = part + np.arange(count)
 
 
 def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:

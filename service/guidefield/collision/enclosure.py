@@ -10,13 +10,18 @@ import coal
 import numpy as np
 
 from guidefield.collision.world import PairNames, World
+from guidefield.geometry.cache import is_large
 from guidefield.geometry.closed import connected_pieces
+from guidefield.geometry.extents import box_about
 from guidefield.kept import MISSING, Answers, kept_with
+from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.distance.distance import outside_of
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
+from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.obstacle import Obstacle
 
@@ -70,12 +75,11 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
     there, at = world.placement(outer), world.placement(inner)
     local = np.array([there.actInv(at.act(point)) for point in _solid_of(world, inner).points]).reshape(-1, 3)
     within = ((local > solid.box[0]) & (local < solid.box[1])).all(axis=1)
-    return any(abs(winding_number(point, solid.surface)) > 0.5 for point in local[within])
+    return any(_winds_around(world, outer, solid, point) for point in local[within])
 
 
 def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray) -> bool:
     """Whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
-    assert solid.surface is not None, "only closed meshes are asked for"
     there = world.placement(outer)
     low, high = solid.box
     middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points
@@ -83,25 +87,21 @@ def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray)
         near = near[np.abs(near[:, axis] - middle[axis]) < reach]
     local = (near - there.translation) @ there.rotation
     within = local[((local > low) & (local < high)).all(axis=1)]
-    return any(abs(winding_number(point, solid.surface)) > 0.5 for point in within)
+    return any(_winds_around(world, outer, solid, point) for point in within)
 
 
-def winding_number(point: np.ndarray, corners: np.ndarray) -> float:
-    """How often a surface winds around a point: whole numbers for a closed one, 0 outside.
+def _winds_around(world: World, outer: int, solid: _Solid, point: np.ndarray) -> bool:
+    """Whether the closed surface of a body winds around a point, shape (3,) [m, its frame].
 
-    The sum of the triangles' solid angles over 4 pi (A. van Oosterom and J. Strackee, IEEE Trans. Biomedical
-    Engineering 30(2), 1983).
-
-    Args:
-        point: Shape (3,) [m], in the surface's frame.
-        corners: Triangles in the same frame, shape (t, 3, 3) [m].
+    Solid angles tell. Of a large obstacle most points are sooner proven to be outside.
     """
-    a, b, c = np.moveaxis(corners - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(arm, axis=1) for arm in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = [np.einsum("ij,ij->i", *arms) for arms in ((a, b), (b, c), (c, a))]
-    solid_angles = 2.0 * np.arctan2(volume, la * lb * lc + dots[0] * lc + dots[1] * la + dots[2] * lb)
-    return float(solid_angles.sum() / (4.0 * np.pi))
+    assert solid.surface is not None, "only closed meshes are asked for"
+    vertices, triangles = solid.surface
+    if outer >= world.pairs.links and is_large(len(triangles)):
+        x, y, z = (float(one) for one in world.placement(outer).act(point))
+        if outside_of(x, y, z, distance_tables(world.scene), outer - world.pairs.links):
+            return False
+    return abs(winding_by_angles(float(point[0]), float(point[1]), float(point[2]), vertices, triangles)) > 0.5
 
 
 _NOWHERE = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
@@ -112,12 +112,12 @@ class _Solid:
     """What tells whether a body is inside another, in the body's own frame [m].
 
     Attributes:
-        surface: Triangles (t, 3, 3) of a closed mesh that is judged as a surface; None for all others.
+        surface: Vertices (v, 3) and triangles (t, 3) of a closed mesh that is judged as a surface; None for all others.
         box: Lower and upper corner about them, shape (2, 3).
         points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
     """
 
-    surface: np.ndarray | None
+    surface: tuple[np.ndarray, np.ndarray] | None
     box: np.ndarray
     points: np.ndarray
 
@@ -172,4 +172,5 @@ def _of_surface(vertices: np.ndarray, triangles: np.ndarray, *, solid: bool) -> 
     first_of_each = vertices[np.unique(connected_pieces(len(vertices), triangles))]
     if not solid:
         return _Solid(None, _NOWHERE, first_of_each)
-    return _Solid(vertices[triangles], np.array([vertices.min(axis=0), vertices.max(axis=0)]), first_of_each)
+    surface = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    return _Solid(surface, box_about(vertices), first_of_each)

@@ -14,6 +14,7 @@ import functools
 import hashlib
 import logging
 import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -135,13 +136,17 @@ def _bytes_of(array: np.ndarray) -> memoryview:
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
+_READING = threading.Lock()
+"""Held while sources are read: CPython 3.11 fails at times where two threads parse at once."""
+
+
 @functools.cache
 def _sources(module: str) -> str:
     """Changes with numpy's version, with a module of this package, and with what it needs of the rooms that compute."""
     found: set[str] = set()
     waiting = {module}
     digest = hashlib.sha256(np.__version__.encode())
-    with _kept_names() as known:
+    with _READING, _kept_names() as known:
         while waiting:
             found |= waiting
             waiting = {needed for name in waiting for needed in _imports(name, known)} - found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import coal
@@ -14,6 +14,7 @@ from guidefield.geometry.axes import across
 from guidefield.geometry.extents import box_about
 from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, surface_rows
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
+from guidefield.kernels.distance.ray_winding import ANCHOR
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,7 @@ class Body:
         placement: Rotation and translation of that frame, shape (3, 4) [m].
         surface: The triangles of a solid or sheet, in its own frame.
         cloud: Where the words of its `LaneCloud` are, if it is a cloud.
+        anchor: Of a seen solid how its sides are told, in its own frame, see `ray_winding.ANCHOR`; shape (9,).
     """
 
     kind: int
@@ -53,6 +55,7 @@ class Body:
     placement: Floats
     surface: SurfaceTables | None = None
     cloud: int = 0
+    anchor: Floats | None = None
 
     def placed(self, rotation: Floats, translation: Floats) -> Body:
         """The body in a frame that its own is placed in.
@@ -63,7 +66,7 @@ class Body:
         """
         turned = rotation @ self.placement
         turned[:, 3] += translation
-        return Body(self.kind, self.size, self.bounds, turned, self.surface, self.cloud)
+        return replace(self, placement=turned)
 
 
 def primitive(shape: Any) -> Body | None:
@@ -73,12 +76,12 @@ def primitive(shape: Any) -> Body | None:
 
 
 def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
-    """The body of a surface.
+    """The body of a surface; of a seen solid without an anchor.
 
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
-        kind: SOLID or SHEET.
+        kind: SOLID, SEEN_SOLID or SHEET.
         neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
             which side is which at its edges and corners, and nothing else.
     """
@@ -86,7 +89,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
 
 
 def of_surface(rows: SurfaceRows, kind: int) -> Body:
-    """The body of a surface whose rows are made, SOLID or SHEET."""
+    """The body of a surface whose rows are made, SOLID, SEEN_SOLID or SHEET; without an anchor."""
     return Body(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
 
 
@@ -141,6 +144,7 @@ class BodyRows(NamedTuple):
         bounds: As `Body.bounds`, shape (n, 6) [m].
         placements: As `Body.placement`, shape (n, 3, 4) [m].
         surfaces: By row, those of solids and sheets.
+        anchors: By row, those of seen solids.
         clouds: As `Body.cloud`, shape (n,).
         boxes: As `boxes_in_world` has them, shape (n, 6) [m].
     """
@@ -150,6 +154,7 @@ class BodyRows(NamedTuple):
     bounds: Floats
     placements: Floats
     surfaces: dict[int, SurfaceTables]
+    anchors: dict[int, Floats]
     clouds: Integers
     boxes: Floats
 
@@ -162,6 +167,7 @@ class BodyRows(NamedTuple):
             bounds=np.take(self.bounds, order, axis=0),
             placements=np.take(self.placements, order, axis=0),
             surfaces={places[row]: surface for row, surface in self.surfaces.items() if row in places},
+            anchors={places[row]: anchor for row, anchor in self.anchors.items() if row in places},
             clouds=self.clouds[order],
             boxes=np.take(self.boxes, order, axis=0),
         )
@@ -177,6 +183,7 @@ def body_rows(bodies: Sequence[Body]) -> BodyRows:
         bounds,
         placements,
         {row: body.surface for row, body in enumerate(bodies) if body.surface is not None},
+        {row: body.anchor for row, body in enumerate(bodies) if body.anchor is not None},
         np.array([body.cloud for body in bodies], np.int64),
         boxes_in_world(placements, bounds),
     )
@@ -191,6 +198,7 @@ def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
         bounds=np.concatenate([first.bounds, second.bounds]),
         placements=np.concatenate([first.placements, second.placements]),
         surfaces=first.surfaces | {count + row: surface for row, surface in second.surfaces.items()},
+        anchors=first.anchors | {count + row: anchor for row, anchor in second.anchors.items()},
         clouds=np.concatenate([first.clouds, second.clouds]),
         boxes=np.concatenate([first.boxes, second.boxes]),
     )
@@ -224,6 +232,8 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
         nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
     """
     surfaces, spans = _surface_tables(bodies.surfaces, len(bodies.kinds))
+    anchored = sorted(bodies.anchors)
+    spans[anchored, 4] = np.arange(1, len(anchored) + 1)
     tables = DistanceTables(
         kinds=bodies.kinds,
         obstacles=np.array(owners, np.int64),
@@ -232,6 +242,7 @@ def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Float
         bounds=bodies.bounds,
         boxes=bodies.boxes,
         spans=spans,
+        anchors=np.array([bodies.anchors[row] for row in anchored]).reshape(-1, ANCHOR),
         nodes=nodes,
         surfaces=surfaces,
         clouds=bodies.clouds,
@@ -282,11 +293,11 @@ def _about_origin(kind: int, size: tuple[float, float, float], half: tuple[float
 
 
 def _surface_tables(surfaces: dict[int, SurfaceTables], count: int) -> tuple[SurfaceTables, Integers]:
-    """Tables of the surfaces of some of n bodies, and where the tree of each stands, shape (n, 4)."""
-    spans = np.zeros((count, 4), np.int64)
+    """Tables of the surfaces of some of n bodies, and where the tree of each stands; none has an anchor. (n, 5)."""
+    spans = np.zeros((count, 5), np.int64)
     node = triangle = 0
     for index, (nodes, corners, _) in sorted(surfaces.items()):
-        spans[index] = node, (len(nodes) + 1) // 2, triangle, len(corners)
+        spans[index, :4] = node, (len(nodes) + 1) // 2, triangle, len(corners)
         node, triangle = node + len(nodes), triangle + len(corners)
     if len(surfaces) == 1:
         return next(iter(surfaces.values())), spans  # of a large one no copy is made

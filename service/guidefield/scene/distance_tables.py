@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from guidefield.kernels.collide.primitive import (
     HALF_SPACE as HALF_SPACE_PLACED,
 )
 from guidefield.kernels.collide.primitive_bodies import primitive_bodies
-from guidefield.kernels.distance.distance import HALF_SPACE, SHEET, SOLID, DistanceTables
+from guidefield.kernels.distance.distance import HALF_SPACE, SEEN_SOLID, SHEET, SOLID, DistanceTables
 from guidefield.read_only import read_only
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
@@ -137,6 +138,7 @@ def _declared(placed: np.ndarray) -> BodyRows:
         bounds=np.empty((count, 6)),
         placements=np.empty((count, 3, 4)),
         surfaces={},
+        anchors={},
         clouds=np.zeros(count, np.int64),
         boxes=np.empty((count, 6)),
     )
@@ -155,10 +157,8 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     if obstacle.recipe.content and is_large(obstacle.faces):
         return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
-        return [
-            triangulated(vertices, triangles, SOLID, neighbours).placed(rotation, translation)
-            for vertices, triangles, neighbours in obstacle.surfaces
-        ]
+        solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
+        return [body.placed(rotation, translation) for body in _as_seen(obstacle, solids)]
     sheets = []
     for vertices, triangles, neighbours in obstacle.surfaces:
         axes = flat_frame(vertices, triangles)
@@ -174,4 +174,16 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
         write_surfaces(obstacle.surfaces, room)
 
     made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
-    return [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
+    bodies = [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
+    return _as_seen(obstacle, bodies) if obstacle.solid else bodies
+
+
+def _as_seen(obstacle: Obstacle, solids: list[Body]) -> list[Body]:
+    """The solids of an obstacle, those of which only a part is seen as such."""
+    if obstacle.seen is None:
+        return solids
+    parts = zip(solids, obstacle.seen.parts, obstacle.seen.anchors, strict=True)
+    return [
+        dataclasses.replace(body, kind=SEEN_SOLID, anchor=anchor) if len(neighbours) else body
+        for body, (_, _, neighbours), anchor in parts
+    ]

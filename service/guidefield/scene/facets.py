@@ -6,6 +6,7 @@ robot meets a corner: the trees of all that is elsewhere are never made.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
@@ -13,11 +14,18 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.cache import made_in_place
 from guidefield.geometry.curve_order import curve_order
+from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.extents import box_about
+from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 
 PATCH = 8192
 """Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
+
+
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface."""
 
 
 def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
@@ -42,10 +50,11 @@ class Facets:
     Args:
         count: How many there are.
         made: Makes their vertices (v, 3) [m], each used, and the triangles (t, 3), in the obstacle's own frame.
+        content: What they are known by, where what is found for them is kept on disk; else nothing.
     """
 
-    def __init__(self, count: int, made: Callable[[], tuple[np.ndarray, np.ndarray]]) -> None:
-        self.count, self._made = count, made
+    def __init__(self, count: int, made: Whole, content: bytes = b"") -> None:
+        self.count, self._made, self._content = count, made, content
 
     @cached_property
     def box(self) -> np.ndarray:
@@ -60,25 +69,26 @@ class Facets:
     @cached_property
     def patches(self) -> Patches | None:
         """Trees of neighbours; None where one tree is no more than `PATCH`."""
-        return Patches(*self._made()) if self.count > PATCH else None
+        return Patches(self._made, self._content) if self.count > PATCH else None
 
 
 class Patches:
     """Triangles as trees of at most `PATCH` neighbours, each made when it is first asked for.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
+        surface: Makes the vertices (v, 3) [m] and triangles (t, 3); not before they are needed.
+        content: What they are known by: of many it is kept on disk which are neighbours. Nothing if it isn't kept.
     """
 
-    def __init__(self, vertices: np.ndarray, triangles: np.ndarray) -> None:
-        self._vertices = vertices
-        a, b, c = (vertices[column] for column in triangles.T)
-        order = curve_order(a + b + c)
-        self._triangles, starts = triangles[order], np.arange(0, len(triangles), PATCH)
-        low = np.minimum(np.minimum(a, b), c)[order]
-        high = np.maximum(np.maximum(a, b), c)[order]
-        self._low, self._high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
+    def __init__(self, surface: Whole, content: bytes = b"") -> None:
+        self._surface = surface = functools.cache(surface)
+
+        def write(room: Room) -> Arrays:
+            return _written(*surface(), room)
+
+        known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
+        made = made_in_place("patches", known, write) if content else write(in_memory)
+        self._triangles, (self._low, self._high) = made["triangles"], np.split(made["boxes"], 2, axis=1)
         self._shapes: dict[int, Any] = {}
 
     def __len__(self) -> int:
@@ -99,7 +109,7 @@ class Patches:
         if index not in self._shapes:
             corners = self._triangles[index * PATCH : (index + 1) * PATCH]
             used, local = np.unique(corners, return_inverse=True)
-            self._shapes[index] = bvh(self._vertices[used], local.reshape(-1, 3))
+            self._shapes[index] = bvh(self._surface()[0][used], local.reshape(-1, 3))
         return self._shapes[index]
 
     def nearest_first(self, low: np.ndarray, high: np.ndarray) -> Iterator[tuple[float, int]]:
@@ -107,3 +117,13 @@ class Patches:
         apart = self.apart(low, high)
         for index in np.argsort(apart, kind="stable").tolist():
             yield float(apart[index]), index
+
+
+def _written(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
+    """Triangles in the order of their patches, shape (t, 3), and the boxes about these, shape (k, 6) [m]."""
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    made = room({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})
+    sums = np.empty((len(triangles), 3))
+    corner_sums(vertices, triangles, sums)
+    runs_of_triangles(vertices, triangles, curve_order(sums), PATCH, made["triangles"], made["boxes"])
+    return made

@@ -266,11 +266,9 @@ def _polygon(message: messages.Polygon, _: Content) -> Obstacle:
 def _point_cloud(message: messages.PointCloud, content: Content) -> Obstacle:
     points = points_in(message.points)
     points.setflags(write=False)
-    cloud, facets, placement = (
-        Cloud(points, message.radius),
-        Facets(len(points), lambda: cloud_specks(points)),
-        pin.SE3.Identity(),
-    )
+    cloud, placement = Cloud(points, message.radius), pin.SE3.Identity()
+    known = content.geometry if is_large(len(points)) else b""
+    facets = Facets(len(points), lambda: cloud_specks(points), known)
     recipe = Recipe(
         body=lambda _: (facets.whole, placement),
         surface=lambda _: cloud_surface(points, cloud.radius),
@@ -279,7 +277,7 @@ def _point_cloud(message: messages.PointCloud, content: Content) -> Obstacle:
         facets=facets,
         placement=placement,
         extent=extent_of(points),
-        content=content.geometry if is_large(len(points)) else b"",
+        content=known,
     )
     return Obstacle(message, recipe, cloud=cloud)
 
@@ -294,7 +292,7 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any, Content], Obstacle]] = {
 
 
 def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Obstacle:
-    facets = Facets(mesh.count, mesh.surface) if mesh.hull is None else None
+    facets = Facets(mesh.count, mesh.surface, mesh.content) if mesh.hull is None else None
 
     def charged(*_: Any) -> Charges:
         vertices, triangles = mesh.surface()

@@ -15,9 +15,13 @@ from guidefield.geometry.entries import Arrays
 from guidefield.geometry.extents import box_about
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
+from guidefield.kernels.distance.ray_winding import ANCHOR
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
+
+Anchored = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+"""Finds how the sides of a surface are told, of its vertices and triangles and a ball's centre and radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +31,14 @@ class SeenSurface:
     Attributes:
         parts: What is seen of each of its solids, or of the thin surface, with what these triangles are neighbours of;
             all of the same vertices.
+        anchors: How the sides of each solid are told, see scene/anchor.py; no numbers of one that is seen whole.
         box: Lower and upper corner about all of the surface, shape (2, 3) [m].
         whole: Makes all of the surface.
         content: What the part is known by on disk; nothing if it isn't kept there.
     """
 
     parts: tuple[Triangulated, ...]
+    anchors: np.ndarray
     box: np.ndarray
     whole: Whole
     content: bytes
@@ -52,13 +58,20 @@ class SeenSurface:
 
 
 def seen_surface(
-    whole: Whole, solids: Callable[[], list[np.ndarray]], content: bytes, centre: np.ndarray, radius: float, most: float
+    whole: Whole,
+    solids: Callable[[], list[np.ndarray]],
+    anchored: Anchored,
+    content: bytes,
+    centre: np.ndarray,
+    radius: float,
+    most: float,
 ) -> SeenSurface | None:
     """Find what is seen: from everywhere in the ball each solid is as far as its seen part. Small ones are seen whole.
 
     Args:
         whole: Makes the surface; kept with what is found.
         solids: Makes the triangles of each solid, or all of them.
+        anchored: Finds the anchor of a solid; `anchor_of`, or `no_anchor` of a thin surface.
         content: What the surface is known by; what is seen of it is kept on disk. If nothing, it is found each time.
         centre: Of the ball, shape (3,) [m].
         radius: Of the ball [m].
@@ -66,7 +79,7 @@ def seen_surface(
     """
 
     def found() -> Arrays:
-        return _found(whole(), solids(), centre, radius, most)
+        return _found(whole(), solids(), anchored, centre, radius, most)
 
     if not content:
         return _restored(found(), whole, b"")
@@ -76,7 +89,12 @@ def seen_surface(
 
 
 def _found(
-    surface: tuple[np.ndarray, np.ndarray], solids: list[np.ndarray], centre: np.ndarray, radius: float, most: float
+    surface: tuple[np.ndarray, np.ndarray],
+    solids: list[np.ndarray],
+    anchored: Anchored,
+    centre: np.ndarray,
+    radius: float,
+    most: float,
 ) -> Arrays:
     """What is seen as arrays, numbers of vertices in four bytes; of too much, nothing but that there are no parts."""
     vertices, triangles = surface
@@ -84,8 +102,13 @@ def _found(
     if sum(len(seen) for seen, _ in parts) > most * len(triangles):
         return {"counts": np.empty((0, 2), np.int64)}
     alone, numbers = used_alone(vertices, np.concatenate([one for part in parts for one in part]))
+    anchors = np.zeros((len(parts), ANCHOR))
+    for row, solid, (_, beside) in zip(anchors, solids, parts, strict=True):
+        if len(beside):
+            row[:] = anchored(vertices, solid, centre, radius)
     return {
         "counts": np.array([[len(seen), len(beside)] for seen, beside in parts]),
+        "anchors": anchors,
         "box": box_about(vertices),
         "vertices": alone,
         "triangles": numbers.astype(np.int32),
@@ -98,7 +121,8 @@ def _restored(found: Arrays, whole: Whole, content: bytes) -> SeenSurface | None
         return None
     numbers = np.split(found["triangles"].astype(np.int64), np.cumsum(counts.ravel())[:-1])
     parts = zip(numbers[0::2], numbers[1::2], strict=True)
-    return SeenSurface(tuple((found["vertices"], *part) for part in parts), found["box"], whole, content)
+    seen = tuple((found["vertices"], *part) for part in parts)
+    return SeenSurface(seen, found["anchors"], found["box"], whole, content)
 
 
 def _seen_part(

@@ -15,6 +15,7 @@ import numpy as np
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
 from guidefield.kept import kept_by
+from guidefield.scene.anchor import anchor_of, no_anchor
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.facets import Facets
 from guidefield.scene.obstacle import Obstacle
@@ -69,6 +70,7 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     seen = seen_surface(
         lambda: recipe.surface(message),
         lambda: [part[1] for part in obstacle.surfaces],
+        anchor_of if obstacle.solid else no_anchor,
         recipe.content,
         centre,
         ball.radius,
@@ -76,7 +78,7 @@ def _obstacle_met(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
     )
     if seen is None:
         return None
-    facets = Facets(seen.count, lambda: seen.surface)
+    facets = Facets(seen.count, lambda: seen.surface, seen.content)
     met = recipe._replace(
         surface=lambda _: seen.surface, facets=facets, body=_body_of(facets, obstacle), content=seen.content
     )
@@ -100,7 +102,7 @@ def _cloud_met(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: flo
     if not len(points):
         return None
     points.setflags(write=False)
-    facets = Facets(len(points), lambda: cloud_specks(points))
+    facets = Facets(len(points), lambda: cloud_specks(points), content)
     recipe = obstacle.recipe._replace(facets=facets, body=_body_of(facets, obstacle), content=content)
     return dataclasses.replace(obstacle, recipe=recipe, cloud=Cloud(points, cloud.radius))
 

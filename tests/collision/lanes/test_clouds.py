@@ -11,12 +11,13 @@ import pytest
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
-from guidefield.collision.enclosure import enclosed, winding_number
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
 from guidefield.geometry.charges import surface_points
 from guidefield.kernels.collide.layout import BAND
+from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.robot.model.shapes import triangulation
@@ -149,9 +150,9 @@ def test_a_point_inside_a_link_is_told_though_it_touches_nothing() -> None:
     for shape in planned.geometry.geometryObjects:
         if not (isinstance(shape.geometry, coal.BVHModelBase) and shape.parentJoint):
             continue
-        vertices, triangles = triangulation(shape.geometry)
+        vertices, triangles = map(np.array, triangulation(shape.geometry))
         local = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), (40, 3))
-        inside = [abs(winding_number(point, vertices[triangles])) > 0.5 for point in local]
+        inside = [abs(winding_by_angles(*point.tolist(), vertices, triangles)) > 0.5 for point in local]
         for point in local[inside][:3]:
             there = data.oMi[shape.parentJoint].act(shape.placement.act(point))
             dots = np.array([there, [9.0, 9.0, 9.0]])

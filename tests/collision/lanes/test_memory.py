@@ -22,7 +22,7 @@ from tests.robots import group
 def test_the_memory_of_a_world_is_laid_out_without_overlaps(robot: str, count: int) -> None:
     lanes = BatchCollision.build(World.build(group(robot), scene(1, count)))
     tables = lanes.tables
-    arrays = [*tables.scratch, tables.block, tables.obstacles.tested]
+    arrays = [*tables.scratch, tables.block, tables.obstacles.may_touch]
     for array in arrays:
         assert array.ctypes.data % LINE == 0
         assert array.size == 0 or np.shares_memory(array, lanes.memory)

@@ -119,7 +119,7 @@ def test_every_stand_in_is_tested_as_its_obstacle_is() -> None:
     world = World.build(group("panda"), made, [("panda_link5", "o2"), ("panda_hand", "wall")])
     lanes = BatchCollision.build(world)
     obstacles, owners = lanes.tables.obstacles, lane_scene(made).owners
-    tested = obstacles.tested.reshape(-1, obstacles.size)
+    tested = 1 - obstacles.may_touch.reshape(-1, obstacles.size)
     pairs = {(a, b - len(tested)) for a, b in listed(world)[world.pairs.n_self :].tolist()}
     for body, row in enumerate(tested):
         assert [(body, owner) in pairs for owner in owners.tolist()] == row.astype(bool).tolist()

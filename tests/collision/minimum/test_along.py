@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -10,21 +11,26 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import clearance_at
+from guidefield.collision.lanes import scene_tables
 from guidefield.collision.minimum import by_kernels as kernel_search, nearest
 from guidefield.collision.minimum.along import Along, smallest_along
 from guidefield.collision.minimum.by_coal import ByCoal
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
+from guidefield.geometry import cache
+from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.group.reduced_model import select
 from tests.collision.minimum.test_smallest import at, found_along, motion, plain_distance, surveyor_of
 from tests.collision.scenery import scattered, world_of
 from tests.collision.test_motion_bound import ARMS, world
+from tests.geometry import solids
 from tests.planner.problems import library_scene, scene_of
 from tests.planner.test_moving_kinds import KINDS, moving
 from tests.robots import group, robot
+from tests.scene.solids import mesh_message
 
 ACCURACY = 1e-5
 """How far a distance by kernels may be from Coal's [m]."""
@@ -96,6 +102,32 @@ def test_kernels_find_what_coal_finds_of_meshes(name: str, scene: str) -> None:
     place = World.build(group(name), library_scene(scene))
     trajectory, by_coal = clear_motion(place, 0.15)
     agree(place, trajectory, by_kernels(place, trajectory), by_coal)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.usefixtures("without_coal")
+def test_closed_meshes_whose_large_nodes_have_boxes_are_measured(
+    name: str, seed: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(seed)
+    ring = solids.lying(solids.torus(rng.uniform(0.5, 1.2), rng.uniform(0.02, 0.1), 120, 24), seed)
+    thin = solids.lying(solids.torus(0.4, 0.002, 90, 8), seed + 3)
+    place = World.build(group(name), scene_of(mesh_message(*ring, name="r"), mesh_message(*thin, name="t")))
+    trajectory, by_coal = clear_motion(place, 0.15)
+    without = by_kernels(place, trajectory)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(cache, "LARGE", 1)
+    monkeypatch.setattr(scene_tables, "MOST_TRIANGLES", 500)
+    place = World.build(
+        group(name), scene_of(mesh_message(*ring, name=f"{name} r"), mesh_message(*thin, name=f"{name} t"))
+    )
+    found = by_kernels(place, trajectory)
+    assert list(cache.folder().glob("lanes-*")), "they count as large"
+    agree(place, trajectory, found, by_coal)
+    for one, other in zip(without.obstacle, found.obstacle, strict=True):
+        assert one.distance == pytest.approx(other.distance, abs=ACCURACY)
 
 
 @pytest.mark.usefixtures("without_coal")

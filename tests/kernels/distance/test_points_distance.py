@@ -13,6 +13,7 @@ from guidefield.kernels.distance.points_distance import ROWS, nearest_body_of_ea
 from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, compiled
 from guidefield.kernels.simd.vector import LANES_64, load, store
 from guidefield.messages import scene as messages
+from tests.geometry import solids
 from tests.kernels.distance.test_distance import CONVEX, TILTED, tables_of
 from tests.scene.solids import l_prism, mesh_message
 
@@ -22,6 +23,7 @@ KINDS: dict[str, Any] = {
     "triangle": messages.Polygon(name="t", vertices=[(0.1, 0.0, 0.0), (0.5, 0.0, 0.2), (0.3, 0.4, -0.1)]),
     "polygon": messages.Polygon(name="p", vertices=SQUARE),
     "mesh": mesh_message(*l_prism(), name="m", **TILTED),
+    "ring": mesh_message(*solids.torus(0.4, 0.1), name="r", **TILTED),
     "cloud": messages.PointCloud(name="c", points=[(0.1, 0.2, 0.3), (-0.3, 0.1, 0.0)], radius=0.05),
 }
 

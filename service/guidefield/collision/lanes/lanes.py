@@ -74,11 +74,11 @@ class BatchCollision:
     @classmethod
     def build(cls, world: World) -> BatchCollision:
         """Make the tables of a world."""
-        _, words, scene, layout = _of(world)
+        robot, words, scene, layout = _of(world)
         memory = np.zeros(layout.size, np.int64)
         all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
-        moving, left_out = world.pairs.moving, world.pairs.bodies_left_out()
-        begins = lay_out(words, scene.words, layout.offsets, scene.owners, moving, left_out, memory, all_words)
+        bodies, moving, left_out = robot.bodies.size, world.pairs.moving, world.pairs.bodies_left_out()
+        begins = lay_out(words, scene.words, layout.offsets, scene.owners, bodies, moving, left_out, memory, all_words)
         return cls(world, all_words, memory, begins, scene)
 
     @cached_property
@@ -92,7 +92,7 @@ class BatchCollision:
             parts=robot.parts,
             fractions=FRACTIONS,
             nv=self.world.group.nv,
-            obstacles=scene.tables[0]._replace(tested=views["tested"]),
+            obstacles=scene.tables[0]._replace(may_touch=views["may_touch"]),
             scene=scene.tables[1],
             scratch=Scratch(**{name: views[name] for name in Scratch._fields}),
             block=views["block"],

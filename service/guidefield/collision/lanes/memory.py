@@ -74,7 +74,7 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "centres": robot.bodies.carriers * BLOCK,
         "places": (GRID_SIDES + 1) * LANES,
         "hits": HIT * HITS,
-        "tested": met,
+        "may_touch": met,
         "found": FOUND * (met + own_pairs + 1),
         "pose_a": 12,
         "pose_b": 12,
@@ -87,7 +87,7 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "pair_places": 1 + robot.pieces_paired,
     }
     arrays, size = _one_after_another(lengths, LaneObstacles, Scratch, LaneWorld)
-    offsets = [arrays[name][0] for name in ("tested", *Scratch._fields, "block")]
+    offsets = [arrays[name][0] for name in ("may_touch", *Scratch._fields, "block")]
     return LaneMemory(size, np.array(offsets, np.int64), arrays)
 
 
@@ -98,7 +98,7 @@ def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
         "kinds": primitives,
         "whole": primitives,
         "roots": primitives,
-        "tested": 0,
+        "may_touch": 0,
         "primitives": PRIMITIVE * primitives,
         "boxes": -(-obstacles // LANES) * AROUND,
         "clouds": primitives,

@@ -79,7 +79,7 @@ class LaneScene:
 
     @cached_property
     def tables(self) -> tuple[LaneObstacles, Parts]:
-        """Obstacles, of which one of many triangles stands as several; which are tested is left open. Their shapes."""
+        """Obstacles, of which one of many triangles stands as several; what may touch is left open. Their shapes."""
         return self.made()
 
 
@@ -189,7 +189,7 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         kinds=np.concatenate([obstacles.kinds, places[:, 0]]),
         whole=np.concatenate([obstacles.whole, places[:, 1]]),
         roots=np.concatenate([obstacles.roots, places[:, 2]]),
-        tested=obstacles.tested,
+        may_touch=obstacles.may_touch,
         primitives=np.concatenate([obstacles.primitives, *(table.primitives.ravel() for table in tables)]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
 
 from guidefield.aside import together
-from guidefield.collision.convex_parts import tree_layout, write_clusters, write_triangles
+from guidefield.collision.convex_parts import tree_layout, write_boxes, write_clusters, write_triangles
 from guidefield.geometry.cache import is_large, made_in_place
 from guidefield.geometry.entries import Arrays, Layout, Room, in_memory
-from guidefield.geometry.mesh_tree import Cluster, cluster_counts, tree_written
+from guidefield.geometry.mesh_tree import Cluster, Told, boxed_count, cluster_counts, tree_written
 from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.parts import LINK, PART, ROUND as PART_ROUND, Parts
 from guidefield.kernels.collide.primitive import CENTRE, HALVES, PRIMITIVE, ROUND
@@ -21,6 +22,12 @@ from guidefield.scene.obstacle import Obstacle
 
 CLUSTER = 1
 """Which of the mesh trees' `CLUSTERS` stand behind one box each."""
+
+SOME = 32
+"""Of so many triangles of a large node the corners tell along which axes its box is. Unrecorded."""
+
+SINGLE = 2.0**-20
+"""By which share of the largest length in it a box of vertices in single precision is made larger."""
 
 
 def large_surface(obstacle: Obstacle, step: Callable[[], None]) -> Arrays:
@@ -37,7 +44,9 @@ def large_surface(obstacle: Obstacle, step: Callable[[], None]) -> Arrays:
     """
 
     def write(room: Room) -> Arrays:
-        return _written(np.take(obstacle.vertices, obstacle.triangles, axis=0), step, room)
+        corners = np.take(obstacle.vertices, obstacle.triangles, axis=0)
+        boxed = boxed_count(len(corners)) if obstacle.solid else 0
+        return _written(corners, boxed, step, room)
 
     return _kept("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
 
@@ -67,22 +76,33 @@ def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: 
     return made
 
 
-def _written(corners: np.ndarray, step: Callable[[], None], room: Room) -> Arrays:
-    """The tables of triangles (t, 3, 3) in the world."""
+def _written(corners: np.ndarray, boxed: int, step: Callable[[], None], room: Room) -> Arrays:
+    """The tables of triangles (t, 3, 3) in the world, with boxes about so many large nodes: all of them, or none.
+
+    About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
+    """
     count = cluster_counts(len(corners))[CLUSTER]
     of_boxes = {"nodes": ("<i8", (count,)), "primitives": ("<f4", (count, PRIMITIVE)), "boxes": ("<f4", (count, 6))}
-    made = room({**_layout(len(corners)), **of_boxes})
+    made = room({**_layout(len(corners), boxed), **of_boxes})
+    nodes, about = list[np.ndarray](), list[np.ndarray]()
 
-    def write_boxes(cluster: Cluster) -> None:
+    def stand_in(cluster: Cluster) -> None:
         rows = cluster_rows(corners, cluster[1])
         made["nodes"][:], made["primitives"][:], made["boxes"][:] = cluster[0], rows, boxes_about(rows)
 
-    _write_tree(corners, made, step, lambda clusters: write_boxes(clusters[CLUSTER]))
+    def found(cluster: Cluster) -> None:
+        nodes.append(cluster[0])
+        about.append(box_corners(corners, cluster[1]))
+
+    told = (found,) if boxed else ()
+    _write_tree(corners, made, step, lambda clusters: stand_in(clusters[CLUSTER]), *told)
+    if boxed:
+        write_boxes(np.concatenate(nodes), np.concatenate(about), made)
     return made
 
 
-def _layout(triangles: int) -> Layout:
-    return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles))
+def _layout(triangles: int, boxed: int = 0) -> Layout:
+    return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles), boxed)
 
 
 def _write_tree(
@@ -90,10 +110,14 @@ def _write_tree(
     made: Arrays,
     step: Callable[[], None],
     more: Callable[[tuple[Cluster, ...]], None] = lambda _: None,
+    boxed: Told = lambda _: None,
 ) -> None:
-    """Write the tree over triangles (t, 3, 3), and whatever else is written of its clusters at the same time."""
+    """Write the tree over triangles (t, 3, 3), and whatever else is written of its clusters at the same time.
+
+    `boxed` is told of nodes as by `tree_written`.
+    """
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
-    clusters = tree_written(corners, balls, links, step).clusters
+    clusters = tree_written(corners, balls, links, step, boxed).clusters
     step()
     together(
         lambda: write_triangles(corners, made),
@@ -124,6 +148,31 @@ def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
     rows[:, CENTRE:HALVES] = centres + np.einsum("ki,kij->kj", 0.5 * (low + high), axes)
     rows[:, HALVES:ROUND] = 0.5 * (high - low)
     return rows
+
+
+def box_corners(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
+    """Corners of boxes about clusters of triangles, along the axes in which some of their corners spread.
+
+    The boxes are larger by what single precision may take from them.
+
+    Args:
+        corners: Of all triangles, shape (t, 3, 3) [m].
+        members: The triangles of each cluster, shape (k, most).
+
+    Returns:
+        Shape (k, 8, 3) [m].
+    """
+    members = np.ascontiguousarray(members, np.int64)
+    some, count = np.ascontiguousarray(members[:, :: -(-members.shape[1] // SOME)]), len(members)
+    centres, spreads, reaches = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty((count, 2, 3))
+    cluster_spreads(corners, some, centres, spreads)
+    axes = np.linalg.eigh(spreads)[1].swapaxes(1, 2).copy()
+    cluster_reaches(corners, members, centres, axes, reaches)
+    largest = np.abs(centres).max(axis=1) + np.abs(reaches).max(axis=(1, 2))
+    reaches += SINGLE * largest[:, None, None] * np.array([[-1.0], [1.0]])
+    signs = np.array(list(itertools.product((0, 1), repeat=3)))
+    found: np.ndarray = centres[:, None] + reaches[:, signs, np.arange(3)] @ axes
+    return found
 
 
 def boxes_about(rows: np.ndarray) -> np.ndarray:

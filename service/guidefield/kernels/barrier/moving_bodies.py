@@ -79,7 +79,7 @@ def moved_bodies(moving: MovingBodies, joints: int, nv: int) -> MovedBodies:
     t = moving.bodies
     placed = np.empty((t.kinds.shape[0], 3, 4))
     bodies = DistanceTables(
-        t.kinds, t.obstacles, placed, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces, t.clouds
+        t.kinds, t.obstacles, placed, t.sizes, t.bounds, t.boxes, t.spans, t.anchors, t.nodes, t.surfaces, t.clouds
     )
     motions = moving.spans.shape[0]
     return MovedBodies(

@@ -77,7 +77,7 @@ def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
     """The links' bodies where they are in the world; only for what doesn't count references either."""
     t, moved = robot.links, work.links
     return DistanceTables(
-        t.kinds, t.obstacles, moved, t.sizes, t.bounds, t.boxes, t.spans, t.nodes, t.surfaces, t.clouds
+        t.kinds, t.obstacles, moved, t.sizes, t.bounds, t.boxes, t.spans, t.anchors, t.nodes, t.surfaces, t.clouds
     )
 
 

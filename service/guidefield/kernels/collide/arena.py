@@ -16,7 +16,7 @@ LINE = 64
 SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
 """How many words obstacles and their shapes are."""
 
-_TESTED = LaneObstacles._fields.index("tested")
+_MAY_TOUCH = LaneObstacles._fields.index("may_touch")
 
 
 MEMORY_WORDS = len(Scratch._fields) + 1
@@ -25,12 +25,13 @@ MEMORY_WORDS = len(Scratch._fields) + 1
 _HITS = 1 + Scratch._fields.index("hits")
 
 
-@compiled(int64(INDICES, INDICES, INDICES, INDICES, INDICES, INDEX_MATRIX, INDICES_OUT, INDICES_OUT))
+@compiled(int64(INDICES, INDICES, INDICES, INDICES, int64, INDICES, INDEX_MATRIX, INDICES_OUT, INDICES_OUT))
 def lay_out(
     robot: Words,
     scene: Words,
     offsets: Words,
     owners: Words,
+    bodies: int,
     moving: Words,
     left_out: np.ndarray,
     memory: Words,
@@ -41,9 +42,10 @@ def lay_out(
     Args:
         robot: Words of the robot.
         scene: Those of obstacles and their shapes, shape (SCENE_WORDS,).
-        offsets: Where in the memory there is what is tested, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
+        offsets: Where in the memory there is what may touch, the scratch and the block [bytes]; (1 + MEMORY_WORDS,).
         owners: For each obstacle which one of the scene it stands for, shape (n,).
-        moving: The bodies that are tested against obstacles, shape (m,).
+        bodies: How many bodies the robot has.
+        moving: Those that are tested against obstacles, ascending, shape (m,).
         left_out: The pairs of such a body and an obstacle of the scene that are not tested after all; (k, 2).
         memory: All zero; what is in it begins where a line of the cache does.
         words: Gets the words.
@@ -55,17 +57,20 @@ def lay_out(
     start = memory.ctypes.data + begins
     words[:first] = robot
     words[first : first + SCENE_WORDS] = scene
-    words[first + _TESTED] = start + offsets[0]
+    words[first + _MAY_TOUCH] = start + offsets[0]
     for k in range(MEMORY_WORDS):
         words[first + SCENE_WORDS + k] = start + offsets[1 + k]
     at = (begins + offsets[_HITS]) // 8
     memory[at : at + HIT * HITS] = -1
     at = (begins + offsets[0]) // 8
-    for k in range(len(moving)):
-        for o in range(n):
-            memory[at + moving[k] * n + o] = 1
+    k = 0
+    for body in range(bodies):  # of a mesh of very many triangles little is written: most stays as it is
+        if k < len(moving) and moving[k] == body:
+            k += 1
+        else:
+            memory[at + body * n : at + (body + 1) * n] = 1
     for p in range(len(left_out)):
         for o in range(n):
             if owners[o] == left_out[p, 1]:
-                memory[at + left_out[p, 0] * n + o] = 0
+                memory[at + left_out[p, 0] * n + o] = 1
     return begins

@@ -124,7 +124,7 @@ def _near_obstacles(
                     continue
                 for k in range(members[c], members[c + 1]):
                     body = order[k]
-                    if not obstacles.tested[body * n + o]:
+                    if obstacles.may_touch[body * n + o]:
                         continue
                     near = mask
                     if several:

@@ -134,7 +134,7 @@ class LaneObstacles(NamedTuple):
         kinds: (n,) kind of the primitive that contains each, or `CLOUD`.
         whole: (n,) 1 where that primitive is the obstacle itself, else 0.
         roots: (n,) its root in the scene's parts.
-        tested: (bodies * n,) 1 where the body must not touch it.
+        may_touch: (bodies * n,) 1 where the body isn't tested against it, else 0.
         primitives: (PRIMITIVE * n,) float32.
         boxes: (AROUND * blocks,) boxes about them along the world's axes; unused places hold empty ones.
         clouds: (n,) the address of the words of each one's `LaneCloud`; 0 of all other kinds.
@@ -144,7 +144,7 @@ class LaneObstacles(NamedTuple):
     kinds: Indices
     whole: Indices
     roots: Indices
-    tested: Indices
+    may_touch: Indices
     primitives: Singles
     boxes: Singles
     clouds: Indices

@@ -157,7 +157,7 @@ def primitive_tables(placed: Floats, offsets: Words, memory: Words, words: Words
         placed: How they are declared, `PLACED` one after the other.
         offsets: For how many obstacles there are boxes, then where in the memory each other field of `LaneObstacles` is
             and of `Parts` [bytes], vertices as if all were boxes; shape (SCENE_WORDS,).
-        memory: All zero; gets the tables, from where a line of the cache begins. What is tested isn't there.
+        memory: All zero; gets the tables, from where a line of the cache begins. What may touch isn't there.
         words: Gets their words, shape (SCENE_WORDS,).
 
     Returns:

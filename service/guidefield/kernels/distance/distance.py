@@ -12,14 +12,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import void
+from numba import types, void
 
 from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
+from guidefield.kernels.distance.ray_winding import surely_outside, surely_outside_seen
 from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.distance.triangle_distance import (
     LEAF,
+    Span,
     SurfaceTables,
     box_gap_squared,
+    some_triangle_near,
     surface_distance,
 )
 from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Rows, numba_type
@@ -31,18 +34,22 @@ from guidefield.kernels.jit.signatures import (
     SCALAR,
     VECTOR_OUT,
     Floats,
+    Vector3,
     compiled,
 )
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD = range(7)
-"""Kinds of bodies."""
+BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, SEEN_SOLID = range(8)
+"""Kinds of bodies; of a seen solid only a part of the closed surface is there, see scene/seen_surface.py."""
 
 
 _STACK = 64
 
 _FEW = 32
 """So few bodies are looked at one by one."""
+
+_SMALL = 64
+"""A surface of so few triangles may be near where its box is."""
 
 
 class DistanceTables(NamedTuple):
@@ -56,7 +63,9 @@ class DistanceTables(NamedTuple):
             (0 for a sphere). A half-space is z <= 0.
         bounds: A box about it in its own frame, lower then upper corner, shape (n, 6) [m].
         boxes: A box about it along the world's axes, shape (n, 6) [m].
-        spans: Of a surface, where its tree stands, see `SPAN`; shape (n, 4).
+        spans: Of a surface, where its tree stands, see `SPAN`, and the row of its anchor counted from 1, 0 of all that
+            have none; shape (n, 5).
+        anchors: Of seen solids, how their sides are told, in their own frames, see `ray_winding.ANCHOR`; shape (k, 9).
         nodes: Tree of boxes in the world about the bodies that aren't half-spaces, shape (m, 6) [m].
         surfaces: Triangles of all surfaces.
         clouds: Where the words of each body's `LaneCloud` are, 0 of all that are none, shape (n,).
@@ -69,6 +78,7 @@ class DistanceTables(NamedTuple):
     bounds: Rows
     boxes: Rows
     spans: IndexRows
+    anchors: Rows
     nodes: Rows
     surfaces: SurfaceTables
     clouds: Indices
@@ -141,13 +151,66 @@ def body_distance(
     elif kind == CLOUD:
         d, nx, ny, nz = cloud_distance(tables.clouds[body], p[0], p[1], p[2], cutoff)
     else:
-        solid = kind == SOLID
-        spans = tables.spans
-        span = (spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3])
-        reach = max(cutoff, depth if solid and gap == 0.0 else 0.0)
-        d, nx, ny, nz = surface_distance(p[0], p[1], p[2], tables.surfaces, span, solid, reach)
+        d, nx, ny, nz = _from_surface(p, body, tables, gap == 0.0, cutoff, depth)
     nx, ny, nz = turned_by(T, nx, ny, nz)
     return d, nx, ny, nz
+
+
+@uncounted
+def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cutoff: float, depth: float) -> Signed:
+    """As `body_distance`, of a point in the frame of a surface; `boxed`: in the box about it.
+
+    What is far from the surface but in its box may be deep inside a solid. A ray tells: to find the nearest triangle
+    takes long where many are almost as far.
+    """
+    kind, span, near = tables.kinds[body], _span(tables, body), max(cutoff, 0.0)
+    x, y, z = p
+    if kind == SHEET or not boxed or depth <= near:
+        return surface_distance(x, y, z, tables.surfaces, span, kind != SHEET, near)
+    if near < math.inf:
+        found = surface_distance(x, y, z, tables.surfaces, span, True, near)
+        if found[0] < math.inf or _surely_outside(p, body, tables):
+            return found
+    return surface_distance(x, y, z, tables.surfaces, span, True, depth)
+
+
+@uncounted
+def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
+    """Whether a point in the frame of a solid, and not on its surface, is certain to be outside."""
+    span, row = _span(tables, body), tables.spans[body, 4]
+    if tables.kinds[body] == SOLID:
+        outside: bool = surely_outside(p[0], p[1], p[2], tables.surfaces, span)
+        return outside
+    return row > 0 and surely_outside_seen(p[0], p[1], p[2], tables.surfaces, span, tables.anchors, row - 1)
+
+
+@compiled(types.boolean(SCALAR, SCALAR, SCALAR, TABLES, types.int64))
+def outside_of(x: float, y: float, z: float, tables: DistanceTables, obstacle: int) -> bool:
+    """Whether a point is certain to be outside of all solids of an obstacle, if it is not on the surface of one.
+
+    Args:
+        x: Point in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        tables: The bodies.
+        obstacle: Index of the obstacle; nothing is certain about one that isn't there.
+    """
+    some = False
+    for body in range(tables.kinds.shape[0]):
+        if tables.obstacles[body] == obstacle:
+            some = True
+            if tables.kinds[body] != SOLID and tables.kinds[body] != SEEN_SOLID:
+                return False
+            if not _surely_outside(moved_back_by(tables.placements[body], x, y, z), body, tables):
+                return False
+    return some
+
+
+@uncounted
+def _span(tables: DistanceTables, body: int) -> Span:
+    """Where the tree of a surface stands."""
+    spans = tables.spans
+    return spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3]
 
 
 @uncounted
@@ -168,15 +231,21 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
 
 @uncounted
 def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Whether both boxes about a body are within reach of a point; the one in the world costs less to look at."""
+    """Whether a body may be within reach of a point; the box about it in the world costs the least to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
     if not bounds_near(x, y, z, body, tables, reach):
         return False
-    if tables.kinds[body] != CLOUD:
+    kind = tables.kinds[body]
+    if kind == CLOUD:
+        px, py, pz = moved_back_by(tables.placements[body], x, y, z)
+        return not cloud_beyond(tables.clouds[body], px, py, pz, reach)
+    if tables.spans[body, 3] <= _SMALL:
         return True
     p = moved_back_by(tables.placements[body], x, y, z)
-    return not cloud_beyond(tables.clouds[body], p[0], p[1], p[2], reach)
+    if some_triangle_near(p[0], p[1], p[2], tables.surfaces, _span(tables, body), reach):
+        return True
+    return kind != SHEET and not _surely_outside(p, body, tables)
 
 
 @counted

@@ -120,8 +120,17 @@ def _away(p: Vector3, corners: Floats, i: int, s: float, t: float) -> Vector3:
 
 
 @inlined
-def _nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
-    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found."""
+def nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, found: int) -> tuple[float, int]:
+    """Square of the distance to the nearest of some triangles, and its index, if it is nearer than what was found.
+
+    Args:
+        p: Point in the frame of the surface [m].
+        corners: Corner a, edges b - a and c - a, shape (t, 9) [m].
+        begin: The first of those that are looked at.
+        end: The one past the last.
+        best: Square of the distance of what was found [m^2].
+        found: Its index.
+    """
     for i in range(begin, end):
         s, t, _ = _closest(p, corners, i)
         dx, dy, dz = _away(p, corners, i, s, t)
@@ -129,6 +138,43 @@ def _nearest_of(p: Vector3, corners: Floats, begin: int, end: int, best: float, 
         if square < best:
             best, found = square, i
     return best, found
+
+
+@inlined
+def _search(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, cutoff: float, any_of_them: bool) -> int:
+    """The triangle that is nearest, or any that is nearer than the cutoff, as `nearest_triangle`."""
+    root, leaves, first, count = span
+    p = (x, y, z)
+    if leaves == 1:
+        return nearest_of(p, surfaces.corners, first, first + count, cutoff * cutoff, -1)[1]
+    waiting, gaps = np.empty(_STACK, np.int64), np.empty(_STACK)
+    waiting[0], gaps[0] = 0, box_gap_squared(x, y, z, surfaces.nodes, root)
+    top = 1
+    best, found = cutoff * cutoff, -1
+    while top > 0:
+        top -= 1
+        node = waiting[top]
+        if gaps[top] >= best:
+            continue
+        leaf = node - (leaves - 1)
+        if leaf >= 0:
+            begin, end = first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)
+            best, found = nearest_of(p, surfaces.corners, begin, end, best, found)
+            if found >= 0 and any_of_them:
+                return found
+            continue
+        near, far = 2 * node + 1, 2 * node + 2
+        to_near = box_gap_squared(x, y, z, surfaces.nodes, root + near)
+        to_far = box_gap_squared(x, y, z, surfaces.nodes, root + far)
+        if to_far < to_near:
+            near, far, to_near, to_far = far, near, to_far, to_near
+        if to_far < best:
+            waiting[top], gaps[top] = far, to_far
+            top += 1
+        if to_near < best:  # on top: the nearer one is looked at first
+            waiting[top], gaps[top] = near, to_near
+            top += 1
+    return found
 
 
 @compiled(types.int64(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
@@ -146,36 +192,22 @@ def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span
     Returns:
         Index of a row of `corners`, or -1.
     """
-    root, leaves, first, count = span
-    p = (x, y, z)
-    if leaves == 1:
-        return _nearest_of(p, surfaces.corners, first, first + count, cutoff * cutoff, -1)[1]
-    waiting, gaps = np.empty(_STACK, np.int64), np.empty(_STACK)
-    waiting[0], gaps[0] = 0, box_gap_squared(x, y, z, surfaces.nodes, root)
-    top = 1
-    best, found = cutoff * cutoff, -1
-    while top > 0:
-        top -= 1
-        node = waiting[top]
-        if gaps[top] >= best:
-            continue
-        leaf = node - (leaves - 1)
-        if leaf >= 0:
-            begin, end = first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)
-            best, found = _nearest_of(p, surfaces.corners, begin, end, best, found)
-            continue
-        near, far = 2 * node + 1, 2 * node + 2
-        to_near = box_gap_squared(x, y, z, surfaces.nodes, root + near)
-        to_far = box_gap_squared(x, y, z, surfaces.nodes, root + far)
-        if to_far < to_near:
-            near, far, to_near, to_far = far, near, to_far, to_near
-        if to_far < best:
-            waiting[top], gaps[top] = far, to_far
-            top += 1
-        if to_near < best:  # on top: the nearer one is looked at first
-            waiting[top], gaps[top] = near, to_near
-            top += 1
-    return found
+    return _search(x, y, z, surfaces, span, cutoff, False)
+
+
+@compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
+def some_triangle_near(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, reach: float) -> bool:
+    """Whether any triangle of a tree is nearer to a point than a reach: sooner told than which is nearest.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        span: Where the tree stands.
+        reach: Distance [m], not negative; may be infinite.
+    """
+    return _search(x, y, z, surfaces, span, reach, True) >= 0
 
 
 @compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, types.boolean, SCALAR))

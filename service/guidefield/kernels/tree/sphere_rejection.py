@@ -132,7 +132,7 @@ def certain_hits(
                     if near and several:
                         u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
                         near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bodies.bounds, body) + clearance, near)
-                    if near and obstacles.tested[body * n + o]:
+                    if near and not obstacles.may_touch[body * n + o]:
                         mask |= _hits_of(bodies, body, obstacles, o, near, clearance, scratch, hits)
                 if mask == ALL_LANES:
                     return mask

@@ -1,0 +1,133 @@
+"""Closed meshes of every odd kind: a cutoff, which has a ray tell what is inside, changes nothing below it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from guidefield.kernels.distance.distance import SOLID, distance_at_points
+from guidefield.kernels.distance.triangle_distance import nearest_triangle, some_triangle_near
+from tests.geometry import solids
+from tests.kernels.distance.test_distance import tables_of
+from tests.scene.solids import mesh_message
+
+
+def scaled(mesh: solids.Mesh, factor: float) -> solids.Mesh:
+    return mesh[0] * factor, mesh[1]
+
+
+def shells(*sizes: float) -> solids.Mesh:
+    """Boxes in one another, every second of them a hollow."""
+    boxes = [solids.box((size, 1.1 * size, 0.9 * size)) for size in sizes]
+    return solids.together(*(solids.turned(one) if k % 2 else one for k, one in enumerate(boxes)))
+
+
+def sliver() -> solids.Mesh:
+    """A prism with two long sides that are a thousandth of their length apart."""
+    return solids.box((0.4, 0.0004, 0.3))
+
+
+CLOSED = {
+    "ring": solids.torus(),
+    "lying ring": solids.lying(solids.torus(), 2),
+    "fine ring": solids.torus(around=200, across=24),
+    "thin ring": solids.torus(0.3, 0.001, 90, 8),
+    "inside out": solids.turned(solids.torus()),
+    "channel": solids.channel(),
+    "hollow": solids.hollow(),
+    "thin shell": shells(0.2, 0.1999),
+    "nested shells": shells(0.4, 0.35, 0.2, 0.15),
+    "touching at a corner": solids.together(solids.box((0.1, 0.1, 0.1)), solids.box((0.1, 0.1, 0.1), (0.1, 0.1, 0.1))),
+    "touching at an edge": solids.together(solids.box((0.1, 0.1, 0.1)), solids.box((0.1, 0.1, 0.1), (0.1, 0.1, 0.0))),
+    "overlapping": solids.overlapping(),
+    "far apart": solids.together(solids.torus(), solids.box((0.1, 0.1, 0.1), (3.0, 0.1, 0.0))),
+    "sliver": sliver(),
+    "tiny": scaled(solids.torus(), 1e-3),
+    "huge": scaled(solids.lying(solids.channel(), 4), 1e4),
+}
+
+
+def asked_at(mesh: solids.Mesh, seed: int) -> np.ndarray:
+    """Places in the box about a mesh, on its axes, near its surface, and next to where its corners are."""
+    rng, (low, high) = np.random.default_rng(seed), (mesh[0].min(axis=0), mesh[0].max(axis=0))
+    middle, size = 0.5 * (low + high), np.linalg.norm(high - low)
+    axes = middle + 0.5 * (high - low) * np.linspace(-1.2, 1.2, 25)[:, None, None] * np.eye(3)
+    near = solids.on_surface(mesh, 60, rng)
+    near = near[rng.choice(len(near), 120)] + rng.normal(size=(120, 3)) * size * 10.0 ** rng.uniform(-7, -2, (120, 1))
+    return np.concatenate([solids.in_box_of(mesh, 250, rng), axes.reshape(-1, 3), near, middle[None]])
+
+
+@pytest.mark.parametrize("share", [0.003, 0.03, 0.2, 0.6])
+@pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
+def test_a_cutoff_changes_nothing_below_it(mesh: solids.Mesh, share: float) -> None:
+    tables = tables_of(mesh_message(*mesh))
+    assert set(tables.kinds.tolist()) == {SOLID}
+    points, cutoff = asked_at(mesh, 1), share * float(np.ptp(mesh[0], axis=0).max())
+    whole, cut = distance_at_points(tables, points), distance_at_points(tables, points, cutoff)
+    near = whole[0] < cutoff
+    for a, b in zip(whole, cut, strict=True):
+        np.testing.assert_array_equal(a[near], b[near])
+    assert (cut[0][~near] == np.inf).all()
+    assert (cut[2][~near] == -1).all()
+
+
+@pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
+def test_sides_are_those_that_solid_angles_tell(mesh: solids.Mesh) -> None:
+    tables, points = tables_of(mesh_message(*mesh)), asked_at(mesh, 2)
+    size = float(np.ptp(mesh[0], axis=0).max())
+    apart = solids.distance(points, mesh)
+    points, apart = points[apart > 1e-9 * size], apart[apart > 1e-9 * size]
+    inside = np.rint(np.abs(solids.winding(points, mesh))) > 0
+    for cutoff in (0.002 * size, 0.05 * size):
+        found = distance_at_points(tables, points, cutoff)[0]
+        assert ((found < 0.0) == inside).all()
+        seen = ~inside & (apart < 0.999 * cutoff)
+        np.testing.assert_allclose(found[seen], apart[seen], rtol=1e-9, atol=1e-12 * size)
+        # where solids overlap the depth is that in one of them, which is no farther than the nearest surface of all
+        assert (-found[inside] >= apart[inside] - 1e-12 * size).all()
+
+
+@pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
+def test_whether_some_triangle_is_near_is_told_as_by_the_nearest(mesh: solids.Mesh) -> None:
+    tables, points = tables_of(mesh_message(*mesh)), asked_at(mesh, 3)[::3]
+    span = tuple(tables.spans[0, :4].tolist())
+    size = float(np.ptp(mesh[0], axis=0).max())
+    for reach in (0.0, 0.01 * size, 0.1 * size, np.inf):
+        for x, y, z in points.tolist():
+            nearest = nearest_triangle(x, y, z, tables.surfaces, span, reach)
+            assert some_triangle_near(x, y, z, tables.surfaces, span, reach) == (nearest >= 0)
+
+
+def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
+    """Which cells of a grid are full, shape (side, side, side), and their surface: most edges belong to four faces."""
+    full = np.zeros((side + 2, side + 2, side + 2), bool)
+    full[1:-1, 1:-1, 1:-1] = np.random.default_rng(seed).random((side, side, side)) < 0.45
+    faces = []
+    for axis in range(3):
+        along, u, v = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
+        ahead = np.roll(full, -1, axis=axis)
+        for cells, outwards in ((full & ~ahead, True), (~full & ahead, False)):
+            corner = np.argwhere(cells) + along
+            quad = np.stack([corner, corner + u, corner + u + v, corner + v], axis=1)
+            faces.append(quad if outwards else quad[:, ::-1])
+    corners = np.concatenate(faces)
+    vertices, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    quads = numbers.reshape(-1, 4)
+    return full, (vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_in_cells_that_are_full_it_is_inside_whatever_touches_there(seed: int) -> None:
+    full, (vertices, triangles) = voxels(seed)
+    tables = tables_of(mesh_message(vertices, triangles))
+    cells = np.argwhere(np.ones_like(full))
+    rng = np.random.default_rng(seed)
+    points = np.concatenate([cells + 0.5, cells + 0.25, cells + rng.uniform(0.01, 0.99, cells.shape)])
+    inside = np.tile(full.ravel(), 3)
+    apart = solids.distance(points, (vertices, triangles))
+    for cutoff in (0.01, 0.3, np.inf):
+        found = distance_at_points(tables, points, cutoff)[0]
+        np.testing.assert_array_equal(found < 0.0, inside)
+        near = inside | (apart < cutoff)
+        np.testing.assert_allclose(np.abs(found[near]), apart[near], atol=1e-12)
+        assert (found[~near] == np.inf).all()
