@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 
 from guidefield.collision.world import PairNames, World
-from guidefield.geometry.cache import is_large
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.extents import box_about
 from guidefield.kept import MISSING, Answers, kept_with
+from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
 from guidefield.kernels.cover.winding import winding_by_angles
-from guidefield.kernels.distance.distance import outside_of
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
-from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.obstacle import Obstacle
 
@@ -75,7 +73,7 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
     there, at = world.placement(outer), world.placement(inner)
     local = np.array([there.actInv(at.act(point)) for point in _solid_of(world, inner).points]).reshape(-1, 3)
     within = ((local > solid.box[0]) & (local < solid.box[1])).all(axis=1)
-    return any(_winds_around(world, outer, solid, point) for point in local[within])
+    return any(_winds_around(solid.surface, point) for point in local[within])
 
 
 def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray) -> bool:
@@ -87,21 +85,31 @@ def _around_a_point(world: World, outer: int, solid: _Solid, points: np.ndarray)
         near = near[np.abs(near[:, axis] - middle[axis]) < reach]
     local = (near - there.translation) @ there.rotation
     within = local[((local > low) & (local < high)).all(axis=1)]
-    return any(_winds_around(world, outer, solid, point) for point in within)
-
-
-def _winds_around(world: World, outer: int, solid: _Solid, point: np.ndarray) -> bool:
-    """Whether the closed surface of a body winds around a point, shape (3,) [m, its frame].
-
-    Solid angles tell. Of a large obstacle most points are sooner proven to be outside.
-    """
     assert solid.surface is not None, "only closed meshes are asked for"
-    vertices, triangles = solid.surface
-    if outer >= world.pairs.links and is_large(len(triangles)):
-        x, y, z = (float(one) for one in world.placement(outer).act(point))
-        if outside_of(x, y, z, distance_tables(world.scene), outer - world.pairs.links):
-            return False
-    return abs(winding_by_angles(float(point[0]), float(point[1]), float(point[2]), vertices, triangles)) > 0.5
+    return any(_winds_around(solid.surface, point) for point in within)
+
+
+class _Surface(NamedTuple):
+    """A closed surface in its own frame.
+
+    Attributes:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+        boxes: About runs of them, see `find_run_boxes`, shape (k, 4) [m].
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    boxes: np.ndarray
+
+
+def _winds_around(surface: _Surface, point: np.ndarray) -> bool:
+    """Whether a closed surface winds around a point, shape (3,) [m]: crossings tell, where they don't solid angles."""
+    x, y, z = point.tolist()
+    turns = winding_by_crossings(x, y, z, *surface)
+    if turns == UNSURE:
+        return abs(winding_by_angles(x, y, z, surface.vertices, surface.triangles)) > 0.5
+    return turns != 0
 
 
 _NOWHERE = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
@@ -112,12 +120,12 @@ class _Solid:
     """What tells whether a body is inside another, in the body's own frame [m].
 
     Attributes:
-        surface: Vertices (v, 3) and triangles (t, 3) of a closed mesh that is judged as a surface; None for all others.
+        surface: That of a closed mesh that is judged as a surface; None for all others.
         box: Lower and upper corner about them, shape (2, 3).
         points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
     """
 
-    surface: tuple[np.ndarray, np.ndarray] | None
+    surface: _Surface | None
     box: np.ndarray
     points: np.ndarray
 
@@ -172,5 +180,7 @@ def _of_surface(vertices: np.ndarray, triangles: np.ndarray, *, solid: bool) -> 
     first_of_each = vertices[np.unique(connected_pieces(len(vertices), triangles))]
     if not solid:
         return _Solid(None, _NOWHERE, first_of_each)
-    surface = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    return _Solid(surface, box_about(vertices), first_of_each)
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    boxes = np.empty((-(-len(triangles) // RUN), 4))
+    find_run_boxes(vertices, triangles, boxes)
+    return _Solid(_Surface(vertices, triangles, boxes), box_about(vertices), first_of_each)

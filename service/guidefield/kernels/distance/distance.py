@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import types, void
+from numba import void
 
 from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
 from guidefield.kernels.distance.ray_winding import surely_outside, surely_outside_seen
@@ -182,28 +182,6 @@ def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
         outside: bool = surely_outside(p[0], p[1], p[2], tables.surfaces, span)
         return outside
     return row > 0 and surely_outside_seen(p[0], p[1], p[2], tables.surfaces, span, tables.anchors, row - 1)
-
-
-@compiled(types.boolean(SCALAR, SCALAR, SCALAR, TABLES, types.int64))
-def outside_of(x: float, y: float, z: float, tables: DistanceTables, obstacle: int) -> bool:
-    """Whether a point is certain to be outside of all solids of an obstacle, if it is not on the surface of one.
-
-    Args:
-        x: Point in the world [m], with y and z.
-        y: See x.
-        z: See x.
-        tables: The bodies.
-        obstacle: Index of the obstacle; nothing is certain about one that isn't there.
-    """
-    some = False
-    for body in range(tables.kinds.shape[0]):
-        if tables.obstacles[body] == obstacle:
-            some = True
-            if tables.kinds[body] != SOLID and tables.kinds[body] != SEEN_SOLID:
-                return False
-            if not _surely_outside(moved_back_by(tables.placements[body], x, y, z), body, tables):
-                return False
-    return some
 
 
 @uncounted

@@ -84,6 +84,11 @@ def exact_kernel(signature: Any) -> Callable[[Kernel], Kernel]:
     return made(signature)
 
 
+def exact_part(kernel: Kernel) -> Kernel:
+    """Decorator of parts of exact kernels: compiled into the caller, the same numbers in each place."""
+    return cast(Kernel, part(kernel))
+
+
 def lane_part(kernel: Kernel) -> Kernel:
     """Decorator of parts of lane kernels: compiled into the caller.
 

@@ -1,0 +1,97 @@
+"""Winding numbers by crossings against solid angles, on closed surfaces that are odd, and at points that are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings, strategies as st
+
+from guidefield.kernels.cover import crossings
+from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
+from guidefield.kernels.cover.winding import winding_by_angles
+
+
+def boxes_of(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    boxes = np.empty((-(-len(triangles) // RUN), 4))
+    find_run_boxes(vertices, triangles, boxes)
+    return boxes
+
+
+def both(meshes: list[trimesh.Trimesh]) -> trimesh.Trimesh:
+    return trimesh.util.concatenate(meshes)
+
+
+def turned_inside_out(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+
+
+BALL, BOX = trimesh.creation.icosphere(3), trimesh.creation.box((1.0, 1.0, 1.0))
+RING = trimesh.creation.torus(1.0, 0.3, major_sections=96, minor_sections=48)
+MESHES = {
+    "box": BOX,
+    "ball": BALL,
+    "ring": RING,
+    "hollow": both([BALL, turned_inside_out(trimesh.creation.icosphere(3, 0.7))]),
+    "thin shell": both([BALL, turned_inside_out(trimesh.creation.icosphere(3, 1.0 - 1e-6))]),
+    "in one another": both([BALL, trimesh.creation.icosphere(2, 0.5)]),
+    "overlapping": both([BOX, BOX.copy().apply_translation((0.5, 0.25, 0.125))]),
+    "side by side": both([BOX, BOX.copy().apply_translation((1.0, 0.0, 0.0))]),
+    "inside out": turned_inside_out(RING),
+    "needle": trimesh.creation.cylinder(1e-3, 2.0, sections=64),
+    "slivers": trimesh.Trimesh(
+        np.vstack([BOX.vertices, BOX.vertices[0]]), np.vstack([BOX.faces, [[0, 8, 1], [1, 8, 0]]]), process=False
+    ),
+}
+
+
+def points_about(mesh: trimesh.Trimesh, scale: float, rng: np.random.Generator) -> np.ndarray:
+    """Random ones, and those on whose line are corners, middles of edges and of triangles."""
+    low, high = mesh.bounds
+    anywhere = rng.uniform(low - 0.1 * scale, high + 0.1 * scale, (20, 3))
+    edges = mesh.vertices[rng.permutation(mesh.edges)[:6]].mean(axis=1)
+    on = np.concatenate([rng.permutation(mesh.vertices)[:6], rng.permutation(mesh.triangles_center)[:6], edges])
+    far = scale * rng.choice([-1.0, 1.0], len(on)) * rng.uniform(1e-6, 1.0, len(on))
+    line = np.array([crossings._ALONG_X, crossings._ALONG_Y, 1.0])
+    return np.concatenate([anywhere, on + far[:, None] * line, on + scale * rng.normal(size=on.shape) * 1e-3])
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(sorted(MESHES)), st.integers(0, 10**6), st.sampled_from([1e-3, 1.0, 1e4]))
+def test_what_is_sure_is_what_solid_angles_say(name: str, seed: int, scale: float) -> None:
+    rng = np.random.default_rng(seed)
+    turn = trimesh.transformations.random_rotation_matrix(rng.random(3)) if seed % 2 else np.eye(4)
+    mesh = MESHES[name].copy().apply_transform(turn).apply_scale(scale)
+    mesh.apply_translation(scale * rng.normal(size=3) * (seed % 3))
+    vertices, triangles = np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.int64)
+    boxes, sure, points = boxes_of(vertices, triangles), 0, points_about(mesh, scale, rng)
+    for point in points.tolist():
+        turns = winding_by_crossings(*point, vertices, triangles, boxes)
+        exact = winding_by_angles(*point, vertices, triangles)
+        if turns != UNSURE and abs(exact - round(exact)) < 1e-3:
+            assert turns == round(exact)
+            sure += 1
+    assert sure >= 0.6 * len(points)
+
+
+def test_points_on_a_surface_and_surfaces_with_a_hole_are_unsure() -> None:
+    vertices, triangles = np.ascontiguousarray(BOX.vertices, float), np.ascontiguousarray(BOX.faces, np.int64)
+    boxes = boxes_of(vertices, triangles)
+    assert winding_by_crossings(0.11, -0.07, 0.5, vertices, triangles, boxes) == UNSURE
+    assert winding_by_crossings(0.11, -0.07, 0.3, vertices, triangles, boxes) == 1
+    ahead = np.array([k for k, row in enumerate(triangles) if (vertices[row, 2] > 0.0).all()])
+    left = np.ascontiguousarray(np.delete(triangles, ahead, axis=0))
+    assert winding_by_crossings(0.11, -0.07, 0.3, vertices, left, boxes_of(vertices, left)) == UNSURE
+
+
+@pytest.mark.parametrize("shuffled", [False, True])
+def test_runs_of_many_triangles_are_all_looked_at(shuffled: bool) -> None:
+    mesh, rng = trimesh.creation.icosphere(5), np.random.default_rng(3)
+    assert len(mesh.faces) > 4 * RUN
+    vertices = np.ascontiguousarray(mesh.vertices, float)
+    triangles = np.ascontiguousarray(rng.permutation(mesh.faces) if shuffled else mesh.faces, np.int64)
+    boxes = boxes_of(vertices, triangles)
+    for point in rng.uniform(-1.1, 1.1, (200, 3)).tolist():
+        turns = winding_by_crossings(*point, vertices, triangles, boxes)
+        if abs(np.linalg.norm(point) - 1.0) > 1e-2:
+            assert turns in (float(np.linalg.norm(point) < 1.0), UNSURE)
