@@ -14,18 +14,25 @@ from guidefield.messages.values import (
     LARGEST,
     PLANNING_TIME,
     AllowedTime,
+    Look,
     Message,
     Name,
     NonNegative,
     Placement,
     Positive,
     RunId,
+    never,
     require_finite,
     require_finite_number,
 )
 
 MOST_ROWS = 1_000_000
 """Rows that a motion may have."""
+
+TOGETHER = 20_000
+"""So many rows are checked at one go, in some milliseconds."""
+
+_ROWS = ("positions", "velocities", "accelerations")
 
 GivenRows = Annotated[list[list[float]], msgspec.Meta(min_length=1, max_length=MOST_ROWS)]
 
@@ -49,11 +56,15 @@ class GivenTrajectory(Message):
     def __post_init__(self) -> None:
         if self.times is not None:
             require_finite("times", self.times)
-        for field in ("positions", "velocities", "accelerations"):
-            if (rows := getattr(self, field)) is None:
-                continue
-            require_finite_rows(field, rows)
-            if len(rows) != len(self.positions):
+        for field in _ROWS:
+            if (rows := getattr(self, field)) is not None:
+                require_finite_rows(field, rows)
+        self.require_same_lengths()
+
+    def require_same_lengths(self) -> None:
+        """Raise ValueError unless there are as many times, and rows of each kind, as there are positions."""
+        for field in _ROWS:
+            if (rows := getattr(self, field)) is not None and len(rows) != len(self.positions):
                 raise ValueError(f"`{field}` must have a row for each of `positions`, {len(self.positions)} in all")
         if self.times is not None and len(self.times) != len(self.positions):
             raise ValueError(
@@ -154,9 +165,17 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
 
 
-def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
-    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long."""
+def require_finite_rows(field: str, rows: Sequence[Sequence[float]], look: Look = never) -> None:
+    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long.
+
+    Args:
+        field: What they are called.
+        rows: The rows.
+        look: Called again and again meanwhile.
+    """
     for index, row in enumerate(rows):
+        if index % TOGETHER == 0:
+            look()
         if not sum(map(abs, row)) <= LARGEST:
             require_finite(f"{field}[{index}]", row)
         if len(row) != len(rows[0]):

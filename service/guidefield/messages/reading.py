@@ -43,7 +43,7 @@ CERTIFY = CertifyRequest.__struct_config__.tag
 
 
 class _Heads(PlanHead, frozen=True):
-    """What a request says of its run, a plan or a judgement."""
+    """What a request says of its run, a plan or a judgement, or of how long it may take."""
 
     type: str | None = None
     allowed_time: float = CertifyHead().allowed_time
@@ -113,8 +113,8 @@ def is_of_many(payload: object) -> bool:
     return given_requests.is_large(payload)
 
 
-def too_long_to_read(payload: object, began: float) -> RunHead | None:
-    """The head of a JSON request for a motion that can't be read within the time that it allows; else None.
+def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None:
+    """The head of a JSON request that can't be read within the time that it allows; else None.
 
     Args:
         payload: The request in any form.
@@ -131,9 +131,13 @@ def too_long_to_read(payload: object, began: float) -> RunHead | None:
         return None
     now = time.monotonic()
     if found.type is None:
-        head: RunHead = PlanHead(found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed)
+        head: RunHead | WorkHead = PlanHead(
+            found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed
+        )
     elif found.type == CERTIFY:
         head = CertifyHead(found.run_id, found.allowed_time)
+    elif found.type in _WORK:
+        head = WorkHead(allowed_time=found.allowed_time)
     else:
         return None
     took = now - looked
