@@ -44,13 +44,14 @@ def problem_of(
         InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid: if the question
             is ill-posed.
         MalformedRequest: if it asks for what this version doesn't serve.
+        StoppedError: if time was up before its guide planes were built.
     """
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group, request)
-    planes = given_planes(request, scene)
+    planes = given_planes(request, scene, budget.spent)
     _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
