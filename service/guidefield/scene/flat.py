@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.geometry.vectors import cross
 from guidefield.kernels.distance.touching_edges import touching_edges
 
 PLANARITY = 1e-6
@@ -109,15 +110,9 @@ def axes_across(normal: np.ndarray) -> np.ndarray:
     """Two unit vectors, shape (2, 3), that complete a unit normal, shape (3,), to a right-handed frame."""
     seed = np.zeros(3)
     seed[np.argmin(np.abs(normal))] = 1.0
-    first = _cross(seed, normal)
+    first = cross(seed, normal)
     first /= np.linalg.norm(first)
-    return np.array([first, _cross(normal, first)])
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross product of two vectors (3,); for one pair numpy's takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return np.array([first, cross(normal, first)])
 
 
 def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
