@@ -8,12 +8,13 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from guidefield.aside import StoppedError, done_aside
+from guidefield.aside import done_aside
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.attached import holding
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.in_reach import in_reach
+from guidefield.handlers.measuring import measured_in_time
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
 from guidefield.messages.replies import CertifyReply
@@ -21,7 +22,7 @@ from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
-from guidefield.planner.quality import Clearance, clearance, clearance_profile
+from guidefield.planner.quality import MotionInTime, clearance, clearance_profile
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
@@ -82,12 +83,19 @@ def answer_certify(
         judgement = judge(problem, uses)
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
-        measured = aside.measured(problem)
+        found = measured_in_time([(_motion(problem), problem)], budget)
+    measured = None if found is None else found[0]
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: clearance_profile(measured or _measured(problem), problem))
+        recording.finish(reply, lambda: clearance_profile(measured or clearance(_motion(problem), problem), problem))
     return reply
+
+
+def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
+    """Load a request's robot before its time begins. What can't be used is refused later, where that is kept."""
+    with contextlib.suppress(GuidefieldError):
+        load(request.robot)
 
 
 class _Aside:
@@ -106,31 +114,14 @@ class _Aside:
         """What work makes; StoppedError if time was up before."""
         return done_aside(work, self._budget.spent, lambda: doing) if self._many else work()
 
-    def measured(self, problem: GivenProblem) -> Clearance | None:
-        """How far the motion keeps from everything; None if time was up before."""
-        if not self._many:
-            return _measured(problem)
-        if self._budget.spent():
-            return None
-        try:
-            return done_aside(lambda: _measured(problem), self._budget.spent, lambda: "the motion was measured")
-        except StoppedError:
-            return None
-
-
-def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
-    """Load a request's robot before its time begins. What can't be used is refused later, where that is kept."""
-    with contextlib.suppress(GuidefieldError):
-        load(request.robot)
-
 
 def _uses(problem: GivenProblem) -> Uses:
     """How much of its limits a motion uses, once it is laid out for all that is asked about it."""
-    motion = problem.motion
-    _ = motion.pieces, motion.scheduled if problem.scene.moves else motion.measured
-    return limit_shares(motion, problem.group, problem.jerk_limits)
+    _ = problem.motion.pieces, _motion(problem)
+    return limit_shares(problem.motion, problem.group, problem.jerk_limits)
 
 
-def _measured(problem: GivenProblem) -> Clearance:
+def _motion(problem: GivenProblem) -> MotionInTime:
+    """What is measured: in time among obstacles that move."""
     motion = problem.motion
-    return clearance(motion.scheduled if problem.scene.moves else motion.measured, problem)
+    return motion.scheduled if problem.scene.moves else motion.measured

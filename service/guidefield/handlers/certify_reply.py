@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
+from guidefield.handlers.measuring import UNMEASURED
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
 from guidefield.messages.certificate_in_words import place_in_words
@@ -21,9 +22,6 @@ from guidefield.planner.motion.limit_shares import Use
 from guidefield.planner.quality import Clearance
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.refusal import refused_at
-
-UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
-"""Warning about a motion that was not measured."""
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
 """Limits of rates, by their fields in a reply."""
