@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AttachedObject, JointLimits, PathConstraint
+from guidefield.messages.conditions import AllowedCollisions, AttachedObjects, JointLimits, PathConstraints
 from guidefield.messages.goals import Positions, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
@@ -130,9 +132,9 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     time_step: Positive | None = None
     interpolation: Literal["spline", "linear"] = "spline"
     min_clearance: NonNegative = 0.0
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
-    path_constraints: list[PathConstraint] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
+    path_constraints: PathConstraints = []
     limits: dict[str, JointLimits] = {}
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
@@ -173,10 +175,13 @@ def require_finite_rows(field: str, rows: Sequence[Sequence[float]], look: Look 
         rows: The rows.
         look: Called again and again meanwhile.
     """
-    for index, row in enumerate(rows):
-        if index % TOGETHER == 0:
-            look()
-        if not sum(map(abs, row)) <= LARGEST:
-            require_finite(f"{field}[{index}]", row)
-        if len(row) != len(rows[0]):
-            raise ValueError(f"`{field}[{index}]` has {len(row)} values, `{field}[0]` has {len(rows[0])}")
+    for begin in range(0, len(rows), TOGETHER):
+        look()
+        some = rows[begin : begin + TOGETHER]
+        if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:
+            continue  # the norm of all is more than that of each
+        for index, row in enumerate(some, begin):
+            if not sum(map(abs, row)) <= LARGEST:
+                require_finite(f"{field}[{index}]", row)
+            if len(row) != len(rows[0]):
+                raise ValueError(f"`{field}[{index}]` has {len(row)} values, `{field}[0]` has {len(rows[0])}")

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AttachedObject
+from guidefield.messages.conditions import AllowedCollisions, AttachedObjects
 from guidefield.messages.goals import Positions, Tolerance3, require_finite_configurations
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
+from guidefield.messages.triples import TOGETHER
 from guidefield.messages.values import (
+    LARGEST,
     AllowedTime,
+    Look,
     Message,
     Name,
     Placement,
     QuaternionXYZW,
     RunId,
     Vector3,
+    never,
     require_finite,
     require_unit_quaternion,
 )
@@ -101,8 +108,8 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     group: str | list[Name] | None = None
     scene: SceneReference | None = None
     collision_free: bool = False
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
     start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_STARTS)] = []
     solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
@@ -135,8 +142,8 @@ class Clearance(Message, tag_field="type", tag="clearance"):
     configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
     contacts: bool = False
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
@@ -175,9 +182,18 @@ class Potential(Message, tag_field="type", tag="potential"):
         by_robot = self.robot is not None and self.configurations is not None
         if by_points == by_robot or (self.robot is None) != (self.configurations is None):
             raise ValueError("give either `points`, or `robot` with `configurations`")
-        for index, point in enumerate(self.points or ()):
-            require_finite(f"points[{index}]", point)
+        require_finite_points("points", self.points or ())
         require_finite_configurations("configurations", self.configurations or [])
 
 
 KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
+
+
+def require_finite_points(field: str, points: Sequence[Vector3], look: Look = never) -> None:
+    """Raise ValueError if a number is NaN, infinite or too large; `look` is called again and again meanwhile."""
+    for begin in range(0, len(points), TOGETHER):
+        look()
+        some = points[begin : begin + TOGETHER]
+        if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
+            for index, point in enumerate(some, begin):
+                require_finite(f"{field}[{index}]", point)

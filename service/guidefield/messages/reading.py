@@ -32,6 +32,9 @@ PER_LIST, PER_OBJECT = 270.0, 2000.0
 Measured with meshes and clouds as lists, and with boxes and spheres: they are read within 0.8 to 1.2 of what is
 expected."""
 
+PER_ROW = 600.0
+"""The same of a list in a request to judge a motion, whose rows have a number for each joint."""
+
 HASHED = 0.15
 """What is read is hashed before anything is built of it: so much of the time that reading took that takes at least."""
 
@@ -40,6 +43,9 @@ SAYS = b'"allowed_planning_time"', b'"allowed_time"'
 
 CERTIFY = CertifyRequest.__struct_config__.tag
 """The type of a request to judge a motion; that for a plan has none."""
+
+
+CERTIFIES = f'"{CERTIFY}"'.encode()
 
 
 class _Heads(PlanHead, frozen=True):
@@ -106,10 +112,13 @@ def _head_of(request: Any) -> RunHead | WorkHead | None:
 def is_of_many(payload: object) -> bool:
     """Whether a request in any form makes a thousand objects or more when it is read, which stay.
 
-    Long lists of numbers in JSON don't count: numbers are no garbage, and Python sees that at once.
+    Long lists of numbers in JSON don't count: numbers are no garbage, and Python sees that at once of a tuple. The rows
+    of a motion are lists.
     """
     if isinstance(payload, bytes):
-        return len(payload) >= FEWEST_BYTES and payload.count(b"{") >= MANY
+        if len(payload) < FEWEST_BYTES:
+            return False
+        return payload.count(b"{") >= MANY or (CERTIFIES in payload and payload.count(b"[") >= MANY)
     return given_requests.is_large(payload)
 
 
@@ -143,5 +152,6 @@ def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None
     took = now - looked
     if now + took * LOOKS > began + head.allowed:
         return head
-    equal = PER_LIST * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
+    per_list = PER_ROW if isinstance(head, CertifyHead) else PER_LIST
+    equal = per_list * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
     return head if now + took * (LOOKS + equal / len(payload)) > began + head.allowed else None
