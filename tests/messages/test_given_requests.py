@@ -76,11 +76,6 @@ def work(kind: str, **fields: Any) -> dict[str, Any]:
     return {"type": kind, "robot": "panda", "scene": "table", **fields}
 
 
-def cone(**fields: Any) -> dict[str, Any]:
-    axes = {"axis": [0.0, 0.0, 1.0], "target_axis": [0.0, 0.0, -1.0]}
-    return {"type": "orientation_cone", "frame": "panda_hand", "half_angle": 0.5, **axes, **fields}
-
-
 def in_steps(*steps: dict[str, Any]) -> dict[str, Any]:
     return {"robot": "panda", "scene": "table", "steps": [*steps]}
 
@@ -114,7 +109,6 @@ LARGE: dict[str, dict[str, Any]] = {
     "steps": in_steps({"goal": GOALS}, {"pause": 1.0}, {"goal": GOALS, "guide_planes": [plane("p", 900)]}),
     "planes of a step": in_steps({"pause": 1.0, "guide_planes": [plane(f"p{k}", 300) for k in range(9)]}),
     "pairs": asked(allowed_collisions=[["panda_hand", f"b{k}"] for k in range(COUNT)]),
-    "constraints": asked(path_constraints=[cone() for _ in range(COUNT)]),
     "path": judged(path=rows()),
     "trajectory": judged(trajectory=TRAJECTORY),
     "samples": judged(trajectory={"positions": rows()}, time_step=0.1),
@@ -274,7 +268,6 @@ OTHER_FAULTS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
     "too many steps": ("steps", lambda made: made.update(steps=[{}] * 201)),
     "a corner in a step": ("planes of a step", lambda made: made["steps"][0]["guide_planes"][7]["vertices"].append([])),
     "a pair of three": ("pairs", lambda made: made["allowed_collisions"][900].append("b")),
-    "a kind of constraint": ("constraints", lambda made: made["path_constraints"][900].update(type="cone")),
     "a pose": ("poses", lambda made: made["poses"][900].update(quaternion_xyzw=[1.0, 1.0, 0.0, 0.0])),
     "a point": ("points", lambda made: made["points"][900].__setitem__(2, 1e12)),
     "a configuration": ("configurations", lambda made: made["configurations"][900].update(panda_joint1=[1e12])),

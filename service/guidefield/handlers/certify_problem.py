@@ -70,7 +70,7 @@ def certify_problem(
         scene=scene,
         world=World.build(group, scene, request.allowed_collisions),
         min_clearance=request.min_clearance,
-        allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),

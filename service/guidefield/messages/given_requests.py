@@ -16,11 +16,17 @@ import msgspec
 from guidefield.messages import codec, requests
 from guidefield.messages.certify_request import MOST_ROWS, require_finite_rows
 from guidefield.messages.checked_scenes import CheckedScenes
-from guidefield.messages.conditions import AttachedObject
+from guidefield.messages.conditions import MOST_HELD, MOST_PAIRS, AttachedObject
 from guidefield.messages.given_lists import Long, by_name, get, listed, require, with_fields, without_structs
 from guidefield.messages.given_objects import LONG, corners, objects
 from guidefield.messages.goals import MOST_GOALS, require_finite_configurations
-from guidefield.messages.kinematics_requests import MOST_CONFIGURATIONS, MOST_POINTS, MOST_POSES, MOST_STARTS
+from guidefield.messages.kinematics_requests import (
+    MOST_CONFIGURATIONS,
+    MOST_POINTS,
+    MOST_POSES,
+    MOST_STARTS,
+    require_finite_points,
+)
 from guidefield.messages.scene import MOST_OBSTACLES, MOST_PLANES, GuidePlane, Obstacle, Scene
 from guidefield.messages.scene_changes import MOST_CHANGES, RequestScene
 from guidefield.messages.triples import TOGETHER
@@ -148,25 +154,18 @@ def _fields_of(request: Any) -> Fields:
     return {**_OF_REQUEST, "scene": of_scene}
 
 
-def _require_finite_points(field: str, points: Sequence[Vector3], look: Look) -> None:
-    for index, point in enumerate(points):
-        if index % TOGETHER == 0:
-            look()
-        require_finite(f"{field}[{index}]", point)
-
-
 def _require_finite(field: str, numbers: Sequence[float], look: Look) -> None:
     for begin in range(0, len(numbers), TOGETHER):
         require_finite(field, numbers[begin : begin + TOGETHER], begin)
         look()
 
 
-_PLANES = Long(list[GuidePlane], objects, inner=corners)
+_PLANES = Long(list[GuidePlane], objects, MOST_PLANES, inner=corners)
 _ROWS = Long(list[list[float]], listed, MOST_ROWS, stand_in=([0.0],), together=TOGETHER, require=require_finite_rows)
 _CONFIGURATIONS = Long(list[requests.Positions], listed, MOST_CONFIGURATIONS, require=require_finite_configurations)
 _OF_SCENE: Fields = {
     "obstacles": Long(list[Obstacle], objects, MOST_OBSTACLES, inner=corners),
-    "guide_planes": dataclasses.replace(_PLANES, most=MOST_PLANES),
+    "guide_planes": _PLANES,
 }
 _OF_CHANGE: Fields = {
     "add": Long(list[Obstacle], objects, MOST_CHANGES, inner=corners),
@@ -180,9 +179,8 @@ _OF_TRAJECTORY: Fields = {
 }
 _OF_REQUEST: Fields = {
     "guide_planes": _PLANES,
-    "attached_objects": Long(list[AttachedObject], objects, inner=corners),
-    "allowed_collisions": Long(list[tuple[Name, Name]], listed, together=TOGETHER),
-    "path_constraints": Long(list[requests.PathConstraint], listed),
+    "attached_objects": Long(list[AttachedObject], objects, MOST_HELD, inner=corners),
+    "allowed_collisions": Long(list[tuple[Name, Name]], listed, MOST_PAIRS, together=TOGETHER),
     "steps": Long(
         list[requests.PlanStep], _steps, requests.MOST_STEPS, stand_in=({"pause": 1.0},), inner=_parts_of_step
     ),
@@ -192,6 +190,6 @@ _OF_REQUEST: Fields = {
     "configurations": _CONFIGURATIONS,
     "start_configurations": dataclasses.replace(_CONFIGURATIONS, most=MOST_STARTS),
     "poses": Long(list[requests.TargetPose], listed, MOST_POSES),
-    "points": Long(list[Vector3], listed, MOST_POINTS, together=TOGETHER, require=_require_finite_points),
+    "points": Long(list[Vector3], listed, MOST_POINTS, together=TOGETHER, require=require_finite_points),
 }
 """What is taken out of a request beside what is its scene's."""
