@@ -8,8 +8,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+
 import guidefield
-from tests.deadline_attack import FORMS, MAKERS, SMALL, TIMES, too_late, triangles
+from tests.deadline_attack import FORMS, SMALL, TIMES, too_late
+from tests.deadline_requests import triangles
 
 HOUSE = Path(__file__).parents[1]
 
@@ -17,26 +20,56 @@ SHARE = 0.2
 """Of the largest scenes: reading one takes from 5 to 100 ms, and building it more."""
 
 
-IN_ITS_OWN = f"""
-import json
-from tests.deadline_attack import FORMS, MAKERS, TIMES, late
-asked = [(kind, form, time) for kind in MAKERS for form in FORMS for time in TIMES]
-print(json.dumps([(*one, late(*one[:2], {SHARE} * one[2], again=1, share={SHARE})) for one in asked]))
+IN_ITS_OWN = """
+import json, sys
+from tests.deadline_attack import late
+told = [(*one, late(*one, again={again}, share={share})) for one in json.loads(sys.argv[1])]
+print(json.dumps(told))
 """
 """Asks in every way, in a process in which nobody else has left what the collector would have to look through."""
 
+SCENES = ["boxes", "triangles", "points"]
+
+OTHERS = [
+    *("polygons", "planes", "scene_planes", "step_planes", "places", "moving_mesh", "held", "path", "trajectory"),
+    *("samples", "goals", "blocked_goals", "steps", "constraints", "pairs", "frames", "clearances", "poses", "field"),
+]
+"""What else there may be much of: each of them was late once, or might be."""
+
+
+Asked = tuple[str, str, float]
+"""What there is much of, how it is given, and what is allowed [s]."""
+
+TRIES = 3
+"""On a busy machine who waits for a thread sees late that time is up, while that thread's time counts."""
+
+
+def missed(asked: list[Asked], share: float, again: int = 0) -> list[Asked]:
+    """Those requests to which answers came too late each time they were tried, in a process of their own."""
+    for _ in range(TRIES):
+        given = [sys.executable, "-c", IN_ITS_OWN.format(share=share, again=again), json.dumps(asked)]
+        done = subprocess.run(given, check=True, capture_output=True, text=True, cwd=HOUSE)
+        told = json.loads(done.stdout)
+        assert len(told) == len(asked)
+        asked = [(kind, form, time) for kind, form, time, each in told if any(too_late(late, time) for late, _ in each)]
+        if not asked:
+            break
+    return asked
+
 
 def test_answers_come_in_time() -> None:
-    done = subprocess.run([sys.executable, "-c", IN_ITS_OWN], check=True, capture_output=True, text=True, cwd=HOUSE)
-    told = json.loads(done.stdout)
-    assert len(told) == len(MAKERS) * len(FORMS) * len(TIMES)
-    missed = [one for one in told if any(too_late(seconds, SHARE * one[2]) for seconds, _ in one[3])]
-    assert missed == []
+    asked = [(kind, form, SHARE * time) for kind in SCENES for form in FORMS for time in TIMES]
+    assert missed(asked, SHARE, again=1) == []
+
+
+@pytest.mark.parametrize("kinds", [OTHERS[0::2], OTHERS[1::2]])
+def test_answers_to_whatever_is_long_come_in_time(kinds: list[str]) -> None:
+    assert missed([(kind, form, 0.05) for kind in kinds for form in ("dicts", "json")], 0.1) == []
 
 
 def test_what_a_robot_holds_is_built_in_time() -> None:
     """Building it takes some seconds, and goes on by itself."""
-    mesh = triangles(60_000)["obstacles"][0]
+    mesh = triangles(60_000)["scene"]["obstacles"][0]
     held = {
         **mesh,
         "name": "held",

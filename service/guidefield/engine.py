@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
-from guidefield.aside import StoppedError
+from guidefield.aside import StoppedError, wait_for_others
 from guidefield.collector import waiting_collector
 from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, RobotInvalid, unforeseen
 from guidefield.first_start import compile_kernels
@@ -508,6 +508,7 @@ class Engine:
         def spent() -> bool:
             return cancelled() or time.monotonic() >= until
 
+        wait_for_others(spent)  # what they use may be used here, too
         return self._loaded.built.of(self._declared(reference), spent)
 
     def _declared(self, reference: requests.SceneReference) -> SceneMessage:

@@ -24,6 +24,7 @@ from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, given_requests, requests, scene as messages
 from guidefield.messages.replies import CertifyReply, PlanReply, as_plain_data
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
+from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.task.conditions import Budget
 from guidefield.scene import library
@@ -415,8 +416,8 @@ def test_a_time_that_is_up_tells_how_far_it_is_free(monkeypatch: pytest.MonkeyPa
         def spent(self) -> Status | None:
             return Status.TIMED_OUT if next(asked) >= 3 else None
 
-    def judged(problem: GivenProblem) -> Judgement:
-        return judge(dataclasses.replace(problem, budget=Short()))
+    def judged(problem: GivenProblem, uses: Uses) -> Judgement:
+        return judge(dataclasses.replace(problem, budget=Short()), uses)
 
     monkeypatch.setattr("guidefield.handlers.certify.judge", judged)
     reply = certify(path=rows, position_names=NAMES)

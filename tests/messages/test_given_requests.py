@@ -60,6 +60,34 @@ def held(obstacle: dict[str, Any]) -> dict[str, Any]:
     return {"obstacle": obstacle, "link": "panda_hand"}
 
 
+def configurations(count: int = COUNT) -> list[dict[str, Any]]:
+    return [{"panda_joint1": 1e-4 * k, "panda_joint2": -0.5} for k in range(count)]
+
+
+def rows(count: int = COUNT) -> list[list[float]]:
+    return [[1e-4 * k, 0.5] for k in range(count)]
+
+
+def judged(**fields: Any) -> dict[str, Any]:
+    return {"type": "certify", "robot": "panda", "scene": "table", **fields}
+
+
+def work(kind: str, **fields: Any) -> dict[str, Any]:
+    return {"type": kind, "robot": "panda", "scene": "table", **fields}
+
+
+def in_steps(*steps: dict[str, Any]) -> dict[str, Any]:
+    return {"robot": "panda", "scene": "table", "steps": [*steps]}
+
+
+GOALS = {"type": "joint_set", "positions": configurations()}
+TRAJECTORY = {
+    "positions": rows(),
+    "velocities": rows(),
+    "accelerations": rows(),
+    "times": [0.1 * k for k in range(COUNT)],
+}
+
 LARGE: dict[str, dict[str, Any]] = {
     "boxes": asked(*boxes()),
     "all kinds": asked(mesh(), *boxes(600), cloud(), moving(), {**plane("p", 1200), "type": "polygon"}),
@@ -77,6 +105,19 @@ LARGE: dict[str, dict[str, Any]] = {
         "scene": {"name": "s", "obstacles": boxes()},
         "configurations": [],
     },
+    "goals": asked(goal=GOALS),
+    "steps": in_steps({"goal": GOALS}, {"pause": 1.0}, {"goal": GOALS, "guide_planes": [plane("p", 900)]}),
+    "planes of a step": in_steps({"pause": 1.0, "guide_planes": [plane(f"p{k}", 300) for k in range(9)]}),
+    "pairs": asked(allowed_collisions=[["panda_hand", f"b{k}"] for k in range(COUNT)]),
+    "path": judged(path=rows()),
+    "trajectory": judged(trajectory=TRAJECTORY),
+    "samples": judged(trajectory={"positions": rows()}, time_step=0.1),
+    "configurations": work("clearance", configurations=configurations()),
+    "starts": work("inverse_kinematics", poses=[], start_configurations=configurations()),
+    "poses": work(
+        "inverse_kinematics", poses=[{"position": [1, 0, k], "quaternion_xyzw": [1, 0, 0, 0]} for k in range(COUNT)]
+    ),
+    "points": {"type": "potential", "scene": "table", "points": [[k, 0, 1] for k in range(COUNT)]},
     "stored": {"type": "store_scene", "name": "s", "scene": {"name": "s", "obstacles": [*boxes(), mesh()]}},
 }
 
@@ -173,7 +214,10 @@ class _Enough(Exception):
 
 
 @pytest.mark.parametrize("form", ["dicts", "messages"])
-@pytest.mark.parametrize("name", ["boxes", "all kinds", "planes", "held", "change", "moves"])
+@pytest.mark.parametrize(
+    "name",
+    ["boxes", "all kinds", "planes", "held", "change", "moves", "goals", "steps", "trajectory", "configurations"],
+)
 def test_who_looks_may_end_it_at_any_time(name: str, form: str) -> None:
     given = LARGE[name] if form == "dicts" else codec.decode_request(codec.encode(LARGE[name]))  # type: ignore[arg-type]
     looks = [0]
@@ -193,11 +237,62 @@ def test_who_looks_may_end_it_at_any_time(name: str, form: str) -> None:
 
 def _again(given: Any) -> Any:
     """A request that isn't known from before."""
-    return given if isinstance(given, dict) else msgspec.structs.replace(given, scene=_renamed(given.scene))
+    if isinstance(given, dict) or isinstance(given.scene, str):
+        return given
+    return msgspec.structs.replace(given, scene=_renamed(given.scene))
 
 
 def _renamed(declared: scene.Scene) -> scene.Scene:
     return msgspec.structs.replace(declared, name=f"{declared.name} {time.monotonic_ns()}")
+
+
+OTHER_FAULTS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
+    "a row is longer": ("path", lambda made: made["path"][1700].append(0.0)),
+    "a number is none": ("path", lambda made: made["path"][1700].__setitem__(1, None)),
+    "a number is too large": ("path", lambda made: made["path"][1700].__setitem__(1, 1e12)),
+    "no rows": ("path", lambda made: made.update(path=[])),
+    "no rows of positions": ("trajectory", lambda made: made["trajectory"].update(positions=[])),
+    "fewer velocities": ("trajectory", lambda made: made["trajectory"]["velocities"].pop()),
+    "no velocities": ("trajectory", lambda made: made["trajectory"].update(velocities=[])),
+    "a time more": ("trajectory", lambda made: made["trajectory"]["times"].append(1e3)),
+    "no times": ("trajectory", lambda made: made["trajectory"].update(times=[])),
+    "a time is too large": ("trajectory", lambda made: made["trajectory"]["times"].__setitem__(2100, 1e12)),
+    "a time is a word": ("trajectory", lambda made: made["trajectory"]["times"].__setitem__(2100, "a")),
+    "both": ("trajectory", lambda made: made.update(path=rows())),
+    "a word in a goal": ("goals", lambda made: made["goal"]["positions"][2000].update(panda_joint1="a")),
+    "a goal too far": ("goals", lambda made: made["goal"]["positions"][2000].update(panda_joint1=1e12)),
+    "no goals": ("goals", lambda made: made["goal"].update(positions=[])),
+    "a word in a step": ("steps", lambda made: made["steps"][2]["goal"]["positions"][700].update(panda_joint1="a")),
+    "a field in a step": ("steps", lambda made: made["steps"][2].update(speed=1.0)),
+    "a goal and steps": ("steps", lambda made: made.update(goal=GOALS)),
+    "too many steps": ("steps", lambda made: made.update(steps=[{}] * 201)),
+    "a corner in a step": ("planes of a step", lambda made: made["steps"][0]["guide_planes"][7]["vertices"].append([])),
+    "a pair of three": ("pairs", lambda made: made["allowed_collisions"][900].append("b")),
+    "a pose": ("poses", lambda made: made["poses"][900].update(quaternion_xyzw=[1.0, 1.0, 0.0, 0.0])),
+    "a point": ("points", lambda made: made["points"][900].__setitem__(2, 1e12)),
+    "a configuration": ("configurations", lambda made: made["configurations"][900].update(panda_joint1=[1e12])),
+    "a start": ("starts", lambda made: made["start_configurations"][900].update(panda_joint1=1e12)),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_FAULTS)
+def test_a_fault_of_other_long_lists_too(name: str) -> None:
+    kind, change = OTHER_FAULTS[name]
+    made = msgspec.json.decode(codec.encode(LARGE[kind]))  # type: ignore[arg-type]
+    change(made)
+    with pytest.raises(MalformedRequest) as at_one_go:
+        codec.decode_request(made)
+    with pytest.raises(MalformedRequest) as found:
+        given_requests.checked(made)
+    assert (found.value.message, found.value.details) == (at_one_go.value.message, at_one_go.value.details)
+
+
+def test_arrays_may_stand_for_rows() -> None:
+    arrays = {name: np.array(value) for name, value in TRAJECTORY.items()}
+    assert given_requests.checked(judged(trajectory=arrays)) == codec.decode_request(judged(trajectory=TRAJECTORY))
+    given = work("potential", points=np.ones((COUNT, 3), np.float32))
+    del given["robot"]
+    assert given_requests.checked(given).points == [(1.0, 1.0, 1.0)] * COUNT  # type: ignore[union-attr]
 
 
 def test_between_two_looks_little_time_passes() -> None:

@@ -73,7 +73,9 @@ def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
 
 
 def test_a_pose_at_which_elbows_touch_names_what_they_meet_most_often() -> None:
-    made = problem("panda", scene_of(ball(0.3, 0.0, 0.0, 0.4)), pose(), allowed_collisions=[("panda_link0", "ball")])
+    made = problem(
+        "panda", scene_of(ball(0.3, 0.0, 0.0, 0.4)), pose(), allowed_collisions=frozenset([("panda_link0", "ball")])
+    )
     failure = refused(made)
     assert failure.status is Status.NO_IK_SOLUTION
     assert "most often panda_" in failure.message

@@ -206,7 +206,7 @@ def test_path_constraints_are_kept_all_along() -> None:
 
 
 def test_pairs_that_may_touch_may_touch_as_they_move() -> None:
-    names = tuple((link, "ball") for link in PANDA.robot.links)
+    names = frozenset((link, "ball") for link in PANDA.robot.links)
     at = tuple(made_tip(LEFT).translation.tolist())
     ball = messages.Sphere(name="ball", radius=0.1, trajectory=flight([0.0, 4.0], at, (0.3, -0.5, 0.6)))
     scene = scene_of(ball, DOOR)

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.scene.flat import crossing_edges, flat_polygon, flatness_fault
+from guidefield.scene.flat import PLANARITY, crossing_edges, flat_polygon, flatness_fault
 
 STAR = np.array(
     [[np.cos(a) * r, np.sin(a) * r, 0.0] for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5, strict=True)]
@@ -68,3 +68,61 @@ def test_an_edge_that_touches_another_crosses_it():
 def test_a_spike_folds_back():
     spike = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [2, 3, 0], [2, 1.5, 0], [0, 1, 0]], float)
     assert crossing_edges(flat_polygon(spike)) == (2, 3)
+
+
+def first_meeting(corners: np.ndarray, gap: float) -> tuple[int, int] | None:
+    """The oracle: each edge against each that is no neighbour, the segments sampled by their closest points."""
+    count, ends = len(corners), np.roll(corners, -1, axis=0)
+
+    def apart(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
+        share = np.clip((point - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
+        return float(np.linalg.norm(point - (a + share * (b - a))))
+
+    def side(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+        return float((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
+
+    for i in range(count):
+        for j in range(i + 2, count - (i == 0)):
+            a, b, c, d = corners[i], ends[i], corners[j], ends[j]
+            if min(apart(c, a, b), apart(d, a, b), apart(a, c, d), apart(b, c, d)) <= gap:
+                return i, j
+            if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
+                return i, j
+    return None
+
+
+def outlines(rng: np.random.Generator, kind: int) -> np.ndarray:
+    count = int(rng.integers(4, 30))
+    if kind == 0:
+        return rng.uniform(-1.0, 1.0, (count, 2))
+    if kind == 1:
+        return rng.integers(0, 7, (count, 2)).astype(float)
+    angles = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    corners = rng.uniform(0.2, 1.0, (count, 1)) * np.column_stack([np.cos(angles), np.sin(angles)])
+    one, other = rng.integers(0, count, 2)
+    if kind == 2:  # nearly touching itself
+        corners[one] = corners[other] + 10.0 ** rng.uniform(-8.0, -3.0) * rng.normal(size=2)
+    return corners
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(0, 10**6), st.integers(0, 3))
+def test_the_first_edges_that_meet_are_found(seed, kind):
+    corners = outlines(np.random.default_rng(seed), kind)
+    flat = flat_polygon(np.column_stack([corners, np.zeros(len(corners))]))
+    if flatness_fault(flat) is not None:
+        return
+    found, expected = crossing_edges(flat), first_meeting(flat.corners, PLANARITY * flat.size)
+    if found != expected:  # an edge that folds back is told before
+        assert found is not None
+        assert (found[1] - found[0]) % len(corners) == 1
+
+
+def test_an_outline_of_ten_thousand_corners_is_looked_through():
+    """Edge by edge and pair by pair it would take a minute."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 10_000, endpoint=False)
+    spikes = np.where(np.arange(10_000) % 2, 1.0, 0.5)[:, None]
+    star = spikes * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    assert crossing_edges(flat_polygon(star)) is None
+    star[[2500, 7501]] = star[[7501, 2500]]
+    assert crossing_edges(flat_polygon(star)) is not None

@@ -88,6 +88,21 @@ def test_no_point_is_deeper_than_the_inradius_and_one_is_as_deep(seed):
     assert deepest >= inradius - np.linalg.norm(high - low) / 149
 
 
+@pytest.mark.parametrize("sides", [3, 5, 8, 100, 999])
+def test_inradius_of_a_regular_polygon_with_corners_on_its_sides(sides):
+    angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    corners = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    halves = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    for vertices in (corners, np.stack([corners, halves], axis=1).reshape(-1, 3)):
+        assert plane(vertices).inradius == pytest.approx(np.cos(np.pi / sides), rel=1e-9)
+
+
+def test_inradius_of_a_stretched_circle_is_its_shorter_half():
+    angles = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
+    corners = np.column_stack([3.0 * np.cos(angles), 0.2 * np.sin(angles), 0 * angles])
+    assert plane(corners).inradius == pytest.approx(0.2, rel=1e-4)
+
+
 @LAWS
 @given(seeds)
 def test_vertices_turn_counter_clockwise_about_the_normal(seed):

@@ -98,7 +98,7 @@ class PartsTable:
 
     def add_surface(self, shape: Any, placement: Any) -> int:
         """Add a Coal mesh as its triangles, that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        return self._mesh(_known(shape, _surface_tree, "as its triangles"), placement)
+        return self._mesh(known_surface(shape), placement)
 
     def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
         """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
@@ -321,6 +321,11 @@ def _surface_tree(vertices: np.ndarray, faces: np.ndarray) -> MeshTree:
 def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
     """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
     return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut), "in convex parts")
+
+
+def known_surface(shape: Any) -> MeshTree:
+    """The tree of a Coal mesh as its triangles, made once for the same vertices."""
+    return _known(shape, _surface_tree, "as its triangles")
 
 
 def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:

@@ -1,4 +1,4 @@
-"""What a robot needs before its first connection, found once and kept on disk: balls, convex parts, trees of meshes.
+"""What a robot needs before its first connection, found once: balls, convex parts, trees of meshes, points on links.
 
 It takes some seconds for an arm whose links are meshes, tens of seconds for a humanoid. What one call found, another
 needn't find again, in whatever process: a preparation that was stopped goes on where it was.
@@ -12,10 +12,14 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+import coal
+
 from guidefield.aside import Spent, StoppedError
-from guidefield.collision.convex_parts import known_pieces
+from guidefield.collision.convex_parts import known_pieces, known_surface
 from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)
@@ -64,6 +68,15 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
         if parts is not None:
             before(index, len(shapes), _link(robot, shape))
             known_pieces(shape.geometry, parts)
+    before = step("laying out")
+    for index, shape in enumerate(shapes):
+        if isinstance(shape.geometry, coal.BVHModelBase):
+            before(index, len(shapes), _link(robot, shape))
+            known_surface(shape.geometry)
+    for lay_out in (link_bodies, surface_samples):
+        if spent():
+            raise StoppedError("its links were laid out")
+        lay_out(robot)
     _prepared.add(robot)
     if time.monotonic() - began > LONG:
         _log.info("prepared robot %s in %.1f s", robot.name, time.monotonic() - began)

@@ -6,24 +6,34 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
+from guidefield.aside import done_aside
 from guidefield.errors import GuidefieldError
+from guidefield.handlers.attached import holding
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.in_reach import in_reach
+from guidefield.handlers.measuring import measured_in_time
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, judge
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.quality import Clearance, clearance, clearance_profile
+from guidefield.planner.motion.limit_shares import Uses, limit_shares
+from guidefield.planner.quality import MotionInTime, clearance, clearance_profile
 from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
+
+T = TypeVar("T")
+
+MANY = 2000
+"""A motion of fewer rows is read and laid out within a hundredth of a second."""
 
 RecordGiven = Callable[[PlanningGroup, Scene, GivenMotion], Recording[CertifyReply] | None]
 """Opens the recording of a run, once it is known what moves where, and how."""
@@ -55,26 +65,30 @@ def answer_certify(
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
-        StoppedError: if time was up before the scene was prepared.
+        StoppedError: if time was up before the scene was prepared, or the motion, where it has many rows.
     """
     began = time.monotonic() if began is None else began
     budget = Budget(received + request.allowed_time, cancelled)
-    problem, warnings = certify_problem(request, robot, scene, budget)
+    holding(robot, request.attached_objects, scene, budget.spent)  # what is large is built aside, once
+    aside = _Aside(request, budget)
+    problem, warnings = aside.made(lambda: certify_problem(request, robot, scene, budget), "the motion was read")
     problem = in_reach(problem, budget.spent, limited=False)
     prepare_in_time(None, problem.scene, budget.spent)
+    uses = aside.made(lambda: _uses(problem), "the motion was laid out")
     recording = record(problem.group, scene, problem.motion)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
     stages = Stages(problem)
     with stages.entered("certify", "on the exact geometry, between rows too") as stage:
-        judgement = judge(problem)
+        judgement = judge(problem, uses)
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
-        measured = _measured(problem)
+        found = measured_in_time([(_motion(problem), problem)], budget)
+    measured = None if found is None else found[0]
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: clearance_profile(measured, problem))
+        recording.finish(reply, lambda: clearance_profile(measured or clearance(_motion(problem), problem), problem))
     return reply
 
 
@@ -84,6 +98,30 @@ def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotMo
         load(request.robot)
 
 
-def _measured(problem: GivenProblem) -> Clearance:
+class _Aside:
+    """What takes long for a motion of many rows is done aside, as far as there is time.
+
+    Args:
+        request: What is asked.
+        budget: How long it may take.
+    """
+
+    def __init__(self, request: CertifyRequest, budget: Budget) -> None:
+        rows = request.path if request.trajectory is None else request.trajectory.positions
+        self._many, self._budget = len(rows or ()) >= MANY, budget
+
+    def made(self, work: Callable[[], T], doing: str) -> T:
+        """What work makes; StoppedError if time was up before."""
+        return done_aside(work, self._budget.spent, lambda: doing) if self._many else work()
+
+
+def _uses(problem: GivenProblem) -> Uses:
+    """How much of its limits a motion uses, once it is laid out for all that is asked about it."""
+    _ = problem.motion.pieces, _motion(problem)
+    return limit_shares(problem.motion, problem.group, problem.jerk_limits)
+
+
+def _motion(problem: GivenProblem) -> MotionInTime:
+    """What is measured: in time among obstacles that move."""
     motion = problem.motion
-    return clearance(motion.scheduled if problem.scene.moves else motion.measured, problem)
+    return motion.scheduled if problem.scene.moves else motion.measured

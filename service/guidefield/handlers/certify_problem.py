@@ -16,6 +16,7 @@ from guidefield.handlers.given_columns import (
     chart_rates,
     first_positions,
     require_same_joints,
+    rows_in,
     velocity_names_of,
 )
 from guidefield.messages.requests import CertifyRequest, GivenTrajectory
@@ -54,7 +55,7 @@ def certify_problem(
             is ill-posed.
     """
     _require_served(request, scene)
-    robot = holding(robot, request.attached_objects, scene, budget.spent)
+    robot = holding(robot, request.attached_objects, scene)
     rows = _positions(request)
     columns = _columns(request, robot)
     columns.require_width(_field(request), rows)
@@ -69,7 +70,7 @@ def certify_problem(
         scene=scene,
         world=World.build(group, scene, request.allowed_collisions),
         min_clearance=request.min_clearance,
-        allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
@@ -108,7 +109,8 @@ def _field(request: CertifyRequest) -> str:
 def _positions(request: CertifyRequest) -> np.ndarray:
     """The rows, shape (n, k)."""
     rows = request.path if request.trajectory is None else request.trajectory.positions
-    return np.array(rows, float)
+    assert rows is not None, "there is a path or a trajectory"
+    return rows_in(rows)
 
 
 def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:
@@ -182,7 +184,7 @@ def _rates(
     names = request.velocity_names or velocity_names_of(columns, group.robot)
     named = Columns.named("velocity_names", names, group.robot, chart.VELOCITY_SUFFIXES)
     require_same_joints(columns, named)
-    rows = np.array(given, float)
+    rows = rows_in(given)
     named.require_width(f"trajectory.{what}", rows)
     return chart_rates(named, rows, group, points, f"trajectory.{what}")
 

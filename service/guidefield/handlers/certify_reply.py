@@ -10,6 +10,7 @@ import numpy as np
 
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
+from guidefield.handlers.measuring import UNMEASURED
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
 from guidefield.messages.certificate_in_words import place_in_words
@@ -29,7 +30,7 @@ RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "je
 def reply_to(
     problem: GivenProblem,
     judgement: Judgement,
-    measured: Clearance,
+    measured: Clearance | None,
     run_id: str,
     received: float,
     seconds: Mapping[str, float],
@@ -40,7 +41,7 @@ def reply_to(
     Args:
         problem: What was judged.
         judgement: What came of it.
-        measured: How far the motion keeps from everything.
+        measured: How far the motion keeps from everything; None where there was no time to find out.
         run_id: Name of the run.
         received: As in `answer_certify`.
         seconds: Time by stage [s].
@@ -52,7 +53,7 @@ def reply_to(
         status=replies.Outcome(
             code=int(ended.status), name=ended.status.name, message=ended.message, details=ended.details
         ),
-        warnings=[*warnings, *_left(judgement), *unmeasured(measured)],
+        warnings=[*warnings, *_left(judgement), *(unmeasured(measured) if measured else [UNMEASURED])],
         curve=problem.motion.kind.value,
         position_names=group.position_names,
         velocity_names=group.velocity_names,
@@ -178,7 +179,11 @@ def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionC
     )
 
 
-def _clearance(problem: GivenProblem, judgement: Judgement, measured: Clearance) -> replies.MotionClearance:
+def _clearance(
+    problem: GivenProblem, judgement: Judgement, measured: Clearance | None
+) -> replies.MotionClearance | None:
+    if measured is None:
+        return None
     closest = measured.obstacle
     if closest.pair is None:
         return replies.MotionClearance(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
@@ -207,7 +212,9 @@ def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | Non
     return motion.along(piece, float(np.clip((time - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0)))
 
 
-def _self_clearance(judgement: Judgement, measured: Clearance) -> replies.SelfClearance:
+def _self_clearance(judgement: Judgement, measured: Clearance | None) -> replies.SelfClearance | None:
+    if measured is None:
+        return None
     if measured.own.pair is None:
         return replies.SelfClearance(minimum=None, pair=None)
     certified = 0.0 if judgement.verdict.free and judgement.leaving is None else -np.inf

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import cast
 
 import numpy as np
@@ -22,6 +23,9 @@ from guidefield.robot.model import chart
 from guidefield.robot.model.configuration import FURTHEST
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
+
+SOME = 10_000
+"""So many rows are read in a few milliseconds."""
 
 FOLLOWS = 1e-4
 """How far a follower's column may be from what its law says [rad or m, and per s]."""
@@ -87,6 +91,17 @@ class Columns:
                 f" {', '.join(self.names)}; `{self.field}` may say others",
                 available=list(self.names),
             )
+
+
+def rows_in(rows: Sequence[Sequence[float]]) -> np.ndarray:
+    """Rows that a message holds, shape (n, k), read some at a time: other threads see what time it is meanwhile."""
+    width = len(rows[0])
+    found: np.ndarray = np.empty((len(rows), width))
+    for begin in range(0, len(rows), SOME):
+        some = rows[begin : begin + SOME]
+        flat = chain.from_iterable(some)  # which NumPy reads in a third of the time
+        found[begin : begin + len(some)] = np.fromiter(flat, float, width * len(some)).reshape(-1, width)
+    return found
 
 
 def first_positions(columns: Columns, rows: np.ndarray, robot: RobotModel) -> Positions:

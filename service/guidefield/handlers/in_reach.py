@@ -34,7 +34,9 @@ def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
         return problem
     met, pairs = scene, problem.world.pairs
     if many:
-        nearest = nearest_to_ball(scene, reach, scene.names.intersection(chain(*problem.allowed_collisions)))
+        nearest = nearest_to_ball(
+            scene, reach, scene.names.intersection(chain.from_iterable(problem.allowed_collisions))
+        )
         if nearest.some is not None:
             met, pairs = nearest.some, pairs.among(nearest.chosen)
     if large:

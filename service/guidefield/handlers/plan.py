@@ -12,6 +12,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
 from guidefield.handlers.attached import holding
 from guidefield.handlers.in_reach import in_reach
+from guidefield.handlers.measuring import UNMEASURED, measured_in_time
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
@@ -23,7 +24,7 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.plan import Planner, plan
-from guidefield.planner.quality import clearance, clearance_profile
+from guidefield.planner.quality import clearance_profile
 from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -81,11 +82,14 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    measured = None if made.trajectory is None else clearance(made.trajectory, problem)
+    measured = None if made.trajectory is None else measured_in_time([(made.trajectory, problem)], budget)
+    if made.trajectory is not None and measured is None:
+        warnings = (*warnings, UNMEASURED)
+    found = measured[0] if measured else None
     seconds = {"queue": began - received, "load": load_seconds}
-    reply = reply_to(request, problem, made, measured, run_id, received, seconds, warnings)
+    reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: None if measured is None else clearance_profile(measured, problem))
+        recording.finish(reply, lambda: None if found is None else clearance_profile(found, problem))
     return reply
 
 

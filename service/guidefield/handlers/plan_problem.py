@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from guidefield.aside import StoppedError
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest
 from guidefield.geometry.placements import se3
@@ -25,6 +26,9 @@ from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
+AT_ONCE = 500
+"""So many goals are read before it is asked whether there is time: it takes some milliseconds."""
+
 
 def problem_of(
     request: PlanRequest, robot: RobotModel, scene: Scene, budget: Budget
@@ -44,13 +48,14 @@ def problem_of(
         InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid: if the question
             is ill-posed.
         MalformedRequest: if it asks for what this version doesn't serve.
+        StoppedError: if time was up before its guide planes were built, or its many goals were read.
     """
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group, request)
-    planes = given_planes(request, scene)
+    planes = given_planes(request, scene, budget.spent)
     _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
@@ -63,10 +68,10 @@ def problem_of(
         robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=Kinematics(group),
         q_start=group.part_of(q_whole),
-        goal=_goal(request, group, planes),
+        goal=_goal(request, group, planes, budget),
         guide_planes=planes,
         min_clearance=request.min_clearance,
-        allowed_collisions=tuple((first, second) for first, second in request.allowed_collisions),
+        allowed_collisions=frozenset(request.allowed_collisions),
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
@@ -143,7 +148,7 @@ def _why_no_plane(request: PlanRequest) -> str:
     return "the scene has none; give some in `guide_planes`"
 
 
-def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...]) -> Goal:
+def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...], budget: Budget) -> Goal:
     goal = request.goal
     assert goal is not None, "a request with steps has one for each of them"
     if isinstance(goal, requests.GuidePlaneGoal):
@@ -157,10 +162,14 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     if isinstance(goal, requests.PoseGoal):
         return TipGoal(PoseTarget.from_wire(goal))
     many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
-    configurations = tuple(_goal_configuration(group, positions) for positions in many)
+    configurations: list[Configuration] = []
+    for positions in many:
+        if len(configurations) % AT_ONCE == AT_ONCE - 1 and budget.spent():
+            raise StoppedError("the goals were read")
+        configurations.append(_goal_configuration(group, positions))
     # beyond a limit only counts where no other goal is left: then it is the reason of the refusal
     within = tuple(q for q in configurations if not limit_faults(group.joints, q))
-    return ConfigurationGoal(within or configurations)
+    return ConfigurationGoal(within or tuple(configurations))
 
 
 def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> Configuration:

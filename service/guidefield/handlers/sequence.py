@@ -8,6 +8,7 @@ from collections.abc import Callable
 from guidefield.aside import StoppedError
 from guidefield.collision.preparation import Told
 from guidefield.errors import Status
+from guidefield.handlers.measuring import measured_in_time
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
 from guidefield.handlers.sequence_reply import reply_to
@@ -16,7 +17,6 @@ from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.quality import clearance
 from guidefield.planner.sequence.sequence import SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
 from guidefield.planner.task.conditions import Budget
@@ -52,12 +52,14 @@ def answer_steps(
     made = plan_sequence(course, course.start, course.whole, budget, recording or Silent())
     ended.append(made)
     begin = time.monotonic()
-    measured = [(stretch, clearance(stretch.motion, stretch)) for stretch in measurable(made)]
+    stretches = measurable(made)
+    found = measured_in_time([(stretch.motion, stretch) for stretch in stretches], budget)
+    measured = None if found is None else [*zip(stretches, found, strict=True)]
     load_seconds += made.seconds.get("load", 0.0)
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
     if recording is not None:
-        recording.finish(reply, lambda: profile_of(measured))
+        recording.finish(reply, lambda: profile_of(measured or []))
     return reply
 
 

@@ -8,6 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
+from guidefield.handlers.measuring import UNMEASURED
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
@@ -36,7 +37,7 @@ def reply_to(
     request: PlanRequest,
     course: Steps,
     made: SequencePlan[Standing],
-    measured: Measured,
+    measured: Measured | None,
     run_id: str,
     received: float,
     seconds: dict[str, float],
@@ -47,7 +48,8 @@ def reply_to(
         request: What was asked.
         course: Its steps.
         made: What came of them.
-        measured: The stretches on which something moves, with how far they keep from everything.
+        measured: The stretches on which something moves, with how far they keep from everything; None where time was up
+            before.
         run_id: Name of the run.
         received: As in `answer_plan`.
         seconds: Time that waiting, loading and measuring took [s].
@@ -59,6 +61,8 @@ def reply_to(
     spent["measure"] += time.monotonic() - begin
     robot = course.start.robot
     warnings = [*robot.warnings, *course.start.scene.warnings, *course.warnings, *made.warnings]
+    if measured is None:
+        measured, warnings = [], [*warnings, UNMEASURED]
     return PlanReply(
         run_id=run_id,
         status=replies.Outcome(

@@ -115,7 +115,7 @@ class Steps:
                 scene=at.scene,
                 world=World.build(group, at.scene, self._request.allowed_collisions),
                 min_clearance=self._request.min_clearance,
-                allowed_collisions=tuple((one, other) for one, other in self._request.allowed_collisions),
+                allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
                 budget=self._budget,
                 counters=self.counters,

@@ -113,8 +113,8 @@ class CertifyReply(Reply):
         position_names: Columns of configurations, in the robot's order.
         velocity_names: Columns of rates.
         certificate: Whether it is free, and how far.
-        clearance: From obstacles, along the motion.
-        self_clearance: Of the robot from itself.
+        clearance: From obstacles, along the motion; null where time was up before it was measured.
+        self_clearance: Of the robot from itself; null as `clearance`.
         limits: How much of each limit is used.
         timing: Where time went.
         counters: What was done how often.

@@ -2,30 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AttachedObject, JointLimits, PathConstraint
+from guidefield.messages.conditions import AllowedCollisions, AttachedObjects, JointLimits, PathConstraints
 from guidefield.messages.goals import Positions, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.values import (
     LARGEST,
     PLANNING_TIME,
     AllowedTime,
+    Look,
     Message,
     Name,
     NonNegative,
     Placement,
     Positive,
     RunId,
+    never,
     require_finite,
     require_finite_number,
 )
 
 MOST_ROWS = 1_000_000
 """Rows that a motion may have."""
+
+TOGETHER = 20_000
+"""So many rows are checked at one go, in some milliseconds."""
+
+_ROWS = ("positions", "velocities", "accelerations")
 
 GivenRows = Annotated[list[list[float]], msgspec.Meta(min_length=1, max_length=MOST_ROWS)]
 
@@ -49,11 +58,15 @@ class GivenTrajectory(Message):
     def __post_init__(self) -> None:
         if self.times is not None:
             require_finite("times", self.times)
-        for field in ("positions", "velocities", "accelerations"):
-            if (rows := getattr(self, field)) is None:
-                continue
-            require_finite_rows(field, rows)
-            if len(rows) != len(self.positions):
+        for field in _ROWS:
+            if (rows := getattr(self, field)) is not None:
+                require_finite_rows(field, rows)
+        self.require_same_lengths()
+
+    def require_same_lengths(self) -> None:
+        """Raise ValueError unless there are as many times, and rows of each kind, as there are positions."""
+        for field in _ROWS:
+            if (rows := getattr(self, field)) is not None and len(rows) != len(self.positions):
                 raise ValueError(f"`{field}` must have a row for each of `positions`, {len(self.positions)} in all")
         if self.times is not None and len(self.times) != len(self.positions):
             raise ValueError(
@@ -119,9 +132,9 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     time_step: Positive | None = None
     interpolation: Literal["spline", "linear"] = "spline"
     min_clearance: NonNegative = 0.0
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
-    path_constraints: list[PathConstraint] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
+    path_constraints: PathConstraints = []
     limits: dict[str, JointLimits] = {}
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
@@ -154,10 +167,21 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
 
 
-def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
-    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long."""
-    for index, row in enumerate(rows):
-        if not sum(map(abs, row)) <= LARGEST:
-            require_finite(f"{field}[{index}]", row)
-        if len(row) != len(rows[0]):
-            raise ValueError(f"`{field}[{index}]` has {len(row)} values, `{field}[0]` has {len(rows[0])}")
+def require_finite_rows(field: str, rows: Sequence[Sequence[float]], look: Look = never) -> None:
+    """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long.
+
+    Args:
+        field: What they are called.
+        rows: The rows.
+        look: Called again and again meanwhile.
+    """
+    for begin in range(0, len(rows), TOGETHER):
+        look()
+        some = rows[begin : begin + TOGETHER]
+        if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:
+            continue  # the norm of all is more than that of each
+        for index, row in enumerate(some, begin):
+            if not sum(map(abs, row)) <= LARGEST:
+                require_finite(f"{field}[{index}]", row)
+            if len(row) != len(rows[0]):
+                raise ValueError(f"`{field}[{index}]` has {len(row)} values, `{field}[0]` has {len(rows[0])}")

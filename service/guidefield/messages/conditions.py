@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+import msgspec
 
 from guidefield.messages.scene import Obstacle
 from guidefield.messages.values import (
@@ -13,6 +15,13 @@ from guidefield.messages.values import (
     Vector3,
     require_finite_number,
 )
+
+MOST_HELD = 1_000
+"""Objects that a robot may hold."""
+MOST_PAIRS = 100_000
+"""Pairs of links and obstacles that may be allowed to touch."""
+MOST_CONSTRAINTS = 100
+"""Path constraints of a motion."""
 
 Objective = Literal["balanced", "time", "clearance"]
 """What a motion is optimised for."""
@@ -83,6 +92,10 @@ class LineConstraint(Message, tag_field="type", tag="line"):
 
 
 PathConstraint = OrientationCone | PlaneConstraint | LineConstraint
+
+AttachedObjects = Annotated[list[AttachedObject], msgspec.Meta(max_length=MOST_HELD)]
+AllowedCollisions = Annotated[list[tuple[Name, Name]], msgspec.Meta(max_length=MOST_PAIRS)]
+PathConstraints = Annotated[list[PathConstraint], msgspec.Meta(max_length=MOST_CONSTRAINTS)]
 
 
 class JointLimits(Message):

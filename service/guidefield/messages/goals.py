@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
 
 from guidefield.messages.values import (
+    LARGEST,
+    Look,
     Message,
     NonNegative,
     QuaternionXYZW,
     Vector3,
+    never,
     require_finite,
     require_finite_number,
     require_unit_quaternion,
 )
+
+MOST_GOALS = 10_000
+"""Configurations any of which may be the goal."""
+
+TOGETHER = 1000
+"""So many configurations are checked at one go, in some milliseconds."""
 
 JointValue = float | list[float]
 Positions = dict[str, JointValue]
@@ -31,11 +42,24 @@ Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
 
 def require_finite_positions(field: str, positions: Positions) -> None:
     """Raise ValueError if a joint value is NaN or infinite; `field` is what it is called."""
+    try:
+        if math.hypot(*positions.values()) <= LARGEST:  # type: ignore[arg-type] # as is each: there may be thousands
+            return
+    except TypeError:  # a joint has several coordinates
+        pass
     for joint, value in positions.items():
         if isinstance(value, list):
             require_finite(f"{field}.{joint}", value)
         else:
             require_finite_number(f"{field}.{joint}", value)
+
+
+def require_finite_configurations(field: str, configurations: Sequence[Positions], look: Look = never) -> None:
+    """The same of many configurations; `look` is called again and again meanwhile."""
+    for index, positions in enumerate(configurations):
+        if index % TOGETHER == 0:
+            look()
+        require_finite_positions(f"{field}[{index}]", positions)
 
 
 class JointsGoal(Message, tag_field="type", tag="joints"):
@@ -58,11 +82,10 @@ class JointSetGoal(Message, tag_field="type", tag="joint_set"):
         positions: The configurations, each as in `JointsGoal`.
     """
 
-    positions: Annotated[list[Positions], msgspec.Meta(min_length=1, max_length=10_000)]
+    positions: Annotated[list[Positions], msgspec.Meta(min_length=1, max_length=MOST_GOALS)]
 
     def __post_init__(self) -> None:
-        for index, positions in enumerate(self.positions):
-            require_finite_positions(f"positions[{index}]", positions)
+        require_finite_configurations("positions", self.positions)
 
 
 class PoseGoal(Message, tag_field="type", tag="pose"):

@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from itertools import chain
 from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AttachedObject
-from guidefield.messages.goals import Positions, Tolerance3, require_finite_positions
+from guidefield.messages.conditions import AllowedCollisions, AttachedObjects
+from guidefield.messages.goals import Positions, Tolerance3, require_finite_configurations
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
+from guidefield.messages.triples import TOGETHER
 from guidefield.messages.values import (
+    LARGEST,
     AllowedTime,
+    Look,
     Message,
     Name,
     Placement,
     QuaternionXYZW,
     RunId,
     Vector3,
+    never,
     require_finite,
     require_unit_quaternion,
 )
 
 DEFAULT_TIME = 60.0
 """How long a request may take that doesn't say it [s]."""
+
+MOST_CONFIGURATIONS = 100_000
+"""Configurations that a request may ask about."""
+MOST_POSES = 10_000
+"""Poses that one may ask to be reached."""
+MOST_STARTS = 10_000
+"""Configurations from which they may be looked for."""
+MOST_POINTS = 1_000_000
+"""Points that one may ask about."""
 
 
 class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
@@ -40,14 +56,14 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
 
     robot: RobotReference
     frames: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=1_000)]
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
-        _check_configurations(self.configurations)
+        require_finite_configurations("configurations", self.configurations)
 
 
 class TargetPose(Message):
@@ -85,16 +101,16 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
     """
 
     robot: RobotReference
-    poses: Annotated[list[TargetPose], msgspec.Meta(max_length=10_000)]
+    poses: Annotated[list[TargetPose], msgspec.Meta(max_length=MOST_POSES)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
     tip: Name | None = None
     group: str | list[Name] | None = None
     scene: SceneReference | None = None
     collision_free: bool = False
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
-    start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=10_000)] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
+    start_configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_STARTS)] = []
     solutions: Annotated[int, msgspec.Meta(ge=1, le=1_000)] = 8
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
     request_id: RunId | None = None
@@ -102,7 +118,7 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
 
     def __post_init__(self) -> None:
         settle_scene(self)
-        _check_configurations(self.start_configurations)
+        require_finite_configurations("start_configurations", self.start_configurations)
 
 
 class Clearance(Message, tag_field="type", tag="clearance"):
@@ -123,18 +139,18 @@ class Clearance(Message, tag_field="type", tag="clearance"):
 
     robot: RobotReference
     scene: SceneReference
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)]
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)]
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
     contacts: bool = False
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         settle_scene(self)
-        _check_configurations(self.configurations)
+        require_finite_configurations("configurations", self.configurations)
 
 
 class Potential(Message, tag_field="type", tag="potential"):
@@ -153,10 +169,10 @@ class Potential(Message, tag_field="type", tag="potential"):
 
     scene: SceneReference
     schema: Literal[1] = 1
-    points: Annotated[list[Vector3], msgspec.Meta(max_length=1_000_000)] | None = None
+    points: Annotated[list[Vector3], msgspec.Meta(max_length=MOST_POINTS)] | None = None
     robot: RobotReference | None = None
     robot_placement: Placement = Placement()
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=100_000)] | None = None
+    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | None = None
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
@@ -166,14 +182,18 @@ class Potential(Message, tag_field="type", tag="potential"):
         by_robot = self.robot is not None and self.configurations is not None
         if by_points == by_robot or (self.robot is None) != (self.configurations is None):
             raise ValueError("give either `points`, or `robot` with `configurations`")
-        for index, point in enumerate(self.points or ()):
-            require_finite(f"points[{index}]", point)
-        _check_configurations(self.configurations or [])
+        require_finite_points("points", self.points or ())
+        require_finite_configurations("configurations", self.configurations or [])
 
 
 KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
 
 
-def _check_configurations(configurations: list[Positions]) -> None:
-    for index, positions in enumerate(configurations):
-        require_finite_positions(f"configurations[{index}]", positions)
+def require_finite_points(field: str, points: Sequence[Vector3], look: Look = never) -> None:
+    """Raise ValueError if a number is NaN, infinite or too large; `look` is called again and again meanwhile."""
+    for begin in range(0, len(points), TOGETHER):
+        look()
+        some = points[begin : begin + TOGETHER]
+        if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
+            for index, point in enumerate(some, begin):
+                require_finite(f"{field}[{index}]", point)

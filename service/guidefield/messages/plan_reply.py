@@ -64,8 +64,8 @@ class ClearanceFigures(Reply):
 
     The smallest distances are over the whole curve, between any samples too, and while the robot waits: no distance is
     smaller by more than 0.1 mm. Where there was no time to find one (it is looked for until `allowed_planning_time` is
-    up, and for half a second at least), a warning says so, and what stands there is what is kept at least instead, null
-    if nothing is known.
+    up, and for a hundredth of a second at least), a warning says so, and what stands there is what is kept at least
+    instead, null if nothing is known.
 
     Attributes:
         minimum: The smallest [m].
@@ -224,8 +224,8 @@ class PlanReply(Reply):
         trajectory: What the robot would execute; null where there is none.
         guide_planes: Those of the plan, derived ones included.
         stages: What was done, in order.
-        clearance: From obstacles, along the trajectory.
-        self_clearance: Of the robot from itself.
+        clearance: From obstacles, along the trajectory; null where time was up before it was measured.
+        self_clearance: Of the robot from itself; null as `clearance`.
         certificate: The judgement of the trajectory, or of the path where there is no trajectory.
         metrics: Of the trajectory.
         timing: Where time went.

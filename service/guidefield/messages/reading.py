@@ -32,6 +32,9 @@ PER_LIST, PER_OBJECT = 270.0, 2000.0
 Measured with meshes and clouds as lists, and with boxes and spheres: they are read within 0.8 to 1.2 of what is
 expected."""
 
+PER_ROW = 600.0
+"""The same of a list in a request to judge a motion, whose rows have a number for each joint."""
+
 HASHED = 0.15
 """What is read is hashed before anything is built of it: so much of the time that reading took that takes at least."""
 
@@ -42,8 +45,11 @@ CERTIFY = CertifyRequest.__struct_config__.tag
 """The type of a request to judge a motion; that for a plan has none."""
 
 
+CERTIFIES = f'"{CERTIFY}"'.encode()
+
+
 class _Heads(PlanHead, frozen=True):
-    """What a request says of its run, a plan or a judgement."""
+    """What a request says of its run, a plan or a judgement, or of how long it may take."""
 
     type: str | None = None
     allowed_time: float = CertifyHead().allowed_time
@@ -106,15 +112,18 @@ def _head_of(request: Any) -> RunHead | WorkHead | None:
 def is_of_many(payload: object) -> bool:
     """Whether a request in any form makes a thousand objects or more when it is read, which stay.
 
-    Long lists of numbers in JSON don't count: numbers are no garbage, and Python sees that at once.
+    Long lists of numbers in JSON don't count: numbers are no garbage, and Python sees that at once of a tuple. The rows
+    of a motion are lists.
     """
     if isinstance(payload, bytes):
-        return len(payload) >= FEWEST_BYTES and payload.count(b"{") >= MANY
+        if len(payload) < FEWEST_BYTES:
+            return False
+        return payload.count(b"{") >= MANY or (CERTIFIES in payload and payload.count(b"[") >= MANY)
     return given_requests.is_large(payload)
 
 
-def too_long_to_read(payload: object, began: float) -> RunHead | None:
-    """The head of a JSON request for a motion that can't be read within the time that it allows; else None.
+def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None:
+    """The head of a JSON request that can't be read within the time that it allows; else None.
 
     Args:
         payload: The request in any form.
@@ -131,13 +140,18 @@ def too_long_to_read(payload: object, began: float) -> RunHead | None:
         return None
     now = time.monotonic()
     if found.type is None:
-        head: RunHead = PlanHead(found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed)
+        head: RunHead | WorkHead = PlanHead(
+            found.run_id, found.allowed_planning_time, found.planner, found.objective, found.seed
+        )
     elif found.type == CERTIFY:
         head = CertifyHead(found.run_id, found.allowed_time)
+    elif found.type in _WORK:
+        head = WorkHead(allowed_time=found.allowed_time)
     else:
         return None
     took = now - looked
     if now + took * LOOKS > began + head.allowed:
         return head
-    equal = PER_LIST * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
+    per_list = PER_ROW if isinstance(head, CertifyHead) else PER_LIST
+    equal = per_list * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
     return head if now + took * (LOOKS + equal / len(payload)) > began + head.allowed else None

@@ -8,12 +8,15 @@ import msgspec
 
 from guidefield.messages.certify_request import CertifyRequest as CertifyRequest, GivenTrajectory as GivenTrajectory
 from guidefield.messages.conditions import (
+    AllowedCollisions,
     AttachedObject as AttachedObject,
+    AttachedObjects,
     JointLimits as JointLimits,
     LineConstraint as LineConstraint,
     Objective as Objective,
     OrientationCone as OrientationCone,
     PathConstraint as PathConstraint,
+    PathConstraints,
     PlaneConstraint as PlaneConstraint,
 )
 from guidefield.messages.goals import (
@@ -42,7 +45,7 @@ from guidefield.messages.references import (
     UrdfText as UrdfText,
     settle_scene,
 )
-from guidefield.messages.scene import GuidePlane
+from guidefield.messages.scene import GuidePlanes
 from guidefield.messages.steps import (
     Attach as Attach,
     PlanStep as PlanStep,
@@ -144,13 +147,13 @@ class PlanRequest(Message):
     start_velocities: dict[str, float] = {}
     start_accelerations: dict[str, float] = {}
     end_velocities: dict[str, float] = {}
-    guide_planes: list[GuidePlane] | Literal["auto"] | None = None
+    guide_planes: GuidePlanes | Literal["auto"] | None = None
     planner: Literal["auto", "guided", "tree"] = "auto"
     minimizer: Literal["projected", "univariate"] = "projected"
     min_clearance: NonNegative = 0.0
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
-    path_constraints: list[PathConstraint] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
+    path_constraints: PathConstraints = []
     limits: dict[str, JointLimits] = {}
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0

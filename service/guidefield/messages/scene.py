@@ -29,7 +29,7 @@ from guidefield.messages.values import (
 MOST_OBSTACLES = 100_000
 """Most obstacles of a scene."""
 MOST_PLANES = 1_000
-"""Most guide planes of a scene."""
+"""Most guide planes of a scene, or of a request."""
 LONGEST_TRAJECTORY = 100_000
 """Most places of an obstacle that moves."""
 
@@ -213,6 +213,9 @@ class GuidePlane(Message):
         check_points("vertices", self.vertices)
 
 
+GuidePlanes = Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)]
+
+
 class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: nothing of it travels or is copied
     """A named set of obstacles, and the guide planes that lead through them."""
 
@@ -220,7 +223,7 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: 
     schema: Literal[1] = 1
     frame: Literal["world"] = "world"
     obstacles: Annotated[list[Obstacle], msgspec.Meta(max_length=MOST_OBSTACLES)] = []
-    guide_planes: Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)] = []
+    guide_planes: GuidePlanes = []
 
     def __post_init__(self) -> None:
         _require_distinct("obstacles", [obstacle.name for obstacle in self.obstacles])

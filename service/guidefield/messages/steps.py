@@ -8,7 +8,7 @@ import msgspec
 
 from guidefield.messages.conditions import Objective
 from guidefield.messages.goals import GuidePlaneGoal, JointSetGoal, JointsGoal, PoseGoal
-from guidefield.messages.scene import GuidePlane
+from guidefield.messages.scene import GuidePlanes
 from guidefield.messages.values import (
     IDENTITY,
     ORIGIN,
@@ -93,7 +93,7 @@ class PlanStep(Message):
     linear: bool = False
     line_tolerance: Positive = 1e-3
     turn_tolerance: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1e-2
-    guide_planes: list[GuidePlane] | Literal["auto"] = []
+    guide_planes: GuidePlanes | Literal["auto"] = []
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None = None
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None = None
     objective: Objective | None = None

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from guidefield.messages.conditions import AttachedObject, JointLimits
+from guidefield.messages.conditions import AllowedCollisions, AttachedObjects, JointLimits
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Positions, require_finite_positions
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
 from guidefield.messages.replies import ErrorReply
@@ -142,8 +142,8 @@ class StreamOpen(Message):
     group: str | list[Name] | None = None
     tip: Name | None = None
     start: Positions = {}
-    attached_objects: list[AttachedObject] = []
-    allowed_collisions: list[tuple[Name, Name]] = []
+    attached_objects: AttachedObjects = []
+    allowed_collisions: AllowedCollisions = []
     limits: dict[str, JointLimits] = {}
     max_velocity_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0
     max_acceleration_scaling_factor: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 1.0

@@ -81,13 +81,20 @@ class Placement(Message):
     quaternion_xyzw: QuaternionXYZW = IDENTITY
 
     def __post_init__(self) -> None:
-        require_finite("position", self.position)
+        if not math.hypot(*self.position) <= LARGEST:  # as is each of them
+            require_finite("position", self.position)
         require_unit_quaternion("quaternion_xyzw", self.quaternion_xyzw)
 
 
-def require_finite(field: str, values: Iterable[float]) -> None:
-    """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`."""
-    for index, value in enumerate(values):
+def require_finite(field: str, values: Iterable[float], first: int = 0) -> None:
+    """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`.
+
+    Args:
+        field: What they are called.
+        values: The numbers.
+        first: The index of the first of them.
+    """
+    for index, value in enumerate(values, first):
         if not -LARGEST <= value <= LARGEST:
             require_finite_number(f"{field}[{index}]", value)
 
@@ -101,7 +108,7 @@ def require_finite_number(field: str, value: float) -> None:
 
 def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
     """Raise ValueError unless the norm of a quaternion is 1 within `QUATERNION_TOLERANCE`."""
-    if tuple(quaternion) == IDENTITY:  # most are, and scenes have thousands
+    if abs(math.hypot(*quaternion) - 1.0) <= QUATERNION_TOLERANCE:  # trajectories have a hundred thousand
         return
     require_finite(field, quaternion)
     norm = math.sqrt(sum(x * x for x in quaternion))

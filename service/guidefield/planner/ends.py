@@ -303,10 +303,17 @@ def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | N
 def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     """Chart points (m, nv) of the configurations that are free."""
     zs = np.array([problem.group.chart(q) for q in goal.configurations])
-    free: ChartPoints = zs[are_free(problem, zs)]
+    free: ChartPoints = zs[_while_time(problem, zs, _are_outside)]
+    if not len(free):
+        free = zs[_while_time(problem, zs, _coal_frees)]
     if len(free):
         return free
-    faults = [end_fault(problem, z) for z in zs]
+    faults: list[tuple[str, dict[str, Any]] | None] = []
+    for z in zs:
+        if len(faults) >= GOALS.at_once and (spent := problem.budget.spent()) is not None:
+            message = f"of {len(zs)} goals {len(faults)} were looked at in time, and all of these are blocked"
+            raise StageFailed(spent, message, stage="goal", goals=len(zs))
+        faults.append(end_fault(problem, z))
     touching = [z for z, fault in zip(zs, faults, strict=True) if fault is not None]
     if None in faults:  # some touch nothing, but are too close
         _check_clearance(problem, zs[faults.index(None)], "goal")
@@ -318,6 +325,16 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     met = blocking_pairs(problem.world, [problem.group.expand_from_chart(z) for z in touching])
     message = f"all {len(zs)} goals are in collision: {met.told()}"
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
+
+
+def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]) -> np.ndarray:
+    """Which chart points (n, nv) are free, some judged at a time: (n,), bool. None is that there was no time for."""
+    found = np.zeros(len(zs), bool)
+    for begin in range(0, len(zs), GOALS.at_once):
+        if begin and problem.budget.spent():
+            break
+        found[begin : begin + GOALS.at_once] = free(problem, zs[begin : begin + GOALS.at_once])
+    return found
 
 
 def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:

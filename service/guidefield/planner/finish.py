@@ -50,7 +50,7 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
 
-LAST_JUDGEMENT = 0.1
+LAST_JUDGEMENT = 0.03
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"

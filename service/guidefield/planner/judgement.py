@@ -6,6 +6,7 @@ what rests, what moves, and what frames have to keep; of their refusals the firs
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.planner.given_leaving import Leaving, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.limit_shares import Uses, limit_shares
+from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
 from guidefield.robot.model.spaces import Configuration
@@ -26,6 +27,9 @@ if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
 
 TOGETHER = 1000
 """Among obstacles that move, so many pieces are judged before the next: among what rests, then among what moves."""
+
+AT_ONCE = 10_000
+"""Among what rests so many pieces are judged before it is asked whether to stop: laying them out takes milliseconds."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,13 +78,16 @@ class Judgement:
         return all(use.kept for use in (uses.velocity, uses.acceleration, uses.jerk))
 
 
-def judge(problem: GivenProblem) -> Judgement:
+def judge(problem: GivenProblem, uses: Uses) -> Judgement:
     """Judge a motion until time is up.
+
+    Args:
+        problem: The motion, and what it is judged by.
+        uses: How much of its limits it uses.
 
     Raises:
         ValueError: if obstacles move and the motion has no times.
     """
-    uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
     begin = problem.motion.along(0, 0.0)[1] or 0.0
     if (inside := enclosed_start(problem, problem.motion.start, begin)) is not None:
         return Judgement(inside, uses, enclosed=True)
@@ -105,13 +112,26 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     motion, stopped = problem.motion, problem.budget.spent
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if not problem.scene.moves:
-        return certify(problem.world, motion.pieces[:count], problem.min_clearance, stopped=stopped)
-    pieces, times, evaluations = motion.scheduled.bezier(), motion.scheduled.piece_times(), 0
-    for first in range(0, count, TOGETHER):
-        last = min(first + TOGETHER, count)
-        verdict = certify_timed(
+
+        def at_rest(first: int, last: int) -> Verdict:
+            return certify(problem.world, motion.pieces[first:last], problem.min_clearance, stopped=stopped)
+
+        return _judged(at_rest, count, AT_ONCE)
+    pieces, times = motion.scheduled.bezier(), motion.scheduled.piece_times()
+
+    def in_time(first: int, last: int) -> Verdict:
+        return certify_timed(
             problem.timed_world, pieces[first:last], times[first : last + 1], problem.min_clearance, stopped=stopped
         )
+
+    return _judged(in_time, count, TOGETHER)
+
+
+def _judged(judge: Callable[[int, int], Verdict], count: int, together: int) -> Verdict:
+    """The verdict about so many pieces, some judged at a time, from one up to another."""
+    evaluations = 0
+    for first in range(0, count, together):
+        verdict = judge(first, min(first + together, count))
         evaluations += verdict.evaluations
         if verdict.piece is not None and verdict.free_until is not None:
             free_until = (first + verdict.free_until[0], verdict.free_until[1])

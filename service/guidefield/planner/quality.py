@@ -169,7 +169,7 @@ class Figures:
 def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
-    The smallest distances are looked for until time is up, and at least for `MEASURING.last`: see `Closest.exact`.
+    The smallest distances are looked for until time is up, and a little longer: see `Closest.exact`.
     """
     until = time.monotonic() + MEASURING.last
 

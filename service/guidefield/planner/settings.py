@@ -46,6 +46,8 @@ class GoalSettings:
         grazing: What they keep from obstacles beyond the clearance asked for, if there are such [m]: a certificate
             isn't stopped by grazing then. Unrecorded.
         most_starts: Starts from which a configuration that is free is looked for. Unrecorded.
+        at_once: Of configurations that are given so many are judged before it is asked whether there is time: it takes
+            some milliseconds.
     """
 
     solutions: int = 8
@@ -55,6 +57,7 @@ class GoalSettings:
     apart: float = 0.3
     grazing: float = 1e-3
     most_starts: int = 8192
+    at_once: int = 100
 
 
 GOALS = GoalSettings()
@@ -93,8 +96,8 @@ class MeasuringSettings:
         most_many: Such times at most. Unrecorded.
         finer: Times between two close ones at which it is looked when exactly a distance has been travelled.
             Unrecorded.
-        last: For how long the smallest distances may still be looked for when time is up or the run is ended [s]. What
-            the messages promise.
+        last: For how long the smallest distances may still be looked for when time is up or the run is ended [s]. An
+            answer may come 50 ms late: a certificate, the layout of what is measured and the reply need the rest.
     """
 
     length_steps: int = 200
@@ -108,7 +111,7 @@ class MeasuringSettings:
     many: int = 20
     most_many: int = 100_000
     finer: int = 100
-    last: float = 0.5
+    last: float = 0.01
 
 
 MEASURING = MeasuringSettings()

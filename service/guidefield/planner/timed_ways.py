@@ -71,8 +71,11 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
     places = _places(among, rng)
     if not len(places):
         return
-    times = range(int(since / slices.length), slices.resting_from + 1)
-    blocked = sum(slices.touching(index, places).astype(int) for index in times)
+    blocked = np.zeros(len(places), int)
+    for index in range(int(since / slices.length), slices.resting_from + 1):
+        if problem.budget.spent():
+            return
+        blocked += slices.touching(index, places)
     for place in places[np.argsort(blocked, kind="stable")[: WAYS.detours]]:
         if problem.budget.spent():
             return

@@ -17,7 +17,7 @@ from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
 
 MANY = 1000
-"""A scene of fewer obstacles, triangles and points is built within a hundredth of a second or two."""
+"""A scene of fewer obstacles, corners, triangles and points is built within a hundredth of a second or two."""
 
 
 class BuiltScenes:
@@ -130,4 +130,4 @@ def _looking(name: str, spent: Spent) -> Look:
 
 
 def _has_many(message: messages.Scene) -> bool:
-    return are_many(message.obstacles, MANY)
+    return are_many(message.obstacles, MANY) or are_many(message.guide_planes, MANY)

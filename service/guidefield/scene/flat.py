@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.geometry.vectors import cross
+from guidefield.kernels.distance.touching_edges import touching_edges
+
 PLANARITY = 1e-6
 """How far from their plane the corners of a flat polygon may lie, as a fraction of its size."""
 
@@ -107,15 +110,9 @@ def axes_across(normal: np.ndarray) -> np.ndarray:
     """Two unit vectors, shape (2, 3), that complete a unit normal, shape (3,), to a right-handed frame."""
     seed = np.zeros(3)
     seed[np.argmin(np.abs(normal))] = 1.0
-    first = _cross(seed, normal)
+    first = cross(seed, normal)
     first /= np.linalg.norm(first)
-    return np.array([first, _cross(normal, first)])
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The cross product of two vectors (3,); for one pair numpy's takes ten times as long."""
-    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
-    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+    return np.array([first, cross(normal, first)])
 
 
 def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
@@ -132,41 +129,9 @@ def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
     folded = np.flatnonzero(cosine < -1.0 + 0.5 * PLANARITY**2)
     if len(folded):
         return int(folded[0]), int((folded[0] + 1) % count)
-    for i in range(count - 2):
-        others = np.arange(i + 2, count - 1 if i == 0 else count)
-        touching = _segment_distances(start[i], end[i], start[others], end[others]) <= gap
-        if touching.any():
-            return i, int(others[np.argmax(touching)])
-    return None
-
-
-def _segment_distances(a: np.ndarray, b: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Distances (n,) of the segment a b to others in the plane; 0 where they cross."""
-    between = np.minimum.reduce(
-        [
-            _point_distances(starts, a, b),
-            _point_distances(ends, a, b),
-            _point_distances(a, starts, ends),
-            _point_distances(b, starts, ends),
-        ]
-    )
-    crossing = (_turn(a, b, starts) * _turn(a, b, ends) < 0.0) & (_turn(starts, ends, a) * _turn(starts, ends, b) < 0.0)
-    return np.where(crossing, 0.0, between)
-
-
-def _point_distances(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Distances (n,) of points to segments, either of which may be one or many."""
-    along = b - a
-    share = np.clip(((points - a) * along).sum(axis=-1) / (along * along).sum(axis=-1), 0.0, 1.0)
-    distances: np.ndarray = np.linalg.norm(points - (a + share[..., None] * along), axis=-1)
-    return distances
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Twice the signed area of triangles a b c in the plane."""
-    first, second = b - a, c - a
-    turned: np.ndarray = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
-    return turned
+    boxes = np.hstack([np.minimum(start, end), np.maximum(start, end)])
+    one, other = touching_edges(start, boxes, np.argsort(boxes[:, 0]), gap).tolist()
+    return None if one == count else (one, other)
 
 
 def bulges(corners: np.ndarray) -> bool:

@@ -50,18 +50,22 @@ def count_of(some: Points | Triangles) -> int:
     return len(some)
 
 
-def are_many(obstacles: Sequence[messages.Obstacle], most: int) -> bool:
-    """Whether declared obstacles have so many corners, triangles and points, or are so many."""
-    return len(obstacles) >= most or len(obstacles) + sum(map(_parts, obstacles)) >= most
+def are_many(declared: Sequence[messages.Obstacle | messages.GuidePlane], most: int) -> bool:
+    """Whether obstacles or guide planes have so many corners, triangles, points and places, or are so many."""
+    return len(declared) >= most or len(declared) + sum(map(_parts, declared)) >= most
 
 
-def _parts(obstacle: messages.Obstacle) -> int:
-    """Of how many corners, triangles and points an obstacle is declared; 0 of a primitive."""
-    match obstacle:
-        case messages.Mesh():
-            return count_of(obstacle.triangles) + count_of(obstacle.vertices)
+def _parts(declared: messages.Obstacle | messages.GuidePlane) -> int:
+    """Of how many corners, triangles, points and places it is declared; 0 of a primitive that rests."""
+    match declared:
+        case messages.GuidePlane():
+            return len(declared.vertices)
         case messages.Polygon():
-            return len(obstacle.vertices)
+            parts = len(declared.vertices)
+        case messages.Mesh():
+            parts = count_of(declared.triangles) + count_of(declared.vertices)
         case messages.PointCloud():
-            return count_of(obstacle.points)
-    return 0
+            parts = count_of(declared.points)
+        case _:
+            parts = 0
+    return parts if declared.trajectory is None else parts + len(declared.trajectory.times)

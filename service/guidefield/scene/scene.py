@@ -136,7 +136,7 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
             `guide_plane`) and the `path` in the scene.
     """
     obstacles = tuple(obstacle.build(one, index, contents.get(index)) for index, one in enumerate(message.obstacles))
-    guide_planes = tuple(guide_plane.build(plane, index) for index, plane in enumerate(message.guide_planes))
+    guide_planes = guide_plane.build_all(message.guide_planes)
     return Scene(
         message=message,
         name=message.name,

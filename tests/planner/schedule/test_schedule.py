@@ -164,7 +164,7 @@ class Gate:
     def cells(self, times: np.ndarray) -> np.ndarray:
         return np.round(np.minimum(times / self._motion.duration, 1.0) * (self.count - 1)).astype(np.int64)
 
-    def free(self, first: int, last: int) -> np.ndarray:
+    def free(self, first: int, last: int, _spent: Any) -> np.ndarray:
         rows = [
             [not self._closed(k * self._length, c / (self.count - 1)) for c in range(self.count)]
             for k in range(first, last)

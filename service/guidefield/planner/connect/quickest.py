@@ -56,7 +56,7 @@ def quickest_way(
         The best; None where none of them is reached with a few motions, so that all have to be tried together.
     """
     search = _Search(problem, z_start, goals, rng)
-    bounds = np.array([search.score(np.array([z_start, goal])) for goal in goals])
+    bounds = search.straight_scores()
     order = np.argsort(bounds, kind="stable")[: QUICKEST.goals].tolist()
     for round_ in range(1 + (QUICKEST.rounds if problem.objective is Objective.TIME else 0)):
         if round_ and search.least <= QUICKEST.enough * bounds[order[0]]:
@@ -93,6 +93,14 @@ class _Search:
         if self._problem.objective is not Objective.TIME:
             score += QUICKEST.length * float(np.linalg.norm(np.diff(way, axis=0) / limits, axis=1).sum())
         return score
+
+    def straight_scores(self) -> np.ndarray:
+        """What the straight way to each goal counts, (m,) [s]."""
+        ways = (self._goals - self._start) / self._problem.group.velocity_limits
+        scores: np.ndarray = np.abs(ways).max(axis=1)
+        if self._problem.objective is not Objective.TIME:
+            scores += QUICKEST.length * np.linalg.norm(ways, axis=1)
+        return scores
 
     def try_goal(self, index: int) -> None:
         """Look for a way to a goal; for another one by another tree, unless the straight one is free."""

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from guidefield.aside import Spent
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.schedule.slices import Slices
@@ -53,13 +54,22 @@ class Occupancy:
         cells: np.ndarray = np.round(np.interp(times, self._times, self._cells)).astype(np.int64)
         return cells
 
-    def free(self, first: int, last: int) -> np.ndarray:
-        """Which cells are free in slices from one up to another, shape (last - first, cells), uint8."""
-        known = len(self._rows)
-        if last > known:
-            more = np.array([self._row(index) for index in range(known, last)], np.uint8)
-            self._rows = np.concatenate([self._rows, more])
-        return np.ascontiguousarray(self._rows[first:last])
+    def free(self, first: int, last: int, spent: Spent) -> np.ndarray | None:
+        """Which cells are free in slices from one up to another, shape (last - first, cells), uint8.
+
+        Args:
+            first: The first slice.
+            last: The first that isn't asked about.
+            spent: Whether time is up, asked before each slice that isn't known; then there is no answer, None.
+        """
+        more: list[np.ndarray] = []
+        for index in range(len(self._rows), last):
+            if spent():
+                break
+            more.append(self._row(index))
+        if more:
+            self._rows = np.concatenate([self._rows, np.array(more, np.uint8)])
+        return np.ascontiguousarray(self._rows[first:last]) if len(self._rows) >= last else None
 
     def take_out(self, time: float, along: float) -> None:
         """Don't be at a place again, the motion's own time [s], at a time [s]: the certificate refused it."""

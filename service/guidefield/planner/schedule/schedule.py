@@ -190,9 +190,10 @@ def _searched(
     scratch, arrival, parents = np.empty_like(costs), np.array([-1, 0, 0, 0]), []
     most = min(SCHEDULE.most_steps, SCHEDULE.most_states // costs.size)
     for begin in range(0, min(math.ceil(horizon / step), most), SCHEDULE.steps_at_once):
-        if problem.budget.spent():
+        slices, spent = (begin * per_step, (begin + SCHEDULE.steps_at_once) * per_step), problem.budget.spent
+        free = None if spent() else occupancy.free(*slices, spent)
+        if free is None:
             return Stuck(int(cells[arrival[3]]), spent=True)
-        free = occupancy.free(begin * per_step, (begin + SCHEDULE.steps_at_once) * per_step)
         parents.append(np.zeros((SCHEDULE.steps_at_once, *costs.shape), np.int8))
         kernel.earliest_schedule(
             cells,

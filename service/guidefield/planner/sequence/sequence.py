@@ -14,6 +14,7 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
+from guidefield.aside import StoppedError
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.finish import LAST_JUDGEMENT
@@ -169,7 +170,10 @@ class _Planning(Generic[S]):
             ending = Ending(spent, f"{why} before it was planned", {"stage": "ends"})
             return self._refused(Refused(index, ending), index, at)
         began = time.perf_counter()
-        conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
+        try:
+            conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
+        except StoppedError as stopped:
+            return self._refused(self._stopped(index, stopped), index, at)
         self._spend("load", began)
         path, q = self._z[None], at.q
         if motion is not None:
@@ -239,11 +243,19 @@ class _Planning(Generic[S]):
         """The plan of a step's motion, to an end that leaves the later steps possible."""
         watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
         began = time.perf_counter()
-        problem = with_future(self._course, index, self._at, motion)
+        try:
+            problem = with_future(self._course, index, self._at, motion)
+        except StoppedError as stopped:
+            return self._stopped(index, stopped)
         self._spend("ends", began)
         if isinstance(problem, Refused):
             return problem
         return motion.plan(dataclasses.replace(problem, observer=watched))
+
+    def _stopped(self, index: int, stopped: StoppedError) -> Refused:
+        """Why a step can't be done that was not even read in time."""
+        status = self._budget.spent() or Status.TIMED_OUT
+        return Refused(index, Ending(status, f"time was up before {stopped}", {"stage": "load"}))
 
     def _certified(self) -> SequencePlan[S]:
         """The sequence with its trajectory judged stretch by stretch."""
@@ -252,12 +264,12 @@ class _Planning(Generic[S]):
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
+            until = time.monotonic() + LAST_JUDGEMENT
+
+            def stopped() -> object:
+                return time.monotonic() >= until and self._budget.spent()
+
             for stretch in stretches:
-                until = time.monotonic() + LAST_JUDGEMENT
-
-                def stopped(until: float = until) -> object:
-                    return time.monotonic() >= until and self._budget.spent()
-
                 verdicts.append(certify_stretch(stretch, stopped))
                 if not verdicts[-1].free:
                     ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))

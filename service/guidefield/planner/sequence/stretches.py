@@ -86,7 +86,7 @@ def stretches_of(
     for first, last in pairwise([begin, *sorted(cuts), end]):
         touches = [one.touch for one in permissions if one.covers(first, last)]
         if touches:
-            pairs = (*conditions.allowed_collisions, *touches)
+            pairs = conditions.allowed_collisions.union(touches)
             fields["allowed_collisions"] = pairs
             fields["world"] = World.build(conditions.group, conditions.scene, pairs)
         else:

@@ -67,7 +67,7 @@ class Conditions(ReadOnly):
     scene: Scene
     world: World
     min_clearance: float = 0.0
-    allowed_collisions: tuple[tuple[str, str], ...] = ()
+    allowed_collisions: frozenset[tuple[str, str]] = frozenset()
     leave_start_contact: bool = False
     jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
@@ -83,9 +83,9 @@ class Conditions(ReadOnly):
         resting = World.build(self.group, self.scene.resting, self._allowed_at_rest())
         return TimedWorld.of(resting, self.world)
 
-    def _allowed_at_rest(self) -> tuple[tuple[str, str], ...]:
+    def _allowed_at_rest(self) -> frozenset[tuple[str, str]]:
         moving = {one.name for one in self.scene.obstacles if one.motion is not None}
-        return tuple(pair for pair in self.allowed_collisions if not moving.intersection(pair))
+        return frozenset(pair for pair in self.allowed_collisions if not moving.intersection(pair))
 
     @cached_property
     def constrained_frames(self) -> ConstrainedFrames:

@@ -32,7 +32,8 @@ def _body(shape: object) -> Body:
 def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     """Whether every edge is run through once in each direction, around a positive volume."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    there, back = (np.unique(way, axis=0) for way in (edges, edges[:, ::-1]))
+    first, second = edges.astype(np.int64).T
+    there, back = np.unique(first * len(vertices) + second), np.unique(second * len(vertices) + first)
     if len(there) < len(edges) or not np.array_equal(there, back):
         return False
     a, b, c = np.moveaxis(vertices[triangles] - vertices.mean(axis=0), 1, 0)

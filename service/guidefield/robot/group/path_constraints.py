@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 import pinocchio as pin
 
+from guidefield.geometry.vectors import cross, length
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.frames import frame_index
@@ -67,16 +68,16 @@ class Cone:
     def value(self, placement: Any) -> float:
         """Angle between the two [rad]."""
         axis = placement.rotation @ self.axis
-        return float(np.arctan2(np.linalg.norm(np.cross(axis, self.target)), axis @ self.target))
+        return float(np.arctan2(length(cross(axis, self.target)), axis @ self.target))
 
     def row(self, placement: Any) -> np.ndarray:
         """As in `PathConstraint`, shape (6,).
 
         Turning about the common normal from target to axis widens the angle; anywhere, where they are parallel.
         """
-        normal = np.cross(self.target, placement.rotation @ self.axis)
-        length = float(np.linalg.norm(normal))
-        return np.concatenate([np.zeros(3), normal / length if length > 0.0 else np.zeros(3)])
+        normal = cross(self.target, placement.rotation @ self.axis)
+        sine = length(normal)
+        return np.concatenate([np.zeros(3), normal / sine if sine > 0.0 else np.zeros(3)])
 
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - an orientation stays where the origin moves
         """As much as the frame turns."""
@@ -105,13 +106,13 @@ class Near:
 
     def value(self, placement: Any) -> float:
         """Distance of the origin from the plane, line or point [m]."""
-        return float(np.linalg.norm(self.across @ (placement.translation - self.point)))
+        return length(self.across @ (placement.translation - self.point))
 
     def row(self, placement: Any) -> np.ndarray:
         """As in `PathConstraint`, shape (6,): straight away from it; nothing, where the origin is on it."""
         away = self.across.T @ (self.across @ (placement.translation - self.point))
-        length = float(np.linalg.norm(away))
-        return np.concatenate([away / length if length > 0.0 else np.zeros(3), np.zeros(3)])
+        distance = length(away)
+        return np.concatenate([away / distance if distance > 0.0 else np.zeros(3), np.zeros(3)])
 
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - a place stays where the frame turns
         """As much as the origin moves."""
@@ -184,13 +185,13 @@ class EvenTurn:
 
     def value(self, placement: Any) -> float:
         """Angle from where the even turn is, by the origin's share of the way [rad]."""
-        return float(np.linalg.norm(self._away(placement)))
+        return length(self._away(placement))
 
     def row(self, placement: Any) -> np.ndarray:
         """As in `PathConstraint`, shape (6,); nothing, where the frame is turned as the even turn is."""
         away = self._away(placement)
-        length = float(np.linalg.norm(away))
-        axis = away / length if length > 0.0 else np.zeros(3)
+        angle = length(away)
+        axis = away / angle if angle > 0.0 else np.zeros(3)
         return np.concatenate([-(axis @ self.turn) * self.by_place, axis])
 
     def change(self, shift: float, turn: float) -> float:
