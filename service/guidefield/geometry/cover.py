@@ -219,5 +219,6 @@ def _owned(body: Solid, elements: Elements, owners: Integers) -> tuple[Integers,
     of_pieces = np.repeat(owners, np.diff(elements.first))
     triangles = body.given[elements.pieces.sources]
     kept = triangles >= 0
-    pairs = np.unique(np.column_stack([of_pieces, triangles])[kept], axis=0)
-    return pairs[:, 0], pairs[:, 1]
+    count = max(len(body.given), int(triangles.max(initial=0)) + 1)
+    pairs = np.unique(of_pieces[kept] * count + triangles[kept])
+    return pairs // count, pairs % count
