@@ -112,6 +112,11 @@ def recalled(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str
     return entries.read(_path(kind, inputs, make))
 
 
+def name_of(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
+    """What `remembered` keeps its answer under: the same for the same question."""
+    return _path(kind, inputs, make).name
+
+
 def folder() -> Path:
     """Where entries are kept; a relative ``XDG_CACHE_HOME`` is ignored, as its specification has it."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -106,18 +107,21 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
         vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
     some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
     key = (type(shape), hashlib.sha256(vertices.tobytes()).digest(), count, some)
-    triangles = _KNOWN.pop(key, None)
+    triangles = _KNOWN.get(key)
     if triangles is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
-    _KNOWN[key] = triangles
-    while len(_KNOWN) > MOST_KNOWN:
-        del _KNOWN[next(iter(_KNOWN))]
+    with _KEEPING:
+        _KNOWN.pop(key, None)
+        _KNOWN[key] = triangles  # the last one asked for stands last
+        while len(_KNOWN) > MOST_KNOWN:
+            del _KNOWN[next(iter(_KNOWN))]
     for array in (vertices, triangles):
         array.setflags(write=False)
     return vertices, triangles
 
 
 MOST_KNOWN = 256
+_KEEPING = threading.Lock()
 
 _KNOWN: dict[tuple[Any, ...], np.ndarray] = {}
 
