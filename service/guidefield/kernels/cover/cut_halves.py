@@ -21,9 +21,9 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     Integers,
     exact_kernel,
-    lane_kernel,
     lane_part,
 )
+from guidefield.kernels.simd.fused import fused
 
 CORNERS = 3
 
@@ -121,12 +121,12 @@ def cut_halves(corners: Floats, along: Floats, places: Floats, points_out: Float
 def _further(x: float, y: float, z: float, directions: Floats, i: int, best_out: Floats, which_out: Integers) -> None:
     """Take in point i, where it is further in a direction than those before; `directions` has shape (3, d)."""
     for d in range(directions.shape[1]):
-        height = y * directions[1, d] + x * directions[0, d] + z * directions[2, d]
+        height = fused(z, directions[2, d], fused(y, directions[1, d], x * directions[0, d]))
         which_out[d] = i if height > best_out[d] else which_out[d]
         best_out[d] = max(best_out[d], height)
 
 
-@lane_kernel(void(MATRIX, VECTOR, MATRIX, INDICES, VECTOR, MATRIX, MATRIX_OUT, BLOCKS_OUT))
+@exact_kernel(void(MATRIX, VECTOR, MATRIX, INDICES, VECTOR, MATRIX, MATRIX_OUT, BLOCKS_OUT))
 def furthest_out(
     points: Floats,
     along: Floats,
