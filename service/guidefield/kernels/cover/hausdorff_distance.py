@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.cover.inscribed import SPANS, is_inside, no_further, span_of
+from guidefield.kernels.cover.inscribed import SPANS, in_ball, is_inside, no_further, span_of
 from guidefield.kernels.distance.triangle_distance import SURFACES, SurfaceTables, nearest_triangle
 from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled, inlined
 
@@ -70,12 +70,13 @@ def _bounds(
 
     No point is farther than the centroid by more than their distance, and if the centroid is deep inside, none leaves
     the solid. And the distance to one triangle of the surface, which is convex, is largest at a corner. What is inside
-    is only asked where the bound is above what is settled. `before` is the last centroid and its distance.
+    is only asked where the bound is above what is settled. Rows of
+    `before` are the last centroid and its distance, and the last one of which was asked, with the answer.
     """
     x, y, z = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
-    bound = no_further(before[3], x - before[0], y - before[1], z - before[2])
+    bound = no_further(before[0, 3], x - before[0, 0], y - before[0, 1], z - before[0, 2])
     distance, nearest = _nearest(x, y, z, surfaces, spans, bound)
-    before[0], before[1], before[2], before[3] = x, y, z, distance
+    before[0, 0], before[0, 1], before[0, 2], before[0, 3] = x, y, z, distance
     radius = farthest = 0.0
     for k in range(0, 9, 3):
         dx, dy, dz = t[k] - x, t[k + 1] - y, t[k + 2] - z
@@ -83,9 +84,14 @@ def _bounds(
         farthest = max(farthest, _to_triangle(t[k], t[k + 1], t[k + 2], surfaces.corners, nearest))
     radius, farthest = math.sqrt(radius), math.sqrt(farthest)
     farthest = min(distance + radius, farthest)
-    if solid and farthest > settled and is_inside(x, y, z, surfaces, spans):
-        farthest = min(max(radius - distance, 0.0), farthest)
-        distance = 0.0
+    if solid and farthest > settled:
+        # no surface is between this point and the last one that was asked about, if that is further from any
+        if not in_ball(x, y, z, before, 1):
+            before[1, 4] = 1.0 if is_inside(x, y, z, surfaces, spans) else 0.0
+        before[1, 0], before[1, 1], before[1, 2], before[1, 3] = x, y, z, distance
+        if before[1, 4] > 0.0:
+            farthest = min(max(radius - distance, 0.0), farthest)
+            distance = 0.0
     return distance, farthest
 
 
@@ -121,7 +127,8 @@ def largest_distance(
     """
     known = bound = 0.0
     waiting = np.zeros((_STACK, 9))
-    triangle, before = np.zeros(9), np.array([0.0, 0.0, 0.0, math.inf])
+    triangle, before = np.zeros(9), np.zeros((2, 5))
+    before[0, 3] = math.inf
     for i in range(triangles.shape[0]):
         waiting[0] = triangles[i]
         top = 1

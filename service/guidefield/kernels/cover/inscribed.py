@@ -75,8 +75,11 @@ def is_inside(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.n
 
 
 @inlined
-def _is_within(x: float, y: float, z: float, balls: Floats, i: int) -> bool:
-    """Whether a point is within ball i, which no surface enters: on the side where the ball's centre is."""
+def in_ball(x: float, y: float, z: float, balls: Floats, i: int) -> bool:
+    """Whether a point is for certain within ball i, rows of centre and radius, shape (n, 4) at least [m].
+
+    If no surface enters the ball, the point is on the side where the centre is.
+    """
     dx, dy, dz, radius = x - balls[i, 0], y - balls[i, 1], z - balls[i, 2], balls[i, 3] * (1.0 - ROUNDING) - ROUNDING
     within: bool = radius > 0.0 and dx * dx + dy * dy + dz * dz < radius * radius
     return within
@@ -102,10 +105,10 @@ def depths_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, depths
         for k in range(count + 1):
             bound = min(bound, no_further(last[k, 3], x - last[k, 0], y - last[k, 1], z - last[k, 2]))
         if last[count, 3] < math.inf:
-            outside = _is_within(x, y, z, last, count)
+            outside = in_ball(x, y, z, last, count)
         for k in range(0 if outside else count):
             span = span_of(spans, k)
-            if (last[k, 3] < math.inf and _is_within(x, y, z, last, k)) or ray_winding(x, y, z, surfaces, span) != 0:
+            if (last[k, 3] < math.inf and in_ball(x, y, z, last, k)) or ray_winding(x, y, z, surfaces, span) != 0:
                 reach = no_further(last[k, 3], x - last[k, 0], y - last[k, 1], z - last[k, 2])
                 own = gap_to(x, y, z, surfaces, spans[k : k + 1], reach)
                 last[k, 0], last[k, 1], last[k, 2], last[k, 3] = x, y, z, own
