@@ -192,7 +192,8 @@ class _Samples:
 
     def volume(self) -> float:
         """About the volume of the hull [m^3]."""
-        return _volume(self._points[(self._points @ self._seen).argmax(axis=0)], self._points[0])
+        furthest = self._points[(self._points @ self._seen).argmax(axis=0)]
+        return float(_volumes(furthest[None], self._points[:1])[0])
 
     def volumes_across(self, axis: Floats) -> list[tuple[float, float]]:
         """Places of planes across an axis [m], and about the volumes of the hulls of both halves together [m^3]."""
@@ -202,10 +203,9 @@ class _Samples:
         cut_halves(self._pieces.corners, corners, places, cut, first)
         origins, furthest = np.empty((2 * len(places), 3)), np.empty((2 * len(places), DIRECTIONS, 3))
         furthest_out(self._points, along, cut, first, places, self._seen, origins, furthest)
-        volumes = [
-            0.0 if np.isnan(origin[0]) else _volume(out, origin) for out, origin in zip(furthest, origins, strict=True)
-        ]
-        return [(float(place), volumes[2 * k] + volumes[2 * k + 1]) for k, place in enumerate(places)]
+        volumes = _volumes(furthest, origins)
+        volumes[np.isnan(origins[:, 0])] = 0.0
+        return list(zip(places.tolist(), (volumes[::2] + volumes[1::2]).tolist(), strict=True))
 
 
 def _places(along: Floats) -> list[float]:
@@ -219,13 +219,18 @@ def _places(along: Floats) -> list[float]:
     return found
 
 
-def _volume(furthest: Floats, origin: Floats) -> float:
-    """About the volume of the hull of points [m^3], by those furthest in `_DIRECTIONS`, shape (d, 3), and any one (3,).
+def _volumes(furthest: Floats, origins: Floats) -> Floats:
+    """About the volumes (n,) of the hulls of some points each [m^3], by those furthest in `_DIRECTIONS` and any one.
 
     They are joined as the directions are, which a hull's own corners nearly are.
+
+    Args:
+        furthest: Shape (n, d, 3) [m].
+        origins: Shape (n, 3) [m].
     """
-    a, b, c = np.moveaxis(furthest[_FACES] - origin, 1, 0)
-    return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+    a, b, c = np.moveaxis(furthest[:, _FACES] - origins[:, None, None], 2, 0)
+    products = zip(a, np.cross(b, c), strict=True)
+    return np.array([abs(float(np.einsum("ij,ij->", *pair))) / 6.0 for pair in products])
 
 
 def _spread_directions() -> tuple[Floats, Integers]:
