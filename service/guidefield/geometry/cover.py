@@ -164,8 +164,9 @@ def _chosen(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]
         elements = gathered(bisected(pieces, size), 0.8 * size)
         while len(elements.bounds):
             now = np.arange(len(elements.bounds)) < CHUNK
-            candidates = _candidates(body, elements.some(now), offer, delta)
-            chosen = _few(candidates[candidates[:, 3] > margin], elements.some(now), margin)
+            looked_at = elements.some(now)
+            candidates = _candidates(body, looked_at, offer, delta)
+            chosen = _few(candidates[candidates[:, 3] > margin], looked_at, margin)
             inside = _unite(_bits(chosen, elements, margin), len(elements.bounds))
             balls.append(chosen)
             covered.append(elements.some(inside))

@@ -58,6 +58,8 @@ class Elements(NamedTuple):
 
     def some(self, chosen: np.ndarray) -> Elements:
         """The elements that a mask, shape (m,), chooses."""
+        if chosen.all():
+            return self
         counts = np.diff(self.first)
         return Elements(
             self.pieces.some(np.repeat(chosen, counts)),
