@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import types, void
 
+from guidefield.kernels.jit.compilers import part
 from guidefield.kernels.jit.signatures import (
     BLOCKS,
     BLOCKS_OUT,
@@ -21,14 +22,13 @@ from guidefield.kernels.jit.signatures import (
     Floats,
     Integers,
     exact_kernel,
-    lane_part,
 )
 from guidefield.kernels.simd.fused import fused
 
 CORNERS = 3
 
 
-@lane_part
+@part
 def _is_across(along: Floats, t: int, place: float) -> bool:
     """Whether a plane meets triangle t, which isn't within a plane across the axis."""
     low, high = min(along[t, 0], along[t, 1], along[t, 2]), max(along[t, 0], along[t, 1], along[t, 2])
@@ -36,7 +36,7 @@ def _is_across(along: Floats, t: int, place: float) -> bool:
     return across
 
 
-@lane_part
+@part
 def _below(along: Floats, t: int, side: float, place: float) -> int:
     """How many corners of triangle t are in the half on a side of a plane."""
     count = 0
@@ -63,7 +63,7 @@ def count_cut(along: Floats, places: Floats) -> int:
     return count
 
 
-@lane_part
+@part
 def _cut(corners: Floats, along: Floats, t: int, i: int, j: int, place: float, point_out: Floats) -> None:
     """The point at which the edge from corner i to corner j of triangle t meets a plane."""
     here, there = along[t, i] - place, along[t, j] - place
@@ -117,7 +117,7 @@ def cut_halves(corners: Floats, along: Floats, places: Floats, points_out: Float
     first_out[half] = at
 
 
-@lane_part
+@part
 def _further(x: float, y: float, z: float, directions: Floats, i: int, best_out: Floats, which_out: Integers) -> None:
     """Take in point i, where it is further in a direction than those before; `directions` has shape (3, d)."""
     for d in range(directions.shape[1]):
