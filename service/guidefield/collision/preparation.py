@@ -1,6 +1,6 @@
 """What a robot needs before its first connection, found once and kept on disk: balls, convex parts, trees of meshes.
 
-It takes some seconds for an arm whose links are meshes, tens of seconds for a humanoid. What one call found, another
+It takes about a second for an arm whose links are meshes, some seconds for a humanoid. What one call found, another
 needn't find again, in whatever process: a preparation that was stopped goes on where it was.
 """
 

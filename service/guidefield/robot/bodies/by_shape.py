@@ -13,6 +13,7 @@ import numpy as np
 from guidefield.aside import spread
 from guidefield.geometry.cache import name_of, recalled, remembered
 from guidefield.geometry.entries import Arrays
+from guidefield.kernels.jit.compilers import load_imported
 from guidefield.robot.model.model import RobotModel
 from guidefield.system import usable_processors
 
@@ -68,6 +69,7 @@ def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
             yield piece.find
 
     if pieces:
+        load_imported("cover.", "distance.")
         spread(begun(), min(usable_processors(), len(pieces)))
 
 

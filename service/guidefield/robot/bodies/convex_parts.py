@@ -26,8 +26,9 @@ MOST = 8
 def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
     """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
 
-    They take some seconds for each mesh, are found once, and kept on disk. None for a primitive or hull, which is
-    convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in its list.
+    They take some tenths of a second for each mesh, are found once, and kept on disk. None for a primitive or hull,
+    which is convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in
+    its list.
 
     Args:
         robot: The robot.
