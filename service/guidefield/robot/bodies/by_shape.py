@@ -30,7 +30,7 @@ class Piece(NamedTuple):
 
     Attributes:
         told: What is done, in a few words: such as ``covering link2, shape 3 of 8``.
-        extent: How large the shape is, which says about how long it takes [m].
+        extent: How large the shape is, which says about how long it takes [m]; 0 of what may well be known.
         find: Finds it, and keeps it.
     """
 
@@ -68,8 +68,9 @@ def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
             progress(piece)
             yield piece.find
 
-    if pieces:
+    if any(piece.extent > 0.0 for piece in pieces):
         load_imported("cover.", "distance.")
+    if pieces:
         spread(begun(), min(usable_processors(), len(pieces)))
 
 

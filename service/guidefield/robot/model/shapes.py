@@ -20,7 +20,6 @@ from guidefield.geometry.nested import nested
 from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
-from guidefield.kernels.jit.compilers import load_imported
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.system import usable_processors
 
@@ -91,8 +90,6 @@ def _all_settled(geometry: Any) -> dict[tuple[str, bytes], _Settled]:
     def settle_one(name: tuple[str, bytes], mesh: Any) -> None:
         settled[name] = _settled(mesh)
 
-    if meshes:
-        load_imported("cover.", "distance.")
     works = (functools.partial(settle_one, name, mesh) for name, mesh in meshes.items())
     spread(works, max(1, min(usable_processors(), len(meshes))))
     return settled
