@@ -9,7 +9,7 @@ until its own time is up.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
 LOOK = 0.01
@@ -76,6 +76,33 @@ def together(*works: Callable[[], object]) -> None:
         job.ended.wait()
     for job in jobs:
         job.result()
+
+
+def spread(works: Iterator[Callable[[], object]], at_once: int) -> None:
+    """Do many works, so many at the same time, each begun in its turn: in as many threads, this one among them.
+
+    Args:
+        works: They are taken one at a time, as each is to be begun; what taking one raises ends it all, as a work does.
+        at_once: At least 1.
+
+    Raises:
+        Exception: what one of them raised; no more are begun then, and those that are come to their end.
+    """
+    taking, ended = threading.Lock(), threading.Event()
+
+    def taken() -> Callable[[], object] | None:
+        with taking:
+            return None if ended.is_set() else next(works, None)
+
+    def share() -> None:
+        try:
+            while (work := taken()) is not None:
+                work()
+        except BaseException:
+            ended.set()
+            raise
+
+    together(*[share] * at_once)
 
 
 class _Job(Generic[T]):

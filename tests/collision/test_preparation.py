@@ -100,12 +100,14 @@ def test_over_the_wire_preparing_counts_and_is_told(cold: Path) -> None:
     late = engine.answer(request_for(urdf, 1e-3), received=time.monotonic(), watcher=heard)
     assert isinstance(late, PlanReply)
     assert late.status.name == "TIMED_OUT"
-    assert late.status.details == {"stage": "load", "preparing": "covering l0, shape 1 of 2"}
+    pieces = ["covering l0, shape 1 of 2", "cutting l0, shape 1 of 2"]  # begun in this turn, perhaps both by then
+    assert late.status.details["stage"] == "load"
+    assert late.status.details["preparing"] in pieces
     reply = engine.answer(request_for(urdf, 600.0), received=time.monotonic(), watcher=heard)
     assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS"
     prepared = [told["preparing"] for told in heard.told if told["stage"] == "load" and told["preparing"]]
-    assert list(dict.fromkeys(prepared))[:2] == ["covering l0, shape 1 of 2", "cutting l0, shape 1 of 2"]
+    assert [told for told in dict.fromkeys(prepared) if told in pieces] == pieces
     assert heard.told[-1]["preparing"] is None
     assert 0.0 < reply.timing.load <= reply.timing.total
 

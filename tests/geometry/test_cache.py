@@ -1,12 +1,11 @@
 from __future__ import annotations
 
+import ast
 import logging
 import os
 import subprocess
 import sys
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -17,6 +16,7 @@ from guidefield.geometry import cache
 from guidefield.geometry.cache import folder, recalled, remembered
 from guidefield.geometry.entries import checksum
 
+SOURCES = Path(cache.__file__).parents[1]
 INPUTS = {"points": np.arange(12.0).reshape(4, 3), "delta": np.array(0.015)}
 RESULT = {
     "spheres": np.linspace(0, 1, 8).reshape(2, 4),
@@ -132,7 +132,7 @@ def _fingerprint() -> str:
 
 
 def test_real_sources_lead_to_the_kernels() -> None:
-    needed = cache._imports("guidefield.geometry.cover", {})
+    needed = cache._imports("guidefield.geometry.cover")
     assert {"guidefield.geometry.elements", "guidefield.kernels.cover.ball_cover"} <= needed
     assert all(cache._source(name) is not None for name in needed)
 
@@ -251,34 +251,31 @@ def test_several_processes_share_it() -> None:
     assert not [path for path in entries() if path.name.startswith(".")]
 
 
-def test_what_sources_name_is_read_once_and_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    first = _fingerprint()
-    monkeypatch.setattr(cache.ast, "parse", lambda _: pytest.fail("it is read again"))
-    assert _fingerprint() == first
-    kept = cache.folder() / cache.NAMES
-    kept.write_text("damaged")
-    monkeypatch.undo()
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert _fingerprint() == first
+@pytest.mark.parametrize("path", sorted(SOURCES.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCES)))
+def test_what_a_source_names_is_what_python_reads_of_it(path: Path) -> None:
+    read = set[str]()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            read.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+        elif isinstance(node, ast.Import):
+            read.update(alias.name for alias in node.names)
+    computing = {name for name in read if name.startswith(cache._COMPUTING)}
+    assert computing == cache._named(path.read_text())
 
 
-def test_sources_are_parsed_one_after_another(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """CPython 3.11 fails at times where two threads parse at once."""
-    alone, parsing = threading.Lock(), cache._named
-
-    def named(content: bytes) -> set[str]:
-        assert alone.acquire(blocking=False), "another thread parses"
-        try:
-            time.sleep(0.0)  # others may run
-            return parsing(content)
-        finally:
-            alone.release()
-
-    monkeypatch.setattr(cache, "_named", named)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    modules = [f"guidefield.geometry.{name}" for name in ("cache", "curve_order", "box_tree", "surface_rows")]
-    with ThreadPoolExecutor(len(modules)) as threads:
-        found = list(threads.map(cache._sources.__wrapped__, modules))
-    assert len(set(found)) == len(modules)
-    assert found == [cache._sources(module) for module in modules]
+def test_imports_are_found_however_they_are_written() -> None:
+    source = """
+import guidefield.kernels.one, guidefield.kernels.two as other
+if True:
+    from guidefield.geometry.three import (  # the first (of several)
+        four as renamed,  # five)
+        six,
+    )
+from guidefield.scene import seven as eight, nine  # ten
+from guidefield.robot.model import never
+"""
+    assert cache._named(source) == {
+        *("guidefield.kernels.one", "guidefield.kernels.two", "guidefield.geometry.three"),
+        *("guidefield.geometry.three.four", "guidefield.geometry.three.six"),
+        *("guidefield.scene.seven", "guidefield.scene.nine"),
+    }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -307,6 +308,7 @@ _ALONE: dict[tuple[int, bytes], tuple[MeshTree, Parts]] = {}
 
 _KNOWN: dict[tuple[bytes, int, str], MeshTree] = {}
 _MOST_KNOWN = 128
+_KEEPING = threading.Lock()
 
 
 def _known_mesh(shape: Any) -> MeshTree:
@@ -331,8 +333,11 @@ def known_surface(shape: Any) -> MeshTree:
 def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:
     """The tree of a Coal mesh, made in some way once."""
     key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris), how)
-    if key not in _KNOWN:
-        while len(_KNOWN) >= _MOST_KNOWN:
-            del _KNOWN[next(iter(_KNOWN))]
-        _KNOWN[key] = make(*triangulation(shape))
-    return _KNOWN[key]
+    tree = _KNOWN.get(key)
+    if tree is None:
+        tree = make(*triangulation(shape))
+        with _KEEPING:
+            while len(_KNOWN) >= _MOST_KNOWN:
+                del _KNOWN[next(iter(_KNOWN))]
+            _KNOWN[key] = tree
+    return tree

@@ -1,24 +1,26 @@
 """What a robot needs before its first connection, found once: balls, convex parts, trees of meshes, points on links.
 
-It takes some seconds for an arm whose links are meshes, tens of seconds for a humanoid. What one call found, another
+It takes about a second for an arm whose links are meshes, some seconds for a humanoid. What one call found, another
 needn't find again, in whatever process: a preparation that was stopped goes on where it was.
 """
 
 from __future__ import annotations
 
+import functools
 import logging
 import time
 import weakref
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import coal
 
 from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import known_pieces, known_surface
-from guidefield.robot.bodies.convex_parts import convex_parts
+from guidefield.geometry.decomposition import Decomposition
+from guidefield.robot.bodies.by_shape import Piece, found_at_once
+from guidefield.robot.bodies.convex_parts import PARTS
 from guidefield.robot.bodies.link_bodies import link_bodies
-from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.model.model import RobotModel
 
@@ -42,7 +44,7 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
     Args:
         robot: The robot.
         spent: Whether time is up, asked before each piece of work; what is found by then is kept.
-        told: Told what is being prepared.
+        told: Told what is being prepared, by one thread at a time.
 
     Raises:
         StoppedError: if time was up.
@@ -51,28 +53,15 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
         return
     began = time.monotonic()
 
-    def step(doing: str) -> Callable[[int, int, str], None]:
-        def before(done: int, of: int, link: str) -> None:
-            what = f"{doing} {link}, shape {done + 1} of {of}"
-            if spent():
-                raise StoppedError(what)
-            told(what)
+    def progress(piece: Piece) -> None:
+        if spent():
+            raise StoppedError(piece.told)
+        told(piece.told)
 
-        return before
-
-    coverage(robot, progress=step("covering"))
-    cut = convex_parts(robot, step("cutting"))
-    shapes = list(robot.geometry.geometryObjects)
-    before = step("sorting the triangles of")
-    for index, (shape, parts) in enumerate(zip(shapes, cut, strict=True)):
-        if parts is not None:
-            before(index, len(shapes), _link(robot, shape))
-            known_pieces(shape.geometry, parts)
-    before = step("laying out")
-    for index, shape in enumerate(shapes):
-        if isinstance(shape.geometry, coal.BVHModelBase):
-            before(index, len(shapes), _link(robot, shape))
-            known_surface(shape.geometry)
+    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, None)
+    found_at_once([*covers.pieces, *parts.pieces], progress)
+    covers.keep()
+    found_at_once([*_trees(robot, parts.keep()), *_surfaces(robot)], progress)
     for lay_out in (link_bodies, surface_samples):
         if spent():
             raise StoppedError("its links were laid out")
@@ -85,5 +74,20 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
 _prepared: weakref.WeakSet[RobotModel] = weakref.WeakSet()
 
 
-def _link(robot: RobotModel, shape: Any) -> str:
-    return str(robot.model.frames[shape.parentFrame].name)
+def _trees(robot: RobotModel, parts: Sequence[Decomposition | None]) -> list[Piece]:
+    """The trees of the meshes that are cut into parts, in the geometry's order."""
+    shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
+    return [
+        Piece.of("sorting the triangles of", robot, index, 0.0, functools.partial(known_pieces, shape, cut))
+        for index, (shape, cut) in enumerate(zip(shapes, parts, strict=True))
+        if cut is not None
+    ]
+
+
+def _surfaces(robot: RobotModel) -> list[Piece]:
+    """What measuring knows of the meshes, in the geometry's order."""
+    return [
+        Piece.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
+        for index, shape in enumerate(robot.geometry.geometryObjects)
+        if isinstance(shape.geometry, coal.BVHModelBase)
+    ]

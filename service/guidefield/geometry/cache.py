@@ -8,23 +8,20 @@ computes, so that an edit never meets old results. When the folder is full, the 
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import functools
 import hashlib
 import logging
 import os
-import threading
+import re
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from guidefield.geometry import entries
 from guidefield.geometry.entries import Arrays, Draft, Room
-from guidefield.whole_file import write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -43,14 +40,17 @@ LARGE = 10_000
 STALE = 3600.0
 """A draft of that age was left by a process that was killed [s]."""
 
-NAMES = "names.json"
-"""The file of what sources name."""
-
 _PACKAGE = Path(__file__).parent.parent
 _ROOMS = ("collision", "geometry", "kernels", "scene")
 """Where what computes is looked for; other rooms only hand over inputs."""
 
 _COMPUTING = tuple(f"{_PACKAGE.name}.{room}." for room in _ROOMS)
+
+_COMMENT = re.compile(r"#[^\n]*")
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+([^\n]*))", re.MULTILINE
+)
+_ALIAS = re.compile(r"[ \t]+as[ \t]+\w+")
 
 
 def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
@@ -112,6 +112,11 @@ def recalled(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str
     return entries.read(_path(kind, inputs, make))
 
 
+def name_of(kind: str, inputs: Arrays, make: Callable[..., object]) -> str:
+    """What `remembered` keeps its answer under: the same for the same question."""
+    return _path(kind, inputs, make).name
+
+
 def folder() -> Path:
     """Where entries are kept; a relative ``XDG_CACHE_HOME`` is ignored, as its specification has it."""
     chosen = os.environ.get("XDG_CACHE_HOME", "")
@@ -136,66 +141,44 @@ def _bytes_of(array: np.ndarray) -> memoryview:
     return np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
 
 
-_READING = threading.Lock()
-"""Held while sources are read: CPython 3.11 fails at times where two threads parse at once."""
-
-
 @functools.cache
 def _sources(module: str) -> str:
     """Changes with numpy's version, with a module of this package, and with what it needs of the rooms that compute."""
     found: set[str] = set()
     waiting = {module}
     digest = hashlib.sha256(np.__version__.encode())
-    with _READING, _kept_names() as known:
-        while waiting:
-            found |= waiting
-            waiting = {needed for name in waiting for needed in _imports(name, known)} - found
+    while waiting:
+        found |= waiting
+        waiting = {needed for name in waiting for needed in _imports(name)} - found
     for name in sorted(found):
         if (path := _source(name)) is not None:
             digest.update(b"\0" + name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
 
-@contextlib.contextmanager
-def _kept_names() -> Iterator[dict[str, list[str]]]:
-    """The modules that a source names, by the hash of the source: kept on disk, for reading a source takes long."""
-    kept, known = folder() / NAMES, dict[str, list[str]]()
-    with contextlib.suppress(OSError, msgspec.MsgspecError):
-        known = msgspec.json.decode(kept.read_bytes(), type=dict[str, list[str]])
-    count = len(known)
-    yield known
-    if len(known) > count:
-        with contextlib.suppress(OSError):  # where nothing can be written, entries say so
-            kept.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            write_whole(kept, msgspec.json.encode(known), durable=False)
-
-
-def _imports(module: str, known: dict[str, list[str]]) -> set[str]:
-    """The modules of the rooms that compute that a module of this package imports, by their full names.
-
-    Args:
-        module: The module.
-        known: What sources name, by their hashes; what was read is added.
-    """
+def _imports(module: str) -> set[str]:
+    """The modules of the rooms that compute that a module of this package imports, by their full names."""
     path = _source(module)
-    if path is None:
-        return set()
-    content = path.read_bytes()
-    digest = hashlib.sha256(content).hexdigest()
-    if digest not in known:
-        known[digest] = sorted(_named(content))
-    return {name for name in known[digest] if name.startswith(_COMPUTING) and _source(name) is not None}
+    return set() if path is None else {name for name in _named_in(path) if _source(name) is not None}
 
 
-def _named(content: bytes) -> set[str]:
-    """All that a source may import, by full names."""
+@functools.cache
+def _named_in(path: Path) -> set[str]:
+    """`_named` of a file."""
+    return _named(path.read_bytes().decode())
+
+
+def _named(source: str) -> set[str]:
+    """All of the rooms that compute that a source may import, by full names.
+
+    Python's own parser takes a hundred times as long; what only looks like an import does no harm.
+    """
     named: set[str] = set()
-    for node in ast.walk(ast.parse(content)):
-        if isinstance(node, ast.ImportFrom) and node.module is not None:
-            named.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
-        elif isinstance(node, ast.Import):
-            named.update(alias.name for alias in node.names)
-    return named
+    for room, inside, listed in _IMPORT.findall(_COMMENT.sub("", source)):
+        names = _ALIAS.sub("", inside or listed).strip("() \t\r\n").split(",")
+        named.update(f"{room}.{name.strip()}" if room else name.strip() for name in names if name.strip())
+        named.add(room)
+    return {name for name in named if name.startswith(_COMPUTING)}
 
 
 def _source(module: str) -> Path | None:

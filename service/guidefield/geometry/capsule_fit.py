@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from guidefield.geometry.axes import across
 from guidefield.geometry.surfaces import Floats
-
-_SLACK = 1.0 + 1e-12
-"""By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
+from guidefield.kernels.cover.enclosing_circle import SLACK, enclosing_circle
 
 _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 """The same for points that lie close together far from the origin, over their coordinates."""
@@ -109,48 +106,11 @@ def _along(cloud: Floats, direction: Floats) -> Capsule:
     ends = np.array([[*centre, height] for height in heights]) @ frame
     ends.setflags(write=False)
     farthest = float(Capsule(ends[0], ends[1], 0.0).distance(cloud).max())
-    return Capsule(ends[0], ends[1], farthest * _SLACK + _ROUNDING * float(np.abs(cloud).max()))
+    return Capsule(ends[0], ends[1], farthest * SLACK + _ROUNDING * float(np.abs(cloud).max()))
 
 
 def _enclosing_circle(points: Floats) -> tuple[Floats, float]:
-    """The smallest circle around points in the plane, shape (n, 2): centre (2,) and radius.
-
-    Takes in the farthest point outside until there is none; the circle of the two or three points that hold it grows
-    each time, so that no such set returns.
-    """
-    held = points[:1]
-    radius = -1.0
-    while True:
-        centre, grown, held = _smallest_circle_of_few(held)
-        offsets = points - centre
-        distances = np.sqrt((offsets * offsets).sum(axis=1))
-        farthest = int(distances.argmax())
-        if distances[farthest] <= grown * _SLACK or grown <= radius:
-            return centre, float(distances[farthest])
-        radius = grown
-        held = np.vstack([held, points[farthest]])
-
-
-def _smallest_circle_of_few(points: Floats) -> tuple[Floats, float, Floats]:
-    """The smallest circle around one to four points: centre, radius, and the points among them that hold it."""
-    candidates = [(points[0], points)]
-    for i, j in combinations(range(len(points)), 2):
-        candidates.append((0.5 * (points[i] + points[j]), points[[i, j]]))
-    for three in combinations(range(len(points)), 3):
-        centre = _circumcentre(*points[list(three)])
-        if centre is not None:
-            candidates.append((centre, points[list(three)]))
-    radii = [float(np.linalg.norm(points - centre, axis=1).max()) for centre, _ in candidates]
-    best = int(np.argmin(radii))
-    return candidates[best][0], radii[best], candidates[best][1]
-
-
-def _circumcentre(a: Floats, b: Floats, c: Floats) -> Floats | None:
-    """Centre of the circle through three points in the plane; None if they lie on a line."""
-    u, v = b - a, c - a
-    twice_area = float(u[0] * v[1] - u[1] * v[0])
-    uu, vv = float(u @ u), float(v @ v)
-    if twice_area * twice_area <= 1e-24 * uu * vv:
-        return None
-    shift = np.array([v[1] * uu - u[1] * vv, u[0] * vv - v[0] * uu]) / (2.0 * twice_area)
-    return a + shift
+    """The smallest circle around points in the plane, shape (n, 2): centre (2,) and radius."""
+    circle = np.empty(3)
+    enclosing_circle(np.ascontiguousarray(points), circle)
+    return circle[:2], float(circle[2])

@@ -164,8 +164,9 @@ def _chosen(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]
         elements = gathered(bisected(pieces, size), 0.8 * size)
         while len(elements.bounds):
             now = np.arange(len(elements.bounds)) < CHUNK
-            candidates = _candidates(body, elements.some(now), offer, delta)
-            chosen = _few(candidates[candidates[:, 3] > margin], elements.some(now), margin)
+            looked_at = elements.some(now)
+            candidates = _candidates(body, looked_at, offer, delta)
+            chosen = _few(candidates[candidates[:, 3] > margin], looked_at, margin)
             inside = _unite(_bits(chosen, elements, margin), len(elements.bounds))
             balls.append(chosen)
             covered.append(elements.some(inside))
@@ -219,5 +220,6 @@ def _owned(body: Solid, elements: Elements, owners: Integers) -> tuple[Integers,
     of_pieces = np.repeat(owners, np.diff(elements.first))
     triangles = body.given[elements.pieces.sources]
     kept = triangles >= 0
-    pairs = np.unique(np.column_stack([of_pieces, triangles])[kept], axis=0)
-    return pairs[:, 0], pairs[:, 1]
+    count = max(len(body.given), int(triangles.max(initial=0)) + 1)
+    pairs = np.unique(of_pieces[kept] * count + triangles[kept])
+    return pairs // count, pairs % count

@@ -20,6 +20,7 @@ from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Floats, Integers, Surface
+from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
 
 PLACES = 7
 """Planes along each axis that are compared."""
@@ -187,29 +188,24 @@ class _Samples:
         _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)
         self._points = np.vstack([corners[np.sort(first)], cell.part.hull.vertices])
         _, spread, self.axes = np.linalg.svd(self._points - self._points.mean(axis=0), full_matrices=False)
-        self._seen = (self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T
-        self._heights = self._points @ self._seen
+        self._seen = np.ascontiguousarray((self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T)
 
     def volume(self) -> float:
         """About the volume of the hull [m^3]."""
-        return _volume(self._points, self._heights)
+        furthest = self._points[(self._points @ self._seen).argmax(axis=0)]
+        return float(_volumes(furthest[None], self._points[:1])[0])
 
     def volumes_across(self, axis: Floats) -> list[tuple[float, float]]:
         """Places of planes across an axis [m], and about the volumes of the hulls of both halves together [m^3]."""
         along, corners = self._points @ axis, self._pieces.corners @ axis
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        found = []
-        for place in _places(along):
-            across = self._pieces.some((low <= place) & (high >= place) & (low < high))
-            halves = ((along < place, axis, place), (along > place, -axis, -place))
-            found.append((place, sum(self._volume_below(*half, across) for half in halves)))
-        return found
-
-    def _volume_below(self, below: np.ndarray, normal: Floats, offset: float, across: Pieces) -> float:
-        """About the volume of the hull of points below a plane and of what is below it of pieces across it [m^3]."""
-        cut = clipped(across, np.append(normal, offset)).corners.reshape(-1, 3)
-        points, heights = np.vstack([self._points[below], cut]), np.vstack([self._heights[below], cut @ self._seen])
-        return _volume(points, heights) if len(points) else 0.0
+        places = np.array(_places(along))
+        cut, first = np.empty((count_cut(corners, places), 3)), np.empty(2 * len(places) + 1, np.int64)
+        cut_halves(self._pieces.corners, corners, places, cut, first)
+        origins, furthest = np.empty((2 * len(places), 3)), np.empty((2 * len(places), DIRECTIONS, 3))
+        furthest_out(self._points, along, cut, first, places, self._seen, origins, furthest)
+        volumes = _volumes(furthest, origins)
+        volumes[np.isnan(origins[:, 0])] = 0.0
+        return list(zip(places.tolist(), (volumes[::2] + volumes[1::2]).tolist(), strict=True))
 
 
 def _places(along: Floats) -> list[float]:
@@ -223,13 +219,18 @@ def _places(along: Floats) -> list[float]:
     return found
 
 
-def _volume(points: Floats, heights: Floats) -> float:
-    """About the volume of the hull of points (n, 3) [m^3], by those furthest in `_DIRECTIONS`; heights are (n, d).
+def _volumes(furthest: Floats, origins: Floats) -> Floats:
+    """About the volumes (n,) of the hulls of some points each [m^3], by those furthest in `_DIRECTIONS` and any one.
 
     They are joined as the directions are, which a hull's own corners nearly are.
+
+    Args:
+        furthest: Shape (n, d, 3) [m].
+        origins: Shape (n, 3) [m].
     """
-    a, b, c = np.moveaxis(points[heights.argmax(axis=0)][_FACES] - points[0], 1, 0)
-    return abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+    a, b, c = np.moveaxis(furthest[:, _FACES] - origins[:, None, None], 2, 0)
+    products = zip(a, np.cross(b, c), strict=True)
+    return np.array([abs(float(np.einsum("ij,ij->", *pair))) / 6.0 for pair in products])
 
 
 def _spread_directions() -> tuple[Floats, Integers]:

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.surfaces import Floats, Integers, area_of
+from guidefield.kernels.cover.pieces import balls_about, cell_middles, gather, grid_cells, halve, longest_edges
+from guidefield.kernels.cover.stable_order import stable_order
 
 
 class Pieces(NamedTuple):
@@ -56,6 +58,8 @@ class Elements(NamedTuple):
 
     def some(self, chosen: np.ndarray) -> Elements:
         """The elements that a mask, shape (m,), chooses."""
+        if chosen.all():
+            return self
         counts = np.diff(self.first)
         return Elements(
             self.pieces.some(np.repeat(chosen, counts)),
@@ -66,19 +70,20 @@ class Elements(NamedTuple):
 
 def bisected(pieces: Pieces, size: float) -> Pieces:
     """Pieces halved at the middle of their longest edge until none has an edge longer than `size` [m]."""
-    corners, sources = pieces
+    corners, sources = np.ascontiguousarray(pieces.corners), np.ascontiguousarray(pieces.sources)
     done = []
     while len(corners):
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-        large = lengths.max(axis=1) > size
-        done.append(Pieces(corners[~large], sources[~large]))
-        corners, sources, longest = corners[large], sources[large], lengths[large].argmax(axis=1)
-        row = np.arange(len(corners))
-        a, b, c = (corners[row, (longest + turn) % 3] for turn in range(3))
-        middle = 0.5 * (a + b)
-        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
-        sources = np.tile(sources, 2)
+        edges = np.empty(len(corners), np.int64)
+        large = longest_edges(corners, size, edges)
+        small, halves = _unwritten(len(corners) - large), _unwritten(2 * large)
+        halve(corners, sources, edges, *small, *halves)
+        done.append(small)
+        corners, sources = halves
     return joined(done)
+
+
+def _unwritten(count: int) -> Pieces:
+    return Pieces(np.empty((count, 3, 3)), np.empty(count, np.int64))
 
 
 def joined(parts: list[Pieces]) -> Pieces:
@@ -88,42 +93,29 @@ def joined(parts: list[Pieces]) -> Pieces:
 
 def gathered(pieces: Pieces, size: float) -> Elements:
     """Elements of pieces whose centroids lie in the same cell of a grid of width `size` [m]; neighbours together."""
-    centroids = pieces.corners.mean(axis=1)
-    cells = np.floor((centroids - centroids.min(axis=0)) / size).astype(np.int64)
-    counts = cells.max(axis=0) + 1
-    _, owner = np.unique((cells[:, 0] * counts[1] + cells[:, 1]) * counts[2] + cells[:, 2], return_inverse=True)
-    owner = owner.reshape(-1)
-    place = np.empty(int(owner.max()) + 1, np.int64)
-    low, high = _boxes(pieces.corners, owner)
-    place[box_tree(low, high).order] = np.arange(len(place))
-    owner = place[owner]
-    order = np.argsort(owner, kind="stable")
-    pieces, first = pieces.some(order), np.searchsorted(owner[order], np.arange(len(place) + 1))
-    return Elements(pieces, first, _bounds(pieces.corners.reshape(-1, 3), 3 * first))
+    corners, count = np.ascontiguousarray(pieces.corners), len(pieces.sources)
+    cells, order, first = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count + 1, np.int64)
+    grid_cells(corners, size, cells)
+    stable_order(cells, order)
+    middles = np.empty((count, 3))
+    found = cell_middles(corners, cells, order, first, middles)
+    turn = curve_order(middles[:found])
+    together, starts = _unwritten(count), np.empty(found + 1, np.int64)
+    gather(corners, np.ascontiguousarray(pieces.sources), order, first, turn, *together, starts)
+    return Elements(together, starts, _balls(together.corners.reshape(-1, 3), 3 * starts))
 
 
 def blocks(elements: Elements) -> Floats:
     """A ball about every 64 elements, the last perhaps fewer, shape (m / 64 rounded up, 4) [m]."""
     first = np.append(elements.first_point[:-1:64], elements.first_point[-1])
-    return _bounds(elements.points, first)
+    return _balls(elements.points, first)
 
 
-def _boxes(corners: Floats, owner: Integers) -> tuple[Floats, Floats]:
-    """Lower and upper corners (m, 3) of boxes about the triangles (n, 3, 3) of each owner."""
-    count = int(owner.max()) + 1
-    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
-    np.minimum.at(low, owner, corners.min(axis=1))
-    np.maximum.at(high, owner, corners.max(axis=1))
-    return low, high
-
-
-def _bounds(points: Floats, first: Integers) -> Floats:
+def _balls(points: Floats, first: Integers) -> Floats:
     """A ball about each run of points: centre and radius, shape (m, 4) [m]."""
-    low, high = (extreme.reduceat(points, first[:-1]) for extreme in (np.minimum, np.maximum))
-    centres = 0.5 * (low + high)
-    offsets = np.linalg.norm(points - np.repeat(centres, np.diff(first), axis=0), axis=1)
-    radii = np.maximum.reduceat(offsets, first[:-1]) * (1.0 + 1e-12)
-    return np.column_stack([centres, radii])
+    balls = np.empty((len(first) - 1, 4))
+    balls_about(points, first, balls)
+    return balls
 
 
 def united(parts: list[Elements]) -> Elements:

@@ -10,6 +10,7 @@ from guidefield.geometry.elements import Pieces, bisected, gathered
 from guidefield.geometry.medial import medial_balls
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
+from guidefield.kernels.cover.filling import count_missing, held_points
 
 MOST = 8
 """Most balls of a body."""
@@ -62,30 +63,28 @@ def inner_balls(body: Solid) -> Floats:
 
 def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> Floats:
     """At most `MOST` balls, each the one that fills most that those before it don't, moved to where it is deeper."""
-    filled = _holds(balls, samples).astype(np.float32)
-    missing = np.ones(len(samples), np.float32)
+    held, counts = _held(balls, samples), np.empty(len(balls), np.int64)
+    missing = np.full(held.shape[1], ~np.uint64(0))
     chosen: list[Floats] = []
     while len(chosen) < MOST:
-        gains = filled @ missing
-        best = int(gains.argmax())
-        if gains[best] == 0.0:
+        count_missing(held, missing, counts)
+        best = int(counts.argmax())
+        if counts[best] == 0:
             break
         ball = _deeper(body, balls[best], step)
-        fills = _holds(ball[None], samples)[0]
-        if fills @ missing < gains[best]:
-            ball, fills = balls[best], filled[best] > 0.0
+        fills = _held(ball[None], samples)[0]
+        if int(np.bitwise_count(fills & missing).sum()) < counts[best]:
+            ball, fills = balls[best], held[best]
         chosen.append(ball)
-        missing[fills] = 0.0
+        missing &= ~fills
     return np.array(chosen)
 
 
-def _holds(balls: Floats, samples: Floats) -> np.ndarray:
-    """Which ball (n, 4) contains which sample (m, 3), shape (n, m)."""
-    middle = samples.mean(axis=0)
-    centres, points = balls[:, :3] - middle, samples - middle
-    squares = (centres * centres).sum(axis=1)[:, None] + (points * points).sum(axis=1) - 2.0 * centres @ points.T
-    holds: np.ndarray = squares <= balls[:, 3:] ** 2
-    return holds
+def _held(balls: Floats, samples: Floats) -> np.ndarray:
+    """Which ball (n, 4) holds which sample (m, 3), 64 to a word: shape (n, words)."""
+    bits = np.empty((len(balls), -(-len(samples) // 64)), np.uint64)
+    held_points(np.ascontiguousarray(balls), samples, bits)
+    return bits
 
 
 def _deeper(body: Solid, ball: Floats, step: float) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 
 from guidefield.geometry.elements import Elements
 from guidefield.geometry.solid import Solid
-from guidefield.geometry.surfaces import Floats
+from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.inscribed import tangent_balls
 
 
@@ -39,6 +39,17 @@ def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, 
     depths = body.depths(centres)
     order = np.argsort(-depths, kind="stable")
     order = order[depths[order] > 0.0]
-    _, first = np.unique(np.floor(centres[order] / resolution).astype(np.int64), axis=0, return_index=True)
+    cells = np.floor(centres[order] / resolution).astype(np.int64)
+    _, first = np.unique(_numbered(cells), return_index=True)
     kept = order[np.sort(first)]
     return np.column_stack([centres[kept], depths[kept]])
+
+
+def _numbered(cells: Integers) -> Integers:
+    """One number for each cell (n, 3) of a grid, shape (n,)."""
+    if not len(cells):
+        return np.empty(0, np.int64)
+    offsets = cells - cells.min(axis=0)
+    counts = offsets.max(axis=0) + 1
+    numbers: Integers = (offsets[:, 0] * counts[1] + offsets[:, 1]) * counts[2] + offsets[:, 2]
+    return numbers

@@ -8,7 +8,8 @@ from guidefield.geometry.elements import Elements, blocks
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.ball_cover import reaches
-from guidefield.kernels.cover.enclosing_ball import smallest_ball
+from guidefield.kernels.cover.enclosing_ball import largest_distances, smallest_balls
+from guidefield.kernels.cover.stable_order import stable_order
 
 MOVES = (1.0, 0.5, 0.25)
 """Shares of the way to the centre of the smallest ball about its elements that a ball's centre is tried to move."""
@@ -47,21 +48,23 @@ def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin:
 
 def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:
     """Balls moved towards the smallest about what they own, where that makes them smaller and keeps the overhang."""
-    counts = 3 * np.diff(elements.first)
-    order = np.argsort(np.repeat(owners, counts), kind="stable")
-    owned = np.split(elements.points[order], np.cumsum(np.bincount(owners, weights=counts).astype(np.int64))[:-1])
-    targets = np.empty((len(balls), 4))
-    for ball, points in enumerate(owned):
-        smallest_ball(np.ascontiguousarray(points), targets[ball])
+    owned, first = _owned_points(elements, owners, len(balls))
+    targets, radii = np.empty((len(balls), 4)), np.empty(len(balls))
+    smallest_balls(owned, first, targets)
     result = balls.copy()
     for share in MOVES:
         centres = balls[:, :3] + share * (targets[:, :3] - balls[:, :3])
-        radii = np.array([_reach(points, centre) for points, centre in zip(owned, centres, strict=True)]) + margin
+        largest_distances(owned, first, centres, radii)
+        radii += margin
         better = (radii < result[:, 3]) & (radii <= body.depths(centres) + delta)
         result[better] = np.column_stack([centres, radii])[better]
     return result
 
 
-def _reach(points: Floats, centre: Floats) -> float:
-    offsets = points - centre
-    return float(np.sqrt((offsets * offsets).sum(axis=1).max()))
+def _owned_points(elements: Elements, owners: Integers, balls: int) -> tuple[Floats, Integers]:
+    """The points (k, 3) of what each ball owns together [m], and where those of each begin, and k."""
+    of_points = np.repeat(owners, 3 * np.diff(elements.first))
+    order, first = np.empty(len(of_points), np.int64), np.zeros(balls + 1, np.int64)
+    stable_order(of_points, order)
+    np.cumsum(np.bincount(of_points, minlength=balls), out=first[1:])
+    return elements.points[order], first

@@ -83,3 +83,60 @@ def test_the_same_sets_give_the_same_choice() -> None:
     first = chosen_by_greed(rows)
     assert (improved(rows, first, 500) == improved(rows, first, 500)).all()
     assert len(improved(rows, first, 500)) < len(first)
+
+
+def plainly_improved(rows: np.ndarray, chosen: list[int], steps: int) -> list[int]:
+    """The same search, every worth summed anew whenever it is asked for."""
+    count, elements = rows.shape
+    weights, stamps, frozen = np.ones(elements, int), np.full(count, -count - 1), np.zeros(count, bool)
+    held, missing = list[int](), list(np.flatnonzero(rows.any(axis=0)))
+    state, spared, best = 88172645463325252, -1, list(chosen)
+
+    def put_in(i: int, now: int) -> None:
+        for j in [j for j in np.flatnonzero(rows[i]) if not rows[held, j].any()]:
+            missing[missing.index(j)] = missing[-1]
+            missing.pop()
+            frozen[rows[:, j]] = False
+        held.append(i)
+        stamps[i] = now
+
+    def take_out(spared: int, now: int) -> bool:
+        own = {i: weights[rows[i] & (rows[held].sum(axis=0) == 1)].sum() for i in held if i != spared}
+        if not own:
+            return False
+        i = min(own, key=lambda i: (own[i], stamps[i]))
+        place = held.index(i)
+        held[place] = held[-1]
+        held.pop()
+        missing.extend(j for j in np.flatnonzero(rows[i]) if not rows[held, j].any())
+        stamps[i], frozen[i] = now, True
+        return True
+
+    for k, i in enumerate(chosen):
+        put_in(i, k - len(chosen))
+    for step in range(steps):
+        while not missing:
+            best = list(held)
+            if len(best) <= 1:
+                return best
+            take_out(-1, step)
+        if not take_out(spared, step):
+            return best
+        for shift in (13, -7, 17):
+            state = (state ^ (state << shift if shift > 0 else state >> -shift)) & (2**64 - 1)
+        wanted = missing[(state >> 1) % len(missing)]
+        having = [i for i in np.flatnonzero(rows[:, wanted]) if not frozen[i]]
+        worth = {i: weights[[j for j in missing if rows[i, j]]].sum() for i in having}
+        spared = min(having, key=lambda i: (-worth[i], stamps[i], i)) if having else int(rows[:, wanted].argmax())
+        put_in(spared, step)
+        weights[missing] += 1
+    return best
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_search_is_the_one_that_is_meant(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places, centres = rng.random(150), rng.random(70)
+    rows = np.abs(places - centres[:, None]) < rng.uniform(0.03, 0.15, (70, 1))
+    first = chosen_by_greed(rows)
+    assert improved(rows, first, 300).tolist() == plainly_improved(rows, first.tolist(), 300)

@@ -121,10 +121,10 @@ def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     model = load(box_arm("y", 3))
-    told: list[tuple[int, int, str]] = []
-    first = coverage(model, 0.0123, lambda *report: told.append(report))
-    assert told == [(0, 4, "l0")], "all links are the same box"
-    assert coverage(model, 0.0123, lambda *report: pytest.fail("nothing is left to do")) is first
+    told: list[str] = []
+    first = coverage(model, 0.0123, lambda piece: told.append(piece.told))
+    assert told == ["covering l0, shape 1 of 4"], "all links are the same box"
+    assert coverage(model, 0.0123, lambda _: pytest.fail("nothing is left to do")) is first
     assert coverage(model, 0.02) is not first
     assert isinstance(first, Coverage)
 

@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numba import types, uint64, void
 
-from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.cover.greedy_set_cover import lowest
+from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, VECTOR_OUT, Floats, compiled, inlined, optimized
 
 INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 WORDS_OUT = types.Array(types.uint64, 2, "C")
@@ -41,6 +42,41 @@ def _contains(balls: Floats, i: int, corners: Floats, first: np.ndarray, bounds:
     return inside
 
 
+@inlined
+def _is_within(x: float, y: float, z: float, square: float, corners: Floats, first: int, last: int) -> bool:
+    """Whether none of rows `first` to `last` - 1 of `corners` is further from a point than the root of `square`."""
+    for k in range(first, last):
+        dx, dy, dz = corners[k, 0] - x, corners[k, 1] - y, corners[k, 2] - z
+        if dx * dx + dy * dy + dz * dz > square:
+            return False
+    return True
+
+
+@optimized
+def _by_bounds(balls: Floats, i: int, bounds: Floats, w: int, words_out: np.ndarray) -> None:
+    """Say which of the 64 elements of word w are in ball i, and which may be: what the balls about them say."""
+    x, y, z, radius = balls[i, 0], balls[i, 1], balls[i, 2], balls[i, 3]
+    inside, near = uint64(0), uint64(0)
+    for j in range(64):
+        dx, dy, dz = bounds[w, 0, j] - x, bounds[w, 1, j] - y, bounds[w, 2, j] - z
+        gap = dx * dx + dy * dy + dz * dz
+        beyond, within = radius + bounds[w, 3, j], radius - bounds[w, 3, j]
+        inside |= uint64((within > 0.0) & (gap <= within * within)) << uint64(j)
+        near |= uint64(gap <= beyond * beyond) << uint64(j)
+    words_out[0], words_out[1] = inside, near & ~inside
+
+
+@inlined
+def _in_words(bounds: Floats, words: int) -> Floats:
+    """Balls as x, y, z and radius of 64 each, shape (words, 4, 64) [m]; those that there aren't are infinitely far."""
+    packed = np.zeros((words, 4, 64))
+    packed[:, 0] = np.inf
+    for j in range(bounds.shape[0]):
+        for k in range(4):
+            packed[j >> 6, k, j & 63] = bounds[j, k]
+    return packed
+
+
 @compiled(void(MATRIX, MATRIX, INTEGERS, MATRIX, MATRIX, WORDS_OUT))
 def contained(
     balls: Floats, corners: Floats, first: np.ndarray, bounds: Floats, blocks: Floats, bits_out: np.ndarray
@@ -55,20 +91,26 @@ def contained(
         blocks: A ball about every 64 elements, shape (words, 4) [m]: still more are decided by it.
         bits_out: Shape (n, words), zeros; bit j of row i is set if ball i contains element j.
     """
-    elements = bounds.shape[0]
+    elements, found, packed = bounds.shape[0], np.empty(2, np.uint64), _in_words(bounds, blocks.shape[0])
     for i in range(balls.shape[0]):
-        radius = balls[i, 3]
+        x, y, z, radius = balls[i, 0], balls[i, 1], balls[i, 2], balls[i, 3]
         for w in range(blocks.shape[0]):
-            dx, dy, dz = blocks[w, 0] - balls[i, 0], blocks[w, 1] - balls[i, 1], blocks[w, 2] - balls[i, 2]
+            dx, dy, dz = blocks[w, 0] - x, blocks[w, 1] - y, blocks[w, 2] - z
             gap = dx * dx + dy * dy + dz * dz
             beyond, within = radius + blocks[w, 3], radius - blocks[w, 3]
             if gap > beyond * beyond:
                 continue
-            whole = within > 0.0 and gap <= within * within
-            word = uint64(0)
-            for j in range(64 * w, min(64 * (w + 1), elements)):
-                if whole or _contains(balls, i, corners, first, bounds, j):
-                    word |= uint64(1) << uint64(j & 63)
+            if within > 0.0 and gap <= within * within:
+                bits_out[i, w] = ~uint64(0) >> uint64(max(64 * (w + 1) - elements, 0))
+                continue
+            _by_bounds(balls, i, packed, w, found)
+            word, near = found[0], found[1]
+            while near != uint64(0):
+                j = lowest(near)
+                near &= near - uint64(1)
+                k = 64 * w + j
+                if radius > 0.0 and _is_within(x, y, z, radius * radius, corners, first[k], first[k + 1]):
+                    word |= uint64(1) << uint64(j)
             bits_out[i, w] = word
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.cover.inscribed import SPANS, gap_to, is_inside
+from guidefield.kernels.cover.inscribed import SPANS, gap_to, is_inside, no_further
 from guidefield.kernels.distance.triangle_distance import SURFACES, SurfaceTables
 from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, SCALAR, Floats, compiled, inlined
 
@@ -66,7 +66,7 @@ def uncovered_cells(
     waiting = np.zeros((_STACK, 5))
     waiting[0, :4] = box[0]
     top, count, last = 1, 0, 0
-    cell = np.zeros(5)
+    cell, before = np.zeros(5), np.array([0.0, 0.0, 0.0, math.inf])  # before: the last cell's centre and depth
     while top > 0 and count < cells_out.shape[0]:
         top -= 1
         cell[:] = waiting[top]
@@ -81,7 +81,9 @@ def uncovered_cells(
         if found >= 0:
             last = found
             continue
-        depth = gap_to(x, y, z, surfaces, spans)
+        bound = no_further(before[3], x - before[0], y - before[1], z - before[2])
+        depth = gap_to(x, y, z, surfaces, spans, bound)
+        before[0], before[1], before[2], before[3] = x, y, z, depth
         corner = _DIAGONAL * half
         if depth + corner <= margin:
             continue

@@ -7,7 +7,17 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.jit.signatures import MATRIX, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import (
+    INDICES,
+    MATRIX,
+    MATRIX_OUT,
+    VECTOR_OUT,
+    Floats,
+    Integers,
+    compiled,
+    exact_kernel,
+    inlined,
+)
 
 SLACK = 1.0 + 1e-12
 """By how much the radius exceeds the farthest point's distance, so that rounding leaves no point outside."""
@@ -124,6 +134,37 @@ def smallest_ball(points: Floats, ball_out: Floats) -> None:
         count = kept + 1
     square = _farthest(points, points.shape[0], ball_out)[1]
     ball_out[3] = math.sqrt(square) * SLACK
+
+
+@compiled(types.void(MATRIX, INDICES, MATRIX_OUT))
+def smallest_balls(points: Floats, first: Integers, balls_out: Floats) -> None:
+    """`smallest_ball` of each run of points.
+
+    Args:
+        points: Shape (k, 3) [m].
+        first: Where each run begins, and k; none is empty; shape (m + 1,).
+        balls_out: Shape (m, 4) [m].
+    """
+    for m in range(balls_out.shape[0]):
+        smallest_ball(points[first[m] : first[m + 1]], balls_out[m])
+
+
+@exact_kernel(types.void(MATRIX, INDICES, MATRIX, VECTOR_OUT))
+def largest_distances(points: Floats, first: Integers, centres: Floats, distances_out: Floats) -> None:
+    """The largest distance of each run of points from a centre of its own.
+
+    Args:
+        points: Shape (k, 3) [m].
+        first: Where each run begins, and k; shape (m + 1,).
+        centres: Shape (m, 3) [m].
+        distances_out: Shape (m,) [m].
+    """
+    for m in range(centres.shape[0]):
+        square = 0.0
+        for i in range(first[m], first[m + 1]):
+            dx, dy, dz = points[i, 0] - centres[m, 0], points[i, 1] - centres[m, 1], points[i, 2] - centres[m, 2]
+            square = max(square, dx * dx + dy * dy + dz * dz)
+        distances_out[m] = math.sqrt(square)
 
 
 @compiled(types.void(MATRIX, VECTOR_OUT))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import types
 
-from guidefield.kernels.cover.inscribed import SPANS, is_inside, span_of
+from guidefield.kernels.cover.inscribed import SPANS, in_ball, is_inside, no_further, span_of
 from guidefield.kernels.distance.triangle_distance import SURFACES, SurfaceTables, nearest_triangle
 from guidefield.kernels.jit.signatures import MATRIX, SCALAR, Floats, compiled, inlined
 
@@ -45,26 +45,38 @@ def _to_triangle(x: float, y: float, z: float, corners: Floats, i: int) -> float
 
 
 @inlined
-def _nearest(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray) -> tuple[float, int]:
-    """Distance of a point to all surfaces [m], and the triangle that is nearest."""
-    distance, nearest = math.inf, -1
-    for k in range(spans.shape[0]):
-        found = nearest_triangle(x, y, z, surfaces, span_of(spans, k), distance)
-        if found >= 0:
-            distance, nearest = math.sqrt(_to_triangle(x, y, z, surfaces.corners, found)), found
+def _nearest(
+    x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray, bound: float
+) -> tuple[float, int]:
+    """Distance of a point to all surfaces [m], which is less than a bound, and the triangle that is nearest."""
+    distance, nearest = bound, -1
+    while nearest < 0:
+        for k in range(spans.shape[0]):
+            found = nearest_triangle(x, y, z, surfaces, span_of(spans, k), distance)
+            if found >= 0:
+                distance, nearest = math.sqrt(_to_triangle(x, y, z, surfaces.corners, found)), found
+        if distance == math.inf:
+            break
+        if nearest < 0:  # so far away that rounding is larger than what was allowed for it
+            distance = math.inf
     return distance, nearest
 
 
 @inlined
-def _bounds(t: Floats, surfaces: SurfaceTables, spans: np.ndarray, solid: bool, settled: float) -> tuple[float, float]:
+def _bounds(
+    t: Floats, surfaces: SurfaceTables, spans: np.ndarray, solid: bool, settled: float, before: Floats
+) -> tuple[float, float]:
     """Distance of a triangle's centroid to the surface or solid, and a bound for all of its points [m].
 
     No point is farther than the centroid by more than their distance, and if the centroid is deep inside, none leaves
     the solid. And the distance to one triangle of the surface, which is convex, is largest at a corner. What is inside
-    is only asked where the bound is above what is settled.
+    is only asked where the bound is above what is settled. Rows of
+    `before` are the last centroid and its distance, and the last one of which was asked, with the answer.
     """
     x, y, z = (t[0] + t[3] + t[6]) / 3.0, (t[1] + t[4] + t[7]) / 3.0, (t[2] + t[5] + t[8]) / 3.0
-    distance, nearest = _nearest(x, y, z, surfaces, spans)
+    bound = no_further(before[0, 3], x - before[0, 0], y - before[0, 1], z - before[0, 2])
+    distance, nearest = _nearest(x, y, z, surfaces, spans, bound)
+    before[0, 0], before[0, 1], before[0, 2], before[0, 3] = x, y, z, distance
     radius = farthest = 0.0
     for k in range(0, 9, 3):
         dx, dy, dz = t[k] - x, t[k + 1] - y, t[k + 2] - z
@@ -72,9 +84,14 @@ def _bounds(t: Floats, surfaces: SurfaceTables, spans: np.ndarray, solid: bool, 
         farthest = max(farthest, _to_triangle(t[k], t[k + 1], t[k + 2], surfaces.corners, nearest))
     radius, farthest = math.sqrt(radius), math.sqrt(farthest)
     farthest = min(distance + radius, farthest)
-    if solid and farthest > settled and is_inside(x, y, z, surfaces, spans):
-        farthest = min(max(radius - distance, 0.0), farthest)
-        distance = 0.0
+    if solid and farthest > settled:
+        # no surface is between this point and the last one that was asked about, if that is further from any
+        if not in_ball(x, y, z, before, 1):
+            before[1, 4] = 1.0 if is_inside(x, y, z, surfaces, spans) else 0.0
+        before[1, 0], before[1, 1], before[1, 2], before[1, 3] = x, y, z, distance
+        if before[1, 4] > 0.0:
+            farthest = min(max(radius - distance, 0.0), farthest)
+            distance = 0.0
     return distance, farthest
 
 
@@ -110,14 +127,15 @@ def largest_distance(
     """
     known = bound = 0.0
     waiting = np.zeros((_STACK, 9))
-    triangle = np.zeros(9)
+    triangle, before = np.zeros(9), np.zeros((2, 5))
+    before[0, 3] = math.inf
     for i in range(triangles.shape[0]):
         waiting[0] = triangles[i]
         top = 1
         while top > 0:
             top -= 1
             triangle[:] = waiting[top]
-            distance, farthest = _bounds(triangle, surfaces, spans, solid, known + tolerance)
+            distance, farthest = _bounds(triangle, surfaces, spans, solid, known + tolerance, before)
             known = max(known, distance if farthest > known + tolerance or not solid else 0.0)
             if known > enough:
                 return known

@@ -21,6 +21,9 @@ INTEGERS = types.Array(types.int64, 1, "C", readonly=True)
 STEPS = 40
 """Shrinking ends after so many steps, if not before."""
 
+ROUNDING = 1e-9
+"""By how much what is known of a point's neighbour is believed less, as a share and in metres."""
+
 TOUCHING = 5e-3
 """Share of its radius by which a ball may reach beyond the surface while it is shrunk."""
 
@@ -32,7 +35,16 @@ def span_of(spans: np.ndarray, k: int) -> Span:
 
 
 @inlined
-def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray) -> float:
+def no_further(distance: float, x: float, y: float, z: float) -> float:
+    """A bound for a distance at a point, from the distance at a point that is (x, y, z) away; whatever rounding does.
+
+    What is looked for within it is found as it would be without: only what is further away isn't looked at.
+    """
+    return (distance + math.sqrt(x * x + y * y + z * z)) * (1.0 + ROUNDING) + ROUNDING
+
+
+@inlined
+def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndarray, bound: float) -> float:
     """Distance of a point to the nearest of all surfaces [m]; never negative.
 
     Args:
@@ -41,10 +53,15 @@ def gap_to(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.ndar
         z: See x.
         surfaces: All surfaces.
         spans: Where their trees stand, shape (k, 4).
+        bound: More than the distance [m]; may be infinite.
     """
     nearest = math.inf
     for k in range(spans.shape[0]):
-        nearest = min(nearest, surface_distance(x, y, z, surfaces, span_of(spans, k), False, nearest)[0])
+        cutoff = min(nearest, bound)
+        nearest = min(nearest, surface_distance(x, y, z, surfaces, span_of(spans, k), False, cutoff)[0])
+    if nearest == math.inf and bound < math.inf:  # so far away that rounding is larger than what was allowed for it
+        for k in range(spans.shape[0]):
+            nearest = min(nearest, surface_distance(x, y, z, surfaces, span_of(spans, k), False, nearest)[0])
     return nearest
 
 
@@ -57,6 +74,17 @@ def is_inside(x: float, y: float, z: float, surfaces: SurfaceTables, spans: np.n
     return False
 
 
+@inlined
+def in_ball(x: float, y: float, z: float, balls: Floats, i: int) -> bool:
+    """Whether a point is for certain within ball i, rows of centre and radius, shape (n, 4) at least [m].
+
+    If no surface enters the ball, the point is on the side where the centre is.
+    """
+    dx, dy, dz, radius = x - balls[i, 0], y - balls[i, 1], z - balls[i, 2], balls[i, 3] * (1.0 - ROUNDING) - ROUNDING
+    within: bool = radius > 0.0 and dx * dx + dy * dy + dz * dz < radius * radius
+    return within
+
+
 @compiled(void(MATRIX, SURFACES, SPANS, VECTOR_OUT))
 def depths_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, depths_out: Floats) -> None:
     """How deep points are in a body, at least: radius of the largest ball about each that lies in one of the solids.
@@ -67,14 +95,28 @@ def depths_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, depths
         spans: Where the trees of the closed ones stand, shape (k, 4).
         depths_out: Shape (n,) [m]; outside, less than zero by the distance to the body.
     """
+    count = spans.shape[0]
+    # where the last point inside of each solid was, and its depth; the same of the last one outside of all
+    last = np.zeros((count + 1, 4))
+    last[:, 3] = math.inf
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        depth = -math.inf
-        for k in range(spans.shape[0]):
+        depth, bound, outside = -math.inf, math.inf, False
+        for k in range(count + 1):
+            bound = min(bound, no_further(last[k, 3], x - last[k, 0], y - last[k, 1], z - last[k, 2]))
+        if last[count, 3] < math.inf:
+            outside = in_ball(x, y, z, last, count)
+        for k in range(0 if outside else count):
             span = span_of(spans, k)
-            if ray_winding(x, y, z, surfaces, span) != 0:
-                depth = max(depth, surface_distance(x, y, z, surfaces, span, False, math.inf)[0])
-        depths_out[i] = depth if depth >= 0.0 else -gap_to(x, y, z, surfaces, spans)
+            if (last[k, 3] < math.inf and in_ball(x, y, z, last, k)) or ray_winding(x, y, z, surfaces, span) != 0:
+                reach = no_further(last[k, 3], x - last[k, 0], y - last[k, 1], z - last[k, 2])
+                own = gap_to(x, y, z, surfaces, spans[k : k + 1], reach)
+                last[k, 0], last[k, 1], last[k, 2], last[k, 3] = x, y, z, own
+                depth = max(depth, own)
+        if depth < 0.0:
+            depth = -gap_to(x, y, z, surfaces, spans, bound)
+            last[count, 0], last[count, 1], last[count, 2], last[count, 3] = x, y, z, -depth
+        depths_out[i] = depth
 
 
 @compiled(void(MATRIX, SURFACES, SPANS, VECTOR_OUT))
@@ -87,8 +129,12 @@ def distances_at(points: Floats, surfaces: SurfaceTables, spans: np.ndarray, dis
         spans: Where their trees stand, shape (k, 4).
         distances_out: Shape (n,) [m].
     """
+    bound = math.inf
     for i in range(points.shape[0]):
-        distances_out[i] = gap_to(points[i, 0], points[i, 1], points[i, 2], surfaces, spans)
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if i > 0:
+            bound = no_further(distances_out[i - 1], x - points[i - 1, 0], y - points[i - 1, 1], z - points[i - 1, 2])
+        distances_out[i] = gap_to(x, y, z, surfaces, spans, bound)
 
 
 @compiled(void(MATRIX, MATRIX, INTEGERS, SURFACES, SPANS, SCALAR, SCALAR, MATRIX_OUT))

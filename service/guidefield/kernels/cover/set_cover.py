@@ -1,6 +1,7 @@
 """Fewer sets that together contain all elements: local search from a first choice.
 
-A set is taken out, another put in, and the elements that are missing get more and more weight. Source: C. Gao, X. Yao,
+A set is taken out, another put in, and the elements that are missing get more and more weight. What a set that isn't
+chosen is worth is only summed where it may be put in: few elements are missing at any time. Source: C. Gao, X. Yao,
 T. Weise and J. Li, "An efficient local search heuristic with row weighting for the unicost set covering problem",
 European Journal of Operational Research 246, 2015.
 """
@@ -13,37 +14,41 @@ import numpy as np
 from numba import types, uint64
 from numpy.typing import NDArray
 
-from guidefield.kernels.cover.greedy_set_cover import WORDS, lowest, ones
+from guidefield.kernels.cover.greedy_set_cover import WORDS, lowest
 from guidefield.kernels.jit.signatures import INDICES_OUT, Integers, compiled, inlined
 
 _SEED = 88172645463325252
 """Of the random choice among missing elements: the same sets give the same choice."""
+
+_LOW_HALF = 0x00000000FFFFFFFF
 
 
 class CoverSearch(NamedTuple):
     """State of the search; i counts sets, j elements.
 
     Attributes:
-        first: Where the elements of each set begin in `elements`, shape (n + 1,).
-        elements: Elements of all sets.
-        first_set: Where the sets that contain each element begin in `sets`, shape (m + 1,).
-        sets: Sets of all elements.
+        bits: Which set contains which element, shape (n, words).
+        columns: Which element is in which set, shape (m, set words).
+        absent: Which elements are in no chosen set, shape (words,).
+        fresh: Which elements the set that was put in last was the first to contain, shape (words,).
         weights: Weight of each element, shape (m,).
         times: In how many chosen sets it is, shape (m,).
         sums: Sum of their indices: the index itself where there is one, shape (m,).
         missing: The elements in no chosen set come first, shape (m,).
         places: Where a missing element stands in `missing`, shape (m,).
-        scores: Weight of what a chosen set alone contains, or of what another would be the first to, shape (n,).
+        scores: Weight of what a chosen set alone contains, shape (n,).
         chosen: The chosen sets come first, shape (n,).
         stamps: When a set was last put in or taken out, shape (n,).
-        frozen: Whether a set was taken out and nothing it contains has changed since, shape (n,).
-        counts: How many are chosen, how many missing.
+        frozen: Whether a set was taken out and nothing it contains has been put in since, shape (n,).
+        held: The frozen sets come first, shape (n,).
+        near: Words with missing elements, shape (words,).
+        counts: How many are chosen, missing, frozen; how many words `near`.
     """
 
-    first: Integers
-    elements: NDArray[np.int32]
-    first_set: Integers
-    sets: NDArray[np.int32]
+    bits: np.ndarray
+    columns: np.ndarray
+    absent: np.ndarray
+    fresh: np.ndarray
     weights: Integers
     times: Integers
     sums: Integers
@@ -53,57 +58,77 @@ class CoverSearch(NamedTuple):
     chosen: Integers
     stamps: Integers
     frozen: NDArray[np.bool_]
+    held: Integers
+    near: Integers
     counts: Integers
+
+
+@inlined
+def _transpose(block: np.ndarray) -> None:
+    """Exchange rows and columns of 64 words. Source: H. S. Warren, Hacker's Delight, 2002, section 7-3."""
+    mask, j = uint64(_LOW_HALF), 32
+    while j > 0:
+        for k in range(64):
+            if not k & j:
+                other = ((block[k] >> uint64(j)) ^ block[k | j]) & mask
+                block[k] ^= other << uint64(j)
+                block[k | j] ^= other
+        j >>= 1
+        mask ^= mask << uint64(j)
+
+
+@inlined
+def _columns(bits: np.ndarray) -> np.ndarray:
+    """Which element is in which set, shape (64 words, set words), from `bits`, shape (n, words)."""
+    rows, words = bits.shape
+    columns = np.empty((64 * words, (rows + 63) // 64), np.uint64)
+    block = np.empty(64, np.uint64)
+    for v in range(columns.shape[1]):
+        for w in range(words):
+            for k in range(64):
+                block[k] = bits[64 * v + k, w] if 64 * v + k < rows else uint64(0)
+            _transpose(block)
+            for k in range(64):
+                columns[64 * w + k, v] = block[k]
+    return columns
 
 
 @inlined
 def _search(bits: np.ndarray) -> CoverSearch:
     """The state with nothing chosen."""
-    rows, columns = bits.shape[0], 64 * bits.shape[1]
-    first, first_set = np.zeros(rows + 1, np.int64), np.zeros(columns + 1, np.int64)
+    rows, words = bits.shape
+    columns = 64 * words
+    absent = np.zeros(words, np.uint64)
     for i in range(rows):
-        first[i + 1] = first[i]
-        for w in range(bits.shape[1]):
-            word = bits[i, w]
-            first[i + 1] += ones(word)
-            while word != uint64(0):
-                first_set[64 * w + lowest(word) + 1] += 1
-                word &= word - uint64(1)
+        for w in range(words):
+            absent[w] |= bits[i, w]
     missing, places = np.empty(columns, np.int64), np.full(columns, -1, np.int64)
-    absent = 0
-    for j in range(columns):
-        if first_set[j + 1] > 0:
-            missing[absent] = j
-            places[j] = absent
-            absent += 1
-        first_set[j + 1] += first_set[j]
-    elements, sets = np.empty(first[rows], np.int32), np.empty(first[rows], np.int32)
-    filled, k = first_set.copy(), 0
-    for i in range(rows):
-        for w in range(bits.shape[1]):
-            word = bits[i, w]
-            while word != uint64(0):
-                j = 64 * w + lowest(word)
-                word &= word - uint64(1)
-                elements[k] = j
-                k += 1
-                sets[filled[j]] = i
-                filled[j] += 1
+    count = 0
+    for w in range(words):
+        word = absent[w]
+        while word != uint64(0):
+            j = 64 * w + lowest(word)
+            word &= word - uint64(1)
+            missing[count] = j
+            places[j] = count
+            count += 1
     return CoverSearch(
-        first,
-        elements,
-        first_set,
-        sets,
+        bits,
+        _columns(bits),
+        absent,
+        np.zeros(words, np.uint64),
         np.ones(columns, np.int64),
         np.zeros(columns, np.int64),
         np.zeros(columns, np.int64),
         missing,
         places,
-        first[1:] - first[:-1],
+        np.zeros(rows, np.int64),
         np.empty(rows, np.int64),
         np.full(rows, -rows - 1, np.int64),
         np.zeros(rows, np.bool_),
-        np.array([0, absent]),
+        np.empty(rows, np.int64),
+        np.empty(words, np.int64),
+        np.array([0, count, 0, 0]),
     )
 
 
@@ -111,26 +136,47 @@ def _search(bits: np.ndarray) -> CoverSearch:
 def _put_in(search: CoverSearch, i: int, now: int) -> None:
     """Choose a set."""
     own = 0
-    for k in range(search.first[i], search.first[i + 1]):
-        j = search.elements[k]
-        weight = search.weights[j]
-        search.times[j] += 1
-        if search.times[j] == 1:
-            own += weight
-            search.counts[1] -= 1
-            last, place = search.missing[search.counts[1]], search.places[j]
-            search.missing[place] = last
-            search.places[last] = place
-            for s in range(search.first_set[j], search.first_set[j + 1]):
-                search.scores[search.sets[s]] -= weight
-                search.frozen[search.sets[s]] = False
-        elif search.times[j] == 2:
-            search.scores[search.sums[j]] -= weight
-        search.sums[j] += i
+    for w in range(search.bits.shape[1]):
+        word = search.bits[i, w]
+        search.fresh[w] = word & search.absent[w]
+        search.absent[w] &= ~word
+        while word != uint64(0):
+            j = 64 * w + lowest(word)
+            word &= word - uint64(1)
+            weight = search.weights[j]
+            search.times[j] += 1
+            if search.times[j] == 1:
+                own += weight
+                search.counts[1] -= 1
+                last, place = search.missing[search.counts[1]], search.places[j]
+                search.missing[place] = last
+                search.places[last] = place
+            elif search.times[j] == 2:
+                search.scores[search.sums[j]] -= weight
+            search.sums[j] += i
     search.scores[i] = own
     search.stamps[i] = now
     search.chosen[search.counts[0]] = i
     search.counts[0] += 1
+    _thaw(search)
+
+
+@inlined
+def _thaw(search: CoverSearch) -> None:
+    """Sets that contain what the set that was put in is the first to contain are no longer frozen."""
+    kept = 0
+    for k in range(search.counts[2]):
+        i, met = search.held[k], False
+        for w in range(search.bits.shape[1]):
+            if search.bits[i, w] & search.fresh[w] != uint64(0):
+                met = True
+                break
+        if met:
+            search.frozen[i] = False
+        else:
+            search.held[kept] = i
+            kept += 1
+    search.counts[2] = kept
 
 
 @inlined
@@ -139,69 +185,77 @@ def _take_out(search: CoverSearch, place: int, now: int) -> None:
     i = search.chosen[place]
     search.counts[0] -= 1
     search.chosen[place] = search.chosen[search.counts[0]]
-    own = 0
-    for k in range(search.first[i], search.first[i + 1]):
-        j = search.elements[k]
-        weight = search.weights[j]
-        search.times[j] -= 1
-        search.sums[j] -= i
-        if search.times[j] == 0:
-            own += weight
-            search.places[j] = search.counts[1]
-            search.missing[search.counts[1]] = j
-            search.counts[1] += 1
-            for s in range(search.first_set[j], search.first_set[j + 1]):
-                search.scores[search.sets[s]] += weight
-        elif search.times[j] == 1:
-            search.scores[search.sums[j]] += weight
-    search.scores[i] = own
+    for w in range(search.bits.shape[1]):
+        word = search.bits[i, w]
+        while word != uint64(0):
+            bit = lowest(word)
+            j = 64 * w + bit
+            word &= word - uint64(1)
+            search.times[j] -= 1
+            search.sums[j] -= i
+            if search.times[j] == 0:
+                search.absent[w] |= uint64(1) << uint64(bit)
+                search.places[j] = search.counts[1]
+                search.missing[search.counts[1]] = j
+                search.counts[1] += 1
+            elif search.times[j] == 1:
+                search.scores[search.sums[j]] += search.weights[j]
     search.stamps[i] = now
     search.frozen[i] = True
-
-
-@inlined
-def _better(search: CoverSearch, i: int, best: int, sign: int) -> bool:
-    """Whether set i has a higher score (sign 1) or a lower one (-1) than the best so far, or the same for longer."""
-    if best < 0:
-        return True
-    ahead = sign * (search.scores[i] - search.scores[best])
-    better: bool = ahead > 0 or (ahead == 0 and search.stamps[i] < search.stamps[best])
-    return better
+    search.held[search.counts[2]] = i
+    search.counts[2] += 1
 
 
 @inlined
 def _least_missed(search: CoverSearch, spared: int) -> int:
-    """Place in `chosen` of the set that is missed least, another than `spared`; -1 if there is none."""
+    """Place in `chosen` of the set that is missed least, the longest there of several; another than `spared`.
+
+    -1 if there is none.
+    """
     best, place = -1, -1
     for k in range(search.counts[0]):
         i = search.chosen[k]
-        if i != spared and _better(search, i, best, -1):
+        if i == spared:
+            continue
+        ahead = search.scores[best] - search.scores[i] if best >= 0 else 1
+        if ahead > 0 or (ahead == 0 and search.stamps[i] < search.stamps[best]):
             best, place = i, k
     return place
 
 
 @inlined
-def _most_wanted(search: CoverSearch, j: int) -> int:
-    """The set with element j that is worth most, among those not frozen if there is one."""
-    best = -1
-    for s in range(search.first_set[j], search.first_set[j + 1]):
-        i = search.sets[s]
-        if not search.frozen[i] and _better(search, i, best, 1):
-            best = i
-    wanted = best
-    if best < 0:
-        wanted = search.sets[search.first_set[j]]
-    return wanted
+def _worth(search: CoverSearch, i: int) -> int:
+    """Weight of the missing elements that a set contains."""
+    worth = 0
+    for k in range(search.counts[3]):
+        w = search.near[k]
+        word = search.bits[i, w] & search.absent[w]
+        while word != uint64(0):
+            worth += search.weights[64 * w + lowest(word)]
+            word &= word - uint64(1)
+    return worth
 
 
 @inlined
-def _weigh_missing(search: CoverSearch) -> None:
-    """Give every missing element more weight."""
-    for k in range(search.counts[1]):
-        j = search.missing[k]
-        search.weights[j] += 1
-        for s in range(search.first_set[j], search.first_set[j + 1]):
-            search.scores[search.sets[s]] += 1
+def _most_wanted(search: CoverSearch, j: int) -> int:
+    """The set with element j that is worth most, among those not frozen if there is one; of several the longest out."""
+    search.counts[3] = 0
+    for w in range(search.absent.shape[0]):
+        if search.absent[w] != uint64(0):
+            search.near[search.counts[3]] = w
+            search.counts[3] += 1
+    first, best, most = -1, -1, -1
+    for v in range(search.columns.shape[1]):
+        word = search.columns[j, v]
+        while word != uint64(0):
+            i = 64 * v + lowest(word)
+            word &= word - uint64(1)
+            first = i if first < 0 else first
+            if not search.frozen[i]:
+                worth = _worth(search, i)
+                if worth > most or (worth == most and search.stamps[i] < search.stamps[best]):
+                    best, most = i, worth
+    return best if best >= 0 else first
 
 
 @compiled(types.int64(WORDS, types.int64, types.int64, INDICES_OUT))
@@ -241,5 +295,6 @@ def fewer(bits: np.ndarray, count: int, steps: int, chosen_out: Integers) -> int
         wanted = search.missing[np.int64(state >> uint64(1)) % search.counts[1]]
         last = _most_wanted(search, wanted)
         _put_in(search, last, step)
-        _weigh_missing(search)
+        for k in range(search.counts[1]):
+            search.weights[search.missing[k]] += 1
     return best

@@ -67,10 +67,15 @@ def load(module: ModuleType) -> None:
     _COMPILER.load(module)
 
 
-def load_imported() -> None:
-    """The same for all files that have been imported by now, so that no first call has to wait."""
+def load_imported(*rooms: str) -> None:
+    """The same for all files of some rooms, or of all, that have been imported by now, so that no first call waits.
+
+    Before threads call kernels at the same time, one has to load them: numba tells types apart by numbers, which two
+    threads that meet a type for the first time could give twice.
+    """
+    beginnings = tuple(f"guidefield.kernels.{room}" for room in rooms) or ("guidefield.kernels.",)
     for name, module in list(sys.modules.items()):
-        if name.startswith("guidefield.kernels."):
+        if name.startswith(beginnings):
             load(module)
 
 

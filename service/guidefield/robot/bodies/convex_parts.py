@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import logging
-import weakref
-from collections.abc import Callable
 from typing import Any
 
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Surface
-from guidefield.robot.bodies.sphere_cover import Progress
+from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
-
-_log = logging.getLogger(__name__)
 
 TIGHT = 0.005
 """A part that stands off its mesh by no more isn't halved [m]."""
@@ -28,55 +22,31 @@ TIGHT = 0.005
 MOST = 8
 """Most parts of a mesh."""
 
-_known: weakref.WeakKeyDictionary[RobotModel, tuple[Decomposition | None, ...]] = weakref.WeakKeyDictionary()
-
-
-def logged(done: int, of: int, link: str) -> None:
-    """Say in the log how far it is."""
-    _log.info("cutting link %s into convex parts: %d of %d shapes done", link, done, of)
-
 
 def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
     """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
 
-    They take some seconds for each mesh, are found once, and kept on disk. None for a primitive or hull, which is
-    convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in its list.
+    They take some tenths of a second for each mesh, are found once, and kept on disk. None for a primitive or hull,
+    which is convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in
+    its list.
 
     Args:
         robot: The robot.
-        progress: Told before each mesh that isn't known yet; what it raises comes through.
+        progress: Called before each mesh that isn't known yet; what it raises comes through.
     """
-    if robot not in _known:
-        shapes = list(robot.geometry.geometryObjects)
-        found: list[Decomposition | None] = []
-        for index, shape in enumerate(shapes):
-            if not isinstance(shape.geometry, coal.BVHModelBase):
-                found.append(None)
-                continue
-            question = _question(shape.geometry)
-            arrays = recalled(*question)
-            if arrays is None:
-                progress(index, len(shapes), str(robot.model.frames[shape.parentFrame].name))
-                arrays = remembered(*question)
-            found.append(_restored(arrays))
-        _known[robot] = tuple(found)
-    return _known[robot]
+    return PARTS.all(robot, None, progress)
 
 
 def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
-    if robot in _known:
-        return _known[robot]
-    kept = (
-        recalled(*_question(shape.geometry)) if isinstance(shape.geometry, coal.BVHModelBase) else None
-        for shape in robot.geometry.geometryObjects
-    )
-    return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
+    return PARTS.known(robot, None)
 
 
-def _question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:
+def _question(shape: Any, _: None) -> Question | None:
     """What the parts of a mesh are kept under: a name, what they depend on, and how they are found."""
-    vertices, triangles = triangulation(mesh)
+    if not isinstance(shape, coal.BVHModelBase):
+        return None
+    vertices, triangles = triangulation(shape)
     inputs = {
         "vertices": vertices,
         "triangles": triangles,
@@ -120,3 +90,7 @@ def _restored(arrays: Arrays) -> Decomposition | None:
         for distance, vertices, faces, triangles in zip(arrays["stand_offs"], *columns, strict=True)
     )
     return Decomposition(tuple(parts), hull)
+
+
+PARTS = ByShape("cutting", _question, _restored)
+"""By robot."""

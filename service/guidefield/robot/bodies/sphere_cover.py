@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import logging
-import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import coal
 import numpy as np
 
-from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.cover import Cover, cover
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.inner import inner_balls
@@ -20,6 +17,8 @@ from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover
 from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
 from guidefield.geometry.solid import solid
 from guidefield.geometry.surfaces import Floats
+from guidefield.kept import kept_with
+from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 
@@ -28,17 +27,6 @@ DELTA = 0.015
 
 LARGE = 20_000.0
 """A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many."""
-
-Progress = Callable[[int, int, str], None]
-"""Told before each shape that isn't known yet: how many are done, how many there are, its link."""
-
-
-_log = logging.getLogger(__name__)
-
-
-def logged(done: int, of: int, link: str) -> None:
-    """Say in the log how far it is."""
-    _log.info("covering link %s: %d of %d shapes done", link, done, of)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,40 +76,29 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
     Args:
         robot: The robot.
         delta: By how much the covers may leave the shapes [m].
-        progress: Told before each shape that isn't known yet; what it raises comes through.
+        progress: Called before each shape that isn't known yet; what it raises comes through.
 
     Raises:
         ValueError: if `delta` is not positive.
     """
     if not (delta > 0.0 and np.isfinite(delta)):
         raise ValueError(f"`delta` must be positive, got {delta} m")
-    known = _known.setdefault(robot, {})
-    if delta not in known:
-        shapes = []
-        geometry = robot.geometry.geometryObjects
-        for done, shape in enumerate(geometry):
-            question = _question(shape.geometry, delta)
-            arrays = recalled(*question)
-            if arrays is None:
-                progress(done, len(geometry), str(robot.model.frames[shape.parentFrame].name))
-                arrays = remembered(*question)
-            shapes.append(_restored(arrays))
-        known[delta] = Coverage(tuple(shapes), delta)
-    return known[delta]
+    COVERS.all(robot, delta, progress)
+    return _coverage(robot, delta)
+
+
+@kept_with
+def _coverage(robot: RobotModel, delta: float) -> Coverage:
+    """Of a robot whose covers are known."""
+    return Coverage(cast("tuple[ShapeCoverage, ...]", known_coverage(robot, delta)), delta)
 
 
 def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCoverage | None, ...]:
     """What `coverage` gives, as far as it is known without computing anything, by shape; None where it isn't."""
-    if delta in _known.get(robot, {}):
-        return _known[robot][delta].shapes
-    kept = (recalled(*_question(shape.geometry, delta)) for shape in robot.geometry.geometryObjects)
-    return tuple(None if arrays is None else _restored(arrays) for arrays in kept)
+    return COVERS.known(robot, delta)
 
 
-_known: weakref.WeakKeyDictionary[RobotModel, dict[float, Coverage]] = weakref.WeakKeyDictionary()
-
-
-def _question(shape: Any, delta: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
+def _question(shape: Any, delta: float) -> Question:
     """What the balls of a shape are kept under: a name, what they depend on, and how they are found."""
     kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
     if kind is None:
@@ -194,3 +171,7 @@ def _stored(found: ShapeCoverage) -> Arrays:
 def _restored(arrays: Arrays) -> ShapeCoverage:
     fields = {name: arrays[name] for name in _FIELDS}
     return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"].reshape(-1, 4))
+
+
+COVERS = ByShape("covering", _question, _restored)
+"""By robot and by how much covers may leave the shapes [m]."""

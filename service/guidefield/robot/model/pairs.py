@@ -23,6 +23,9 @@ ROAM = 1.0
 TOUCH = 1e-4
 """Links this close count as touching [m]: faces that slide on each other, which no motion could be certified for."""
 
+ROUNDING = 1e-9
+"""By how much balls about shapes are believed larger than they are, as a share."""
+
 ALWAYS, OFTEN = 0.95, 0.05
 """Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
 
@@ -115,13 +118,38 @@ def _shares_touching(
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
     for request in geometry_data.collisionRequests:
         request.security_margin = TOUCH
-    counts = dict.fromkeys(names, 0)
+    near, counts = _Near(geometry), dict.fromkeys(names, 0)
     for q in [rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]:
-        pin.computeCollisions(model, data, geometry, geometry_data, q, False)
-        hits = zip(names, geometry_data.collisionResults, strict=True)
-        for pair in {pair for pair, result in hits if result.isCollision()}:
+        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
+        found = near(geometry_data)
+        for pair in {names[k] for k in found if pin.computeCollision(geometry, geometry_data, k)}:
             counts[pair] += 1
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
+
+
+class _Near:
+    """Which pairs of a geometry model may touch where its shapes stand: the balls about them do.
+
+    Args:
+        geometry: The model, whose shapes stay as they are.
+    """
+
+    def __init__(self, geometry: Any) -> None:
+        shapes = [shape.geometry for shape in geometry.geometryObjects]
+        for shape in shapes:
+            shape.computeLocalAABB()
+        self._centres = [np.array(shape.aabb_center) for shape in shapes]
+        radii = np.array([shape.aabb_radius for shape in shapes])
+        self._pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs], np.int64).reshape(-1, 2)
+        self._reach = radii[self._pairs].sum(axis=1) * (1.0 + ROUNDING) + 2.0 * TOUCH
+
+    def __call__(self, placed: Any) -> list[int]:
+        """The pairs' places in the model's list, from its data with placements that are up to date."""
+        there = zip(placed.oMg, self._centres, strict=True)
+        centres = np.array([placement.act(centre) for placement, centre in there])
+        apart = np.linalg.norm(centres[self._pairs[:, 0]] - centres[self._pairs[:, 1]], axis=1)
+        near: list[int] = np.flatnonzero(~(apart > self._reach)).tolist()
+        return near
 
 
 def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> RobotConfiguration:

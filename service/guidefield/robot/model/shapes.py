@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import threading
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 
+from guidefield.aside import spread
 from guidefield.geometry.cache import remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
@@ -18,6 +21,7 @@ from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.robot.model.model import GeometryChoice
+from guidefield.system import usable_processors
 
 HULL_STAND_OFF = 0.005
 """A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m].
@@ -51,16 +55,13 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
             that its numbers are hardly metres.
     """
     choices = []
-    settled: dict[tuple[str, bytes], _Settled] = {}
+    settled = _all_settled(geometry)
     for shape in geometry.geometryObjects:
         link = model.frames[shape.parentFrame].name
-        if not isinstance(shape.geometry, coal.BVHModelBase):
+        if not _is_mesh(shape.geometry):
             choices.append(GeometryChoice(shape.name, link, type(shape.geometry).__name__.lower(), "primitive"))
             continue
-        key = (shape.meshPath, np.asarray(shape.meshScale).tobytes())
-        if key not in settled:
-            settled[key] = _settled(shape.geometry)
-        one = settled[key]
+        one = settled[_file_of(shape)]
         if (extent := _extent(shape.geometry)) > HARDLY_METRES:
             warnings.append(
                 f"link {link!r}: mesh {uris.get(shape.meshPath, shape.name)!r} is {extent:.4g} m large: are its numbers"
@@ -74,6 +75,28 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
                 f"link {link!r}: mesh {mesh!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
             )
     return tuple(choices)
+
+
+def _file_of(shape: Any) -> tuple[str, bytes]:
+    """What the meshes of two of Pinocchio's geometry objects are the same with: file and scale."""
+    return shape.meshPath, np.asarray(shape.meshScale).tobytes()
+
+
+def _all_settled(geometry: Any) -> dict[tuple[str, bytes], _Settled]:
+    """As what each mesh of a geometry model is judged, by file and scale; found on all processors."""
+    meshes = {_file_of(one): one.geometry for one in geometry.geometryObjects if _is_mesh(one.geometry)}
+    settled: dict[tuple[str, bytes], _Settled] = {}
+
+    def settle_one(name: tuple[str, bytes], mesh: Any) -> None:
+        settled[name] = _settled(mesh)
+
+    works = (functools.partial(settle_one, name, mesh) for name, mesh in meshes.items())
+    spread(works, max(1, min(usable_processors(), len(meshes))))
+    return settled
+
+
+def _is_mesh(shape: Any) -> bool:
+    return isinstance(shape, coal.BVHModelBase)
 
 
 def _extent(mesh: Any) -> float:
@@ -106,18 +129,21 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
         vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
     some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
     key = (type(shape), hashlib.sha256(vertices.tobytes()).digest(), count, some)
-    triangles = _KNOWN.pop(key, None)
+    triangles = _KNOWN.get(key)
     if triangles is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
-    _KNOWN[key] = triangles
-    while len(_KNOWN) > MOST_KNOWN:
-        del _KNOWN[next(iter(_KNOWN))]
+    with _KEEPING:
+        _KNOWN.pop(key, None)
+        _KNOWN[key] = triangles  # the last one asked for stands last
+        while len(_KNOWN) > MOST_KNOWN:
+            del _KNOWN[next(iter(_KNOWN))]
     for array in (vertices, triangles):
         array.setflags(write=False)
     return vertices, triangles
 
 
 MOST_KNOWN = 256
+_KEEPING = threading.Lock()
 
 _KNOWN: dict[tuple[Any, ...], np.ndarray] = {}
 

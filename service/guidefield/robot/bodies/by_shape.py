@@ -1,0 +1,167 @@
+"""What is found once for each collision shape of a robot and kept on disk: piece by piece, in any order, at once."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import weakref
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from guidefield.aside import spread
+from guidefield.geometry.cache import name_of, recalled, remembered
+from guidefield.geometry.entries import Arrays
+from guidefield.kernels.jit.compilers import load_imported
+from guidefield.robot.model.model import RobotModel
+from guidefield.system import usable_processors
+
+_log = logging.getLogger(__name__)
+
+Found = TypeVar("Found")
+
+Question = tuple[str, Arrays, Callable[[], Arrays]]
+"""What is found for a shape: the name it is kept under, what it depends on, and how it is found."""
+
+
+class Piece(NamedTuple):
+    """What has to be found for one shape, and those like it.
+
+    Attributes:
+        told: What is done, in a few words: such as ``covering link2, shape 3 of 8``.
+        extent: How large the shape is, which says about how long it takes [m]; 0 of what may well be known.
+        find: Finds it, and keeps it.
+    """
+
+    told: str
+    extent: float
+    find: Callable[[], object]
+
+    @classmethod
+    def of(cls, doing: str, robot: RobotModel, index: int, extent: float, find: Callable[[], object]) -> Piece:
+        """What is done about a robot's collision shape."""
+        shapes = robot.geometry.geometryObjects
+        link = robot.model.frames[shapes[index].parentFrame].name
+        return cls(f"{doing} {link}, shape {index + 1} of {len(shapes)}", extent, find)
+
+
+Progress = Callable[[Piece], None]
+"""Called before each piece is begun, by one thread at a time."""
+
+
+def logged(piece: Piece) -> None:
+    """Say in the log what is done."""
+    _log.info("%s", piece.told)
+
+
+def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
+    """Find all of some pieces on all processors, each begun in its turn.
+
+    Args:
+        pieces: The longest should be first.
+        progress: Where it raises, no more are begun, and that is raised.
+    """
+
+    def begun() -> Iterator[Callable[[], object]]:
+        for piece in pieces:
+            progress(piece)
+            yield piece.find
+
+    if any(piece.extent > 0.0 for piece in pieces):
+        load_imported("cover.", "distance.")
+    if pieces:
+        spread(begun(), min(usable_processors(), len(pieces)))
+
+
+class ByShape(Generic[Found]):
+    """What is found for the shapes of robots, as long as these live.
+
+    Args:
+        doing: How finding it is called.
+        question: For a Coal shape and what is asked besides; None: nothing is found for such a shape.
+        restored: What was found, from its arrays.
+    """
+
+    def __init__(
+        self, doing: str, question: Callable[[Any, Any], Question | None], restored: Callable[[Arrays], Found | None]
+    ) -> None:
+        self._doing, self._question, self._restored = doing, question, restored
+        self._known: weakref.WeakKeyDictionary[RobotModel, dict[Hashable, tuple[Found | None, ...]]] = (
+            weakref.WeakKeyDictionary()
+        )
+
+    def all(self, robot: RobotModel, asked: Hashable, progress: Progress) -> tuple[Found | None, ...]:
+        """What is found for each shape, in the geometry's order; what `progress` raises comes through."""
+        search = self.search(robot, asked)
+        found_at_once(search.pieces, progress)
+        return search.keep()
+
+    def known(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
+        """The same as far as it is known without computing anything; None elsewhere."""
+        if asked in self._known.get(robot, {}):
+            return self._known[robot][asked]
+        return self.search(robot, asked).found()
+
+    def search(self, robot: RobotModel, asked: Hashable) -> Search[Found]:
+        """What is known, and what has to be found."""
+        known = self._known.setdefault(robot, {})
+        return Search(known, asked, () if asked in known else self._asked_of(robot, asked), self._restored)
+
+    def _asked_of(self, robot: RobotModel, asked: Hashable) -> list[tuple[Question | None, Callable[..., Piece]]]:
+        """What is found for each shape, in the geometry's order, and what makes a piece of it."""
+        return [
+            (self._question(shape.geometry, asked), functools.partial(Piece.of, self._doing, robot, index))
+            for index, shape in enumerate(robot.geometry.geometryObjects)
+        ]
+
+
+class Search(Generic[Found]):
+    """What is known of what was asked about a robot's shapes, and what isn't.
+
+    Attributes:
+        pieces: What has to be found, the largest shape first.
+    """
+
+    def __init__(
+        self,
+        known: dict[Hashable, tuple[Found | None, ...]],
+        asked: Hashable,
+        questions: Sequence[tuple[Question | None, Callable[..., Piece]]],
+        restored: Callable[[Arrays], Found | None],
+    ) -> None:
+        self._known, self._asked, self._restored = known, asked, restored
+        self._names: list[str | None] = []
+        self._answers: dict[str, Found | None] = {}
+        unfound: dict[str, Piece] = {}
+        for question, piece in questions:
+            name = None if question is None else name_of(*question)
+            self._names.append(name)
+            if question is None or name is None or name in self._answers or name in unfound:
+                continue
+            arrays = recalled(*question)
+            if arrays is None:
+                unfound[name] = piece(_extent(question[1]), functools.partial(self._find, name, question))
+            else:
+                self._answers[name] = restored(arrays)
+        self.pieces = sorted(unfound.values(), key=lambda piece: -piece.extent)
+
+    def found(self) -> tuple[Found | None, ...]:
+        """What is known by now for each shape, in the geometry's order; None elsewhere."""
+        if self._asked in self._known:
+            return self._known[self._asked]
+        return tuple(None if name is None else self._answers.get(name) for name in self._names)
+
+    def keep(self) -> tuple[Found | None, ...]:
+        """The same once all is found; it is kept with the robot."""
+        return self._known.setdefault(self._asked, self.found())
+
+    def _find(self, name: str, question: Question) -> None:
+        self._answers[name] = self._restored(remembered(*question))
+
+
+def _extent(inputs: Arrays) -> float:
+    """How large a shape is [m]: that of its vertices, or its largest number."""
+    if "vertices" in inputs:
+        return float(np.linalg.norm(np.ptp(inputs["vertices"], axis=0)))
+    return max(float(np.max(array)) for array in inputs.values())

@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numba
+import numpy as np
+
+from guidefield.kernels.simd.fused import fused
+
+
+@numba.njit
+def _fused(x: float, y: float, z: float) -> float:
+    return fused(x, y, z)
+
+
+def test_it_is_rounded_once() -> None:
+    rng = np.random.default_rng(0)
+    rounded_twice = 0
+    for x, y, z in rng.normal(size=(500, 3)).tolist():
+        assert _fused(x, y, z) == float(Fraction(x) * Fraction(y) + Fraction(z))
+        rounded_twice += _fused(x, y, z) != x * y + z
+    assert rounded_twice > 50
+
+
+def test_two_of_them_are_the_sum_that_blas_makes() -> None:
+    u = np.random.default_rng(1).normal(size=(500, 2))
+    blas = [float(row @ row) for row in u]
+    ours = [_fused(y, y, x * x) for x, y in u.tolist()]
+    plain = [x * x + y * y for x, y in u.tolist()]
+    assert blas in (ours, plain)  # where the processor can't, BLAS rounds twice
