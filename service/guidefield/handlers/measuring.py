@@ -10,8 +10,8 @@ from guidefield.planner.quality import Clearance, MotionInTime, clearance
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Budget, Conditions
 
-MUCH = 100_000
-"""Distances of fewer pairs at places are found within some milliseconds."""
+MUCH, MUCH_AT_REST = 100_000, 1_000_000
+"""Distances of fewer pairs at places are found within some milliseconds: among what moves, and by kernels."""
 
 UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
 """Warning about motions that were not measured."""
@@ -31,7 +31,8 @@ def measured_in_time(motions: Sequence[tuple[MotionInTime, Conditions]], budget:
     def work() -> list[Clearance]:
         return [clearance(*one) for one in motions]
 
-    if sum(_distances(*one) for one in motions) < MUCH:
+    much = MUCH if any(problem.scene.moves for _, problem in motions) else MUCH_AT_REST
+    if sum(_distances(*one) for one in motions) < much:
         return work()
     until = time.monotonic() + MEASURING.last
 
