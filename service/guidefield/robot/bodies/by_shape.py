@@ -56,7 +56,9 @@ def logged(piece: Piece) -> None:
 
 
 def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
-    """Find all of some pieces on all processors, each begun in its turn.
+    """Find all of some pieces on all processors, each begun in its turn; what may well be known in this thread alone.
+
+    Threads must not load kernels at the same time, and to load them all takes longer than to read what is known.
 
     Args:
         pieces: The longest should be first.
@@ -68,10 +70,11 @@ def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
             progress(piece)
             yield piece.find
 
+    at_once = 1
     if any(piece.extent > 0.0 for piece in pieces):
-        load_imported("cover.", "distance.")
-    if pieces:
-        spread(begun(), min(usable_processors(), len(pieces)))
+        load_imported("cover.", "distance.", "linalg.")
+        at_once = min(usable_processors(), len(pieces))
+    spread(begun(), at_once)
 
 
 class ByShape(Generic[Found]):
