@@ -140,6 +140,7 @@ def test_options_are_the_same_whether_set_or_left(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("asked", [operator.add, operator.mul, operator.truediv, operator.getitem, operator.lt, abs])
 def test_remembered_signatures_are_those_that_numba_finds(asked: object) -> None:
     context = cpu_target.typing_context
+    context.refresh()  # else it knows no builtins in a process that has compiled nothing yet
     function = context.resolve_value_type(asked)
     of = {operator.getitem: [(VECTOR, types.int64), (VECTOR, types.slice2_type)], abs: [(SCALAR,), (types.int64,)]}
     both = [(SCALAR, SCALAR), (SCALAR, types.float32), (types.int64, SCALAR), (types.int64, types.int64)]
