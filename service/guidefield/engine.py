@@ -590,9 +590,10 @@ def _read(request: bytes | dict[str, Any] | requests.Request, began: float) -> r
         TimedOut: if it has no such reply.
         GuidefieldError: if it is ill-posed.
     """
-    with waiting_collector() if is_of_many(request) else contextlib.nullcontext():
+    of_many = is_of_many(request)
+    with waiting_collector() if of_many else contextlib.nullcontext():
         try:
-            return read_in_time(request, began)
+            return read_in_time(request, began, of_many)
         except TooLongToRead as late:
             head = late.head
     from guidefield.handlers.unbegun import time_up_reading, timed_out_reading

@@ -21,4 +21,8 @@ class ReadOnly:
     """
 
     def __post_init__(self) -> None:
-        read_only(*vars(self).values())
+        for value in vars(self).values():
+            if type(value) is np.ndarray:  # most values are none, and are told so soonest
+                value.setflags(False)
+            elif isinstance(value, tuple | np.ndarray):
+                read_only(value)

@@ -36,7 +36,9 @@ Fields = Mapping[str, "Long | Fields"]
 """What is taken out of a message, by field: lists, and those in messages in it."""
 
 
-def checked(request: bytes | dict[str, Any] | requests.Request, look: Look = never) -> requests.Request:
+def checked(
+    request: bytes | dict[str, Any] | requests.Request, look: Look = never, large: bool | None = None
+) -> requests.Request:
     """As `codec.decode_request`; a Struct that was made in Python, which no decoder has seen, is checked too.
 
     A large scene that holds what one did that was checked before isn't checked again.
@@ -44,16 +46,18 @@ def checked(request: bytes | dict[str, Any] | requests.Request, look: Look = nev
     Args:
         request: In any form.
         look: Called again and again while a large one is read that isn't JSON.
+        large: Whether it `is_large`, where that is known.
 
     Raises:
         RequestTooLarge, MalformedRequest: as in `codec.decode`.
     """
+    large = is_large(request) if large is None else large
     if not isinstance(request, requests.Request):
-        return _in_parts(request, look) if is_large(request) else codec.decode_request(request)
+        return _in_parts(request, look) if large else codec.decode_request(request)
     given = getattr(request, "scene", None)
     scene = _CHECKED.of(given, look)
     if scene is None:
-        made = _in_parts(request, look) if is_large(request) else codec.decode_request(codec.without_arrays(request))
+        made = _in_parts(request, look) if large else codec.decode_request(codec.without_arrays(request))
         _CHECKED.keep(given, getattr(made, "scene", None), look)
         return made
     bare = with_fields(request, {"scene": scene.name})

@@ -69,12 +69,13 @@ class TooLongToRead(Exception):
         self.head = head
 
 
-def read_in_time(request: bytes | dict[str, Any] | Request, began: float) -> Request:
+def read_in_time(request: bytes | dict[str, Any] | Request, began: float, of_many: bool) -> Request:
     """A request in any of its forms; a Struct, which no decoder has seen, is checked.
 
     Args:
         request: The request.
         began: When its time began, on the clock of `time.monotonic` [s].
+        of_many: Whether it `is_of_many`.
 
     Raises:
         TooLongToRead: if its time was up before it was read, or is certain to be.
@@ -82,8 +83,8 @@ def read_in_time(request: bytes | dict[str, Any] | Request, began: float) -> Req
     """
     if (late := too_long_to_read(request, began)) is not None:
         raise TooLongToRead(late)
-    in_python = isinstance(request, dict | msgspec.Struct)
-    head = _head_of(request) if in_python and given_requests.is_large(request) else None
+    large = of_many and isinstance(request, dict | msgspec.Struct)
+    head = _head_of(request) if large else None
     since = time.monotonic()
 
     def look() -> None:
@@ -91,7 +92,7 @@ def read_in_time(request: bytes | dict[str, Any] | Request, began: float) -> Req
         if head is not None and now + (now - since) * HASHED >= began + head.allowed:
             raise TooLongToRead(head)
 
-    return given_requests.checked(request, look)
+    return given_requests.checked(request, look, large)
 
 
 def _head_of(request: Any) -> RunHead | WorkHead | None:

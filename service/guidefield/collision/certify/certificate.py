@@ -257,7 +257,7 @@ class _Judge:
         self.evaluations += 1
         world.place(group.expand_from_chart(z))
         for one in left:
-            if world.penetration(one.pair) is not None:
+            if world.touches(one.pair):
                 return Reason.CONTACT, one.pair
         for one in left:
             if one.kept > 0.0 and world.penetration(one.pair, one.kept) is not None:
@@ -273,8 +273,10 @@ def _left_of(level: Sequence[CurveSegment]) -> tuple[np.ndarray, np.ndarray]:
         Of a segment in which none was judged before there are none.
     """
     left = [segment.pairs for segment in level if segment.pairs is not None]
+    if not left:
+        return np.zeros(len(level) + 1, np.int64), _NONE
     counts = (0 if segment.pairs is None else len(segment.pairs) for segment in level)
-    return np.array([0, *accumulate(counts)]), np.concatenate(left) if left else _NONE
+    return np.array([0, *accumulate(counts)]), np.concatenate(left)
 
 
 _NONE = np.empty((0, 3), np.int64)

@@ -10,7 +10,8 @@ import numpy as np
 
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.kernels.certificate.halves import find_halves
-from guidefield.robot.model.spaces import ChartCurves
+from guidefield.kernels.certificate.ranges import find_ranges
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 MANY = 64.0
 """A curve that spans so many times `CERTIFICATE.widest` is divided bit by bit."""
@@ -59,11 +60,13 @@ def curve_segments(pieces: ChartCurves) -> Iterator[CurveSegment]:
     """
     if not len(pieces):
         return
-    spans = (pieces.max(axis=1) - pieces.min(axis=1)).max(axis=1)
+    low, high = ranges(pieces)
+    spans = (high - low).max(axis=1)
     number, alone = (np.cumsum(spans) - 0.5 * spans) // CERTIFICATE.together, spans > CERTIFICATE.together
-    starts = np.flatnonzero(np.r_[True, (number[1:] != number[:-1]) | alone[1:] | alone[:-1]])
-    for first, last in pairwise([*starts.tolist(), len(pieces)]):
-        if spans[first] <= CERTIFICATE.widest:
+    begun = np.flatnonzero((number[1:] != number[:-1]) | alone[1:] | alone[:-1]) + 1
+    wide = spans > CERTIFICATE.widest
+    for first, last in pairwise([0, *begun.tolist(), len(pieces)]):
+        if not wide[first]:
             yield CurveSegment(first, pieces[first:last], 0.0, 1.0, None)
         else:
             yield from _parts_of_wide(first, pieces[first:last], 0.0, 1.0)
@@ -87,7 +90,15 @@ def _parts_of_wide(piece: int, controls: ChartCurves, start: float, end: float) 
 
 def _span(controls: ChartCurves) -> float:
     """The most that a coordinate spans on one of some curves, control points (m, k, nv)."""
-    return float((controls.max(axis=1) - controls.min(axis=1)).max())
+    low, high = ranges(controls)
+    return float((high - low).max())
+
+
+def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
+    """The least and the largest of each curve's control points, shape (m, k, nv), by coordinate: (m, nv) each."""
+    low, high = np.empty((2, len(controls), controls.shape[2]))
+    find_ranges(np.ascontiguousarray(controls), low, high)
+    return cast(ChartPoints, low), cast(ChartPoints, high)
 
 
 def halved(controls: ChartCurves) -> ChartCurves:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.collision.certify.curve_segments import halved
+from guidefield.collision.certify.curve_segments import halved, ranges
 from guidefield.collision.certify.settings import LIMITS
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 
@@ -25,8 +25,8 @@ def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple
         The largest excess, shape (m, nv) [rad or m]; where no control point is beyond a limit a bound of it, which
         isn't positive but for rounding. The parameter of its place on the piece, from 0 to 1, shape (m, nv).
     """
-    most = np.maximum(lower - pieces.min(axis=1), pieces.max(axis=1) - upper)
-    places = np.zeros(most.shape)
+    low, high = ranges(pieces)
+    most, places = np.maximum(lower - low, high - upper), np.zeros(low.shape)
     which, at = np.nonzero(most > LIMITS.exact)
     if len(which):
         most[which, at], places[which, at] = _largest(pieces[which, :, at], lower[at], upper[at])

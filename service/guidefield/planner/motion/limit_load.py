@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from guidefield.kernels.timing import hermite
-from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 TOLERANCE = 1e-9
@@ -37,15 +37,12 @@ def limit_load(
         acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
         jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
     """
-    speeds, accelerations = np.empty_like(velocities[1:]), np.empty_like(velocities[1:])
-    hermite.piece_peaks(times, positions, velocities, speeds, accelerations)
-    at_start, at_end = piece_accelerations(times, positions, velocities)
-    jerks = np.abs(at_end - at_start) / (times[1:] - times[:-1])[:, None]
-    return max(
-        float((speeds / velocity_limits).max()),
-        math.sqrt(float((accelerations / acceleration_limits).max())),
-        math.cbrt(float((jerks / jerk_limits).max())),
+    shares = np.empty(3)
+    hermite.largest_shares(
+        times, positions, velocities, velocity_limits, acceleration_limits, jerk_limits, shares
     )
+    velocity, acceleration, jerk = shares.tolist()
+    return max(velocity, math.sqrt(acceleration), math.cbrt(jerk))
 
 
 def at_limits(

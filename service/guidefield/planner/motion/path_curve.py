@@ -7,13 +7,14 @@ difference of its control points: the closer these are, the closer it is.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 
 from guidefield.planner.motion.bspline import basis, basis_bends, basis_slopes
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 
 BEFORE = np.array([-1, 0, 1, 2])
@@ -58,11 +59,18 @@ class PathCurve(ReadOnly):
         Returns:
             Both of shape (pieces * steps + 1, nv) [rad or m].
         """
-        shares = np.arange(steps) / steps
         about = self.points[np.arange(self.pieces)[:, None] + 1 + BEFORE]
-        ends = basis_slopes(np.ones(1)) @ about[-1], basis_bends(np.ones(1)) @ about[-1]
         made = [
-            np.concatenate([(of @ about).reshape(-1, self.points.shape[1]), end])
-            for of, end in zip((basis_slopes(shares), basis_bends(shares)), ends, strict=True)
+            np.concatenate([(of @ about).reshape(-1, self.points.shape[1]), at_end @ about[-1]])
+            for of, at_end in zip(_bases(steps), _bases(0), strict=True)
         ]
         return cast(ChartRates, made[0]), cast(ChartRates, made[1])
+
+
+@functools.lru_cache(maxsize=16)
+def _bases(steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """The derivatives of the basis at so many even steps of a piece, shape (steps, 4) each; at its end where 0."""
+    shares = np.arange(steps) / steps if steps else np.ones(1)
+    made = basis_slopes(shares), basis_bends(shares)
+    read_only(*made)
+    return made
