@@ -23,6 +23,6 @@ class ReadOnly:
     def __post_init__(self) -> None:
         for value in vars(self).values():
             if type(value) is np.ndarray:  # most values are none, and are told so soonest
-                value.setflags(False)
+                value.setflags(write=False)
             elif isinstance(value, tuple | np.ndarray):
                 read_only(value)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages import given_requests
+from guidefield.messages import codec, given_requests, known_payloads
 from guidefield.messages.checked_scenes import WORTH, CheckedScenes
-from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.messages.codec import Encoding
+from guidefield.messages.requests import JointsGoal, PlanRequest, StoreScene
 from guidefield.messages.scene import Box, GuidePlane, Mesh, PointCloud, Scene
-from guidefield.messages.seen_scene import SeenScene
+from guidefield.messages.scene_changes import RequestScene
+from guidefield.messages.seen_scene import SeenScene, parts_of
 from guidefield.messages.values import Float32Array, Uint32Array
 
 
@@ -106,10 +111,10 @@ def test_few_scenes_are_kept_and_small_ones_never() -> None:
 def test_packed_points_count() -> None:
     packed = Float32Array(np.zeros(3 * WORTH, "<f4").tobytes())
     scene = Scene("s", obstacles=[PointCloud(name="c", points=packed, radius=0.1)])
-    assert SeenScene(scene).parts == WORTH + 1
+    assert parts_of(scene) == WORTH + 1
     triangles = Uint32Array(np.tile(np.arange(3, dtype="<u4"), WORTH).tobytes())
     mesh = Mesh(name="m", vertices=packed, triangles=triangles)
-    assert SeenScene(Scene("s", obstacles=[mesh])).parts == 2 * WORTH + 1
+    assert parts_of(Scene("s", obstacles=[mesh])) == 2 * WORTH + 1
 
 
 def test_the_rest_of_a_request_is_checked_each_time() -> None:
@@ -121,3 +126,110 @@ def test_the_rest_of_a_request_is_checked_each_time() -> None:
     twin.obstacles[7] = twin.obstacles[6]
     with pytest.raises(MalformedRequest, match=r"obstacles\[7\].name"):
         given_requests.checked(asked(twin))
+
+
+def in_arrays(count: int = 2000) -> dict[str, Any]:
+    sheet_ = sheet(count)
+    arrays = {"vertices": np.array(sheet_.vertices), "triangles": np.array(sheet_.triangles, "<u4")}
+    return {"name": "s", "obstacles": [{"type": "mesh", "name": "sheet", **arrays}]}
+
+
+def packed(scene: dict[str, Any]) -> dict[str, Any]:
+    mesh = scene["obstacles"][0]
+    numbers = {
+        "vertices": {"float32": mesh["vertices"].astype("<f4").tobytes()},
+        "triangles": {"uint32": mesh["triangles"].tobytes()},
+    }
+    return {**scene, "obstacles": [mesh | numbers]}
+
+
+def in_messages(scene: dict[str, Any]) -> Scene:
+    mesh = scene["obstacles"][0]
+    return Scene("s", obstacles=[Mesh(name="sheet", vertices=mesh["vertices"], triangles=mesh["triangles"])])
+
+
+@pytest.mark.parametrize("form", [dict, packed, in_messages])
+def test_what_is_given_in_arrays_is_checked_once(form: Callable[[dict[str, Any]], Any]) -> None:
+    scenes = [form(in_arrays()) for _ in range(2)]
+    requests = [{"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}} for scene in scenes]
+    made = [given_requests.checked(request) for request in requests]
+    assert made[1].scene is made[0].scene  # type: ignore[union-attr]
+    assert (
+        made[0]
+        == made[1]
+        == codec.decode_request(codec.encode(codec.decode_request(codec.without_arrays(requests[0]))))
+    )
+
+
+@pytest.mark.parametrize("form", [dict, in_messages])
+def test_an_array_that_was_changed_since_is_noticed(form: Callable[[dict[str, Any]], Any]) -> None:
+    known, arrays = CheckedScenes(2), in_arrays()
+    given = form(arrays)
+    vertices = arrays["obstacles"][0]["vertices"]
+    known.keep(given, Scene("s", obstacles=crates()))
+    assert known.of(given) is not None
+    vertices[-1, 2] += 1e-9
+    assert known.of(given) is None
+    vertices[-1, 2] -= 1e-9
+    vertices[0, 0] = -0.0
+    assert known.of(given) is None
+
+
+def test_arrays_of_another_kind_are_others() -> None:
+    known, given = CheckedScenes(2), in_arrays()
+    known.keep(given, Scene("s", obstacles=crates()))
+    mesh = given["obstacles"][0]
+    for other in (
+        {"triangles": mesh["triangles"].view("<i4")},
+        {"triangles": mesh["triangles"].reshape(-1)},
+        {"triangles": mesh["triangles"].tobytes()},
+        {"triangles": mesh["triangles"].tolist()},
+        {"vertices": np.asfortranarray(mesh["vertices"])},
+        {"vertices": mesh["vertices"].astype(object)},
+        {"vertices": mesh["vertices"].astype(">f8")},
+        {"name": "other"},
+        {"name": np.array(["sheet"])},
+        {"placement": object()},
+    ):
+        assert known.of({**given, "obstacles": [mesh | other]}) is None
+    assert known.of(given) is not None
+    assert known.of({**given, "obstacles": [mesh | {"vertices": mesh["vertices"].copy()}]}) is not None
+
+
+def test_a_change_of_a_stored_scene_is_never_known() -> None:
+    known, given = CheckedScenes(2), in_arrays()
+    known.keep(given, RequestScene(base="table", add=crates()))
+    assert not known
+
+
+@pytest.mark.parametrize("encoding", list(Encoding))
+def test_a_scene_in_a_payload_is_read_once(encoding: Encoding, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known_payloads, "_KNOWN", CheckedScenes(2))
+    scene, goals = in_messages(in_arrays(10_000)), [{"panda_joint1": 0.8}, {"panda_joint1": 0.9}]
+    plans = [PlanRequest("panda", scene, JointsGoal(goal), seed=index) for index, goal in enumerate(goals)]
+    payloads = [codec.encode(plan, encoding) for plan in plans]
+    assert min(map(len, payloads)) > known_payloads.FEWEST_BYTES
+    read = [known_payloads.read(payload, PlanRequest, encoding) for payload in payloads]
+    assert read[0].scene is read[1].scene
+    assert read == [codec.decode(payload, PlanRequest, encoding) for payload in payloads]
+    broken = codec.encode(msgspec.structs.replace(plans[0], seed="five"), encoding)  # type: ignore[arg-type]
+    with pytest.raises(MalformedRequest, match=r"\$.seed"):
+        known_payloads.read(broken, PlanRequest, encoding)
+    moved = msgspec.structs.replace(plans[0], scene=in_messages(in_arrays(10_001)))
+    assert known_payloads.read(codec.encode(moved, encoding), PlanRequest, encoding).scene is not read[0].scene
+
+
+def test_a_payload_that_is_cut_off_is_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known_payloads, "_KNOWN", CheckedScenes(2))
+    whole = codec.encode(PlanRequest("panda", in_messages(in_arrays(10_000)), JointsGoal({"panda_joint1": 0.8})))
+    first = known_payloads.read_new(whole)
+    assert known_payloads.read_again(whole).scene is first.scene  # type: ignore[union-attr]
+    for payload in (whole[:-1], whole + b"}", whole.replace(b'"vertices"', b'"vertexes"')):
+        assert known_payloads.read_again(payload) is None
+        with pytest.raises(MalformedRequest):
+            known_payloads.read_new(payload)
+
+
+def test_a_scene_is_stored_twice() -> None:
+    store = StoreScene("s", Scene("s", obstacles=crates()))
+    assert given_requests.checked(store) == given_requests.checked(store) == store

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene import Scene
-from guidefield.messages.seen_scene import SeenScene
+from guidefield.messages.scene_changes import RequestScene
+from guidefield.messages.seen_parts import SeenParts
+from guidefield.messages.seen_payload import Payload, SeenPayload
+from guidefield.messages.seen_scene import SeenScene, parts_of
 from guidefield.messages.values import Look, never
 
 WORTH = 64
@@ -15,14 +18,18 @@ WORTH = 64
 MOST_PARTS = 4_000_000
 """Obstacles, corners and triangles of all that are kept; a million take some tens of megabytes."""
 
+MOST_BYTES = 2**28
+"""Of arrays, packed numbers and payloads that are kept."""
+
 
 class _Checked(NamedTuple):
-    seen: SeenScene
+    seen: SeenScene | SeenParts | SeenPayload
     scene: Scene
+    parts: int
 
 
 class CheckedScenes:
-    """The scenes that were checked last.
+    """The scenes that were checked last, in the forms in which they were given.
 
     Args:
         most: How many are kept.
@@ -32,35 +39,62 @@ class CheckedScenes:
         self._most = most
         self._kept: tuple[_Checked, ...] = ()
 
-    def of(self, given: object, look: Look = never) -> Scene | None:
+    def __bool__(self) -> bool:
+        """Whether any is kept."""
+        return bool(self._kept)
+
+    def of(self, given: Any, look: Look = never) -> Scene | None:
         """The checked form of a scene that holds what one did that was checked; None where none is known.
 
         Args:
-            given: As it is given.
+            given: As it is given: a message, a dict, or the payload that it is in.
             look: Called again and again while a large one is compared.
         """
-        if type(given) is not Scene:
-            return None
-        return next((one.scene for one in self._kept if one.seen.is_like(given, look)), None)
+        kinds = _kinds_of(given)
+        like = (one.scene for one in self._kept if type(one.seen) in kinds and one.seen.is_like(given, look))
+        return next(like, None)
 
-    def keep(self, given: object, checked: object, look: Look = never) -> None:
-        """Keep a scene that passed.
+    def keep(self, given: Any, checked: object, look: Look = never) -> None:
+        """Keep a scene that passed, if it is worth it.
 
         Args:
             given: As it was given.
             checked: As the decoder made it: nobody may change it any more, it is ours.
             look: Called again and again while a large one is looked at.
         """
-        if type(given) is not Scene or not isinstance(checked, Scene):
+        if not isinstance(checked, Scene) or (isinstance(checked, RequestScene) and checked.base is not None):
             return
+        seen, parts = _seen(given, look), parts_of(checked)
+        if seen is None or parts < WORTH:
+            return
+        kept = [_Checked(seen, make_own(checked), parts)]
+        left, bytes_left = MOST_PARTS - parts, MOST_BYTES - _size(seen)
+        for one in self._kept[: self._most - 1]:
+            left, bytes_left = left - one.parts, bytes_left - _size(one.seen)
+            if min(left, bytes_left) >= 0:
+                kept.append(one)
+        self._kept = tuple(kept)
+
+
+def _kinds_of(given: object) -> tuple[type, ...]:
+    """What a scene in a form may be known by."""
+    if isinstance(given, Payload):
+        return (SeenPayload,)
+    if type(given) is Scene:
+        return SeenScene, SeenParts
+    return (SeenParts,) if isinstance(given, dict | Scene) else ()
+
+
+def _seen(given: Any, look: Look) -> SeenScene | SeenParts | SeenPayload | None:
+    """What a scene can be known by; None if there is nothing, or it isn't worth it."""
+    for kind in _kinds_of(given):
         try:
-            seen = SeenScene(given, look)
+            seen: SeenScene | SeenParts | SeenPayload = kind(given, look)
         except TypeError:
-            return
-        if seen.parts >= WORTH:
-            kept, left = [_Checked(seen, make_own(checked))], MOST_PARTS - seen.parts
-            for one in self._kept[: self._most - 1]:
-                left -= one.seen.parts
-                if left >= 0:
-                    kept.append(one)
-            self._kept = tuple(kept)
+            continue
+        return seen if not isinstance(seen, SeenParts) or seen.is_large else None
+    return None
+
+
+def _size(seen: SeenScene | SeenParts | SeenPayload) -> int:
+    return 0 if isinstance(seen, SeenScene) else seen.size

@@ -21,7 +21,6 @@ from guidefield.messages.stream_requests import (
     StreamsReply,
 )
 from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
-from guidefield.messages.values import Reply
 
 MAX_REQUEST_BYTES = 64 * 2**20
 """Largest payload that is looked at."""
@@ -124,9 +123,18 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
         return converted
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
-    tag = decode(request, _Tag, Encoding.JSON)
-    decoded: requests.Request = decode(request, requests.PlanRequest if tag.type is None else requests.TaggedRequest)
+    decoded: requests.Request = decode(request, kind_of(request), Encoding.JSON)
     return decoded
+
+
+def kind_of(request: bytes) -> Any:
+    """The class of a request in JSON, or the union of all that say which they are.
+
+    Raises:
+        RequestTooLarge, MalformedRequest: as in `decode`.
+    """
+    tag = decode(request, _Tag, Encoding.JSON)
+    return requests.PlanRequest if tag.type is None else requests.TaggedRequest
 
 
 def convert(plain: Any, kind: Any, at: str = "$", first: int = 0) -> Any:
@@ -168,7 +176,7 @@ def without_arrays(request: Any) -> Any:
         raise MalformedRequest(f"the request holds what no message can: {error}", path="$") from None
 
 
-def encode(message: Reply | msgspec.Struct, encoding: Encoding = Encoding.JSON) -> bytes:
+def encode(message: object, encoding: Encoding = Encoding.JSON) -> bytes:
     """Encode a reply, or any message."""
     encoded: bytes = _ENCODERS[encoding].encode(message)
     return encoded

@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 
-from guidefield.messages import codec, requests
+from guidefield.messages import codec, known_payloads, requests
 from guidefield.messages.certify_request import MOST_ROWS, require_finite_rows
 from guidefield.messages.checked_scenes import CheckedScenes
 from guidefield.messages.conditions import MOST_HELD, MOST_PAIRS, AttachedObject
@@ -52,18 +52,26 @@ def checked(
         RequestTooLarge, MalformedRequest: as in `codec.decode`.
     """
     large = is_large(request) if large is None else large
-    if not isinstance(request, requests.Request):
-        return _in_parts(request, look) if large else codec.decode_request(request)
-    given = getattr(request, "scene", None)
+    if type(request) is bytes:
+        return known_payloads.read_new(request)
+    given = get(request, "scene")
     scene = _CHECKED.of(given, look)
     if scene is None:
-        made = _in_parts(request, look) if large else codec.decode_request(codec.without_arrays(request))
+        made = _read(request, large, look)
         _CHECKED.keep(given, getattr(made, "scene", None), look)
         return made
-    bare = with_fields(request, {"scene": scene.name})
-    made = _in_parts(bare, look) if is_large(bare) else codec.decode_request(codec.without_arrays(bare))
+    stand_in = {"name": scene.name} if isinstance(request, dict) else Scene(scene.name)
+    bare = with_fields(request, {"scene": stand_in})
+    made = _read(bare, is_large(bare), look)
     msgspec.structs.force_setattr(made, "scene", scene)
     return made
+
+
+def _read(request: Any, large: bool, look: Look) -> requests.Request:
+    """A request in Python, read anew."""
+    if large:
+        return _in_parts(request, look)
+    return codec.decode_request(codec.without_arrays(request) if isinstance(request, msgspec.Struct) else request)
 
 
 _CHECKED = CheckedScenes(4)

@@ -69,13 +69,13 @@ class TooLongToRead(Exception):
         self.head = head
 
 
-def read_in_time(request: bytes | dict[str, Any] | Request, began: float, of_many: bool) -> Request:
+def read_in_time(request: bytes | dict[str, Any] | Request, began: float, of_many: bool | None = None) -> Request:
     """A request in any of its forms; a Struct, which no decoder has seen, is checked.
 
     Args:
         request: The request.
         began: When its time began, on the clock of `time.monotonic` [s].
-        of_many: Whether it `is_of_many`.
+        of_many: Whether it `is_of_many`, where that is known.
 
     Raises:
         TooLongToRead: if its time was up before it was read, or is certain to be.
@@ -83,6 +83,7 @@ def read_in_time(request: bytes | dict[str, Any] | Request, began: float, of_man
     """
     if (late := too_long_to_read(request, began)) is not None:
         raise TooLongToRead(late)
+    of_many = is_of_many(request) if of_many is None else of_many
     large = of_many and isinstance(request, dict | msgspec.Struct)
     head = _head_of(request) if large else None
     since = time.monotonic()

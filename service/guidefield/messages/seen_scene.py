@@ -45,12 +45,6 @@ class SeenScene:
                     hash(tuple(one[begin : begin + TOGETHER]))
                     look()
 
-    @property
-    def parts(self) -> int:
-        """How many obstacles it held, with the corners, triangles and points that they are declared by."""
-        listed = sum(len(one) for lists in self._lists.values() for one in lists)
-        return len(self._bodies) + listed + sum(map(_packed, self._bodies))
-
     def is_like(self, scene: Scene, look: Look = never) -> bool:
         """Whether a scene holds the same; what isn't the same object is compared number by number.
 
@@ -104,12 +98,22 @@ def _are_same_objects(one: list[Any], other: list[Any]) -> bool:
     return all(one[k] is other[k] for k in range(0, len(one), max(1, len(one) // LOOKED_AT)))
 
 
-def _packed(body: Any) -> int:
-    """How many points and triangles of an obstacle are packed."""
-    points = getattr(body, "points", None) or getattr(body, "vertices", None)
-    triangles = getattr(body, "triangles", None)
-    counted = len(points.float32) // 12 if isinstance(points, Float32Array) else 0
-    return counted + (len(triangles.uint32) // 12 if isinstance(triangles, Uint32Array) else 0)
+def parts_of(scene: Scene) -> int:
+    """How many obstacles and guide planes a scene holds, with the corners, triangles and points of each."""
+    bodies = [*scene.obstacles, *scene.guide_planes]
+    return len(bodies) + sum(_count(getattr(body, field, None)) for body in bodies for field in _MANY)
+
+
+_MANY = "vertices", "triangles", "points"
+
+
+def _count(declared: Any) -> int:
+    """How many points or triangles are declared, as a list or packed."""
+    if isinstance(declared, Float32Array):
+        return len(declared.float32) // 12
+    if isinstance(declared, Uint32Array):
+        return len(declared.uint32) // 12
+    return len(declared) if isinstance(declared, list) else 0
 
 
 def _rest_of(body: Any) -> tuple[Any, ...]:

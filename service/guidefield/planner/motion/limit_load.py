@@ -38,9 +38,7 @@ def limit_load(
         jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
     """
     shares = np.empty(3)
-    hermite.largest_shares(
-        times, positions, velocities, velocity_limits, acceleration_limits, jerk_limits, shares
-    )
+    hermite.largest_shares(times, positions, velocities, velocity_limits, acceleration_limits, jerk_limits, shares)
     velocity, acceleration, jerk = shares.tolist()
     return max(velocity, math.sqrt(acceleration), math.cbrt(jerk))
 
