@@ -20,12 +20,12 @@ import pinocchio as pin
 from guidefield.collision.certify.chords import Chords, chords_of
 from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
 from guidefield.collision.certify.position_limits import excesses
-from guidefield.collision.certify.settings import CERTIFICATE, LIMITS, with_coal_error
+from guidefield.collision.certify.settings import CERTIFICATE, LIMITS
 from guidefield.collision.certify.tables import certified_obstacles, certified_robot
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
-from guidefield.kernels.certificate.losses import find_losses
-from guidefield.kernels.certificate.near import ASKED, find_near
+from guidefield.kernels.certificate.asked import TOLD, find_asked
+from guidefield.kernels.certificate.near import ASKED
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelTangents
@@ -196,24 +196,18 @@ class _Judge:
             joints: Placements there of the joints, shape (s, njoints, 12) [m].
             moves: Velocities of all joints there where those in the chart are the chords, shape (s, nv of the model).
         """
-        robot, obstacles = self._robot, self._obstacles
-        centres, own = np.empty((len(level), len(robot.radii), 3)), np.empty((len(level), len(robot.own)))
-        mixed = np.empty(centres.shape[:2])
-        find_losses(robot, jacobians, joints, chords.half_widths, chords.chords, moves, chords.off, centres, own, mixed)
-        own_margins, margins = with_coal_error(own), with_coal_error(mixed + self.min_clearance)
-        starts, left = _left_of(level)
+        robot, starts_left = self._robot, _left_of(level)
+        given = self._obstacles, jacobians, joints, chords.half_widths, chords.chords, moves, chords.off
+        error = CERTIFICATE.coal_relative, CERTIFICATE.coal_accuracy
         count, found = ROOM, np.empty((0, ASKED), np.int64)
         while count > len(found):
-            found, told = np.empty((count, ASKED), np.int64), np.empty(count)
-            count = find_near(robot, obstacles, joints, centres, own_margins, margins, starts, left, found, told)
+            found, told = np.empty((count, ASKED), np.int64), np.empty((count, TOLD))
+            count = find_asked(robot, *given, self.min_clearance, *error, *starts_left, found, told)
         near: dict[int, list[_Asked]] = {}
-        for (row, pair, first, second), apart in sorted(
+        for (row, pair, first, second), (apart, bound, margin) in sorted(
             zip(found[:count].tolist(), told[:count].tolist(), strict=True)
         ):
-            if pair < len(robot.own):
-                kept, bound, margin = 0.0, own.item(row, pair), own_margins.item(row, pair)
-            else:
-                kept, bound, margin = self.min_clearance, mixed.item(row, first), margins.item(row, first)
+            kept = 0.0 if pair < len(robot.own) else self.min_clearance
             near.setdefault(row, []).append((pair, first, second, bound, kept, margin, apart))
         return near
 
