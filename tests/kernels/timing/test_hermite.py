@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from guidefield.kernels.timing.hermite import piece_peaks, states_at
+from guidefield.kernels.timing.hermite import largest_shares, piece_peaks, states_at
 from tests.knots import random_knots
 
 
@@ -49,6 +49,20 @@ def test_from_rest_to_rest_in_one_piece_is_fastest_in_the_middle():
     speeds, accelerations = peaks(piece_peaks, np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), np.zeros((2, 1)))
     assert speeds[0, 0] == pytest.approx(1.5, rel=1e-15)
     assert accelerations[0, 0] == pytest.approx(6.0, rel=1e-15)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
+    times, positions, velocities = random_knots(seed)
+    limits = np.random.default_rng(seed).uniform(0.1, 9.0, (3, positions.shape[1]))
+    limits[2, 0] = np.inf
+    speeds, accelerations = peaks(piece_peaks, times, positions, velocities)
+    jerks = CubicHermiteSpline(times, positions, velocities).c[0] * 6.0  # the third derivative is constant
+    shares = np.full(3, np.nan)
+    largest_shares(times, positions, velocities, *limits, shares)
+    wanted = [(speeds / limits[0]).max(), (accelerations / limits[1]).max(), (np.abs(jerks) / limits[2]).max()]
+    np.testing.assert_allclose(shares, wanted, rtol=1e-9)
 
 
 def test_runs_undecorated():

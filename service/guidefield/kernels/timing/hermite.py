@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import void
 
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-
-
-@inlined
-def _peak(duration: float, begin: float, end: float, v: float, w: float) -> tuple[float, float, float]:
-    """The largest speed of a coordinate on a piece, and its accelerations at the two ends."""
-    mean = (end - begin) / duration
-    a = (6.0 * mean - 4.0 * v - 2.0 * w) / duration
-    b = (2.0 * v + 4.0 * w - 6.0 * mean) / duration
-    speed = max(abs(v), abs(w))
-    if a * b < 0.0:
-        speed = max(speed, abs(v + a * a * duration / (2.0 * (a - b))))
-    return speed, a, b
+from guidefield.kernels.jit.signatures import (
+    MATRIX,
+    MATRIX_OUT,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    compiled,
+    exact_kernel,
+    inlined,
+)
 
 
 @compiled(void(VECTOR, MATRIX, MATRIX, MATRIX_OUT, MATRIX_OUT))
@@ -40,12 +38,17 @@ def piece_peaks(
         duration = times[i + 1] - times[i]
         for c in range(positions.shape[1]):
             v, w = velocities[i, c], velocities[i + 1, c]
-            speed, a, b = _peak(duration, positions[i, c], positions[i + 1, c], v, w)
+            mean = (positions[i + 1, c] - positions[i, c]) / duration
+            a = (6.0 * mean - 4.0 * v - 2.0 * w) / duration
+            b = (2.0 * v + 4.0 * w - 6.0 * mean) / duration
+            speed = max(abs(v), abs(w))
+            if a * b < 0.0:
+                speed = max(speed, abs(v + a * a * duration / (2.0 * (a - b))))
             speeds_out[i, c] = speed
             accelerations_out[i, c] = max(abs(a), abs(b))
 
 
-@compiled(void(VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR_OUT))
+@exact_kernel(void(VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR_OUT))
 def largest_shares(
     times: Floats,
     positions: Floats,
@@ -66,14 +69,19 @@ def largest_shares(
         jerk_limits: Shape (c,), positive or infinite [rad/s³ or m/s³].
         out: The three shares, shape (3,).
     """
+    pieces, coordinates = times.shape[0] - 1, positions.shape[1]
+    speeds, accelerations = np.empty((pieces, coordinates)), np.empty((pieces, coordinates))
+    piece_peaks(times, positions, velocities, speeds, accelerations)
     out[:] = 0.0
-    for i in range(times.shape[0] - 1):
+    for i in range(pieces):
         duration = times[i + 1] - times[i]
-        for c in range(positions.shape[1]):
+        for c in range(coordinates):
             v, w = velocities[i, c], velocities[i + 1, c]
-            speed, a, b = _peak(duration, positions[i, c], positions[i + 1, c], v, w)
-            out[0] = max(out[0], speed / velocity_limits[c])
-            out[1] = max(out[1], max(abs(a), abs(b)) / acceleration_limits[c])
+            mean = (positions[i + 1, c] - positions[i, c]) / duration
+            a = (6.0 * mean - 4.0 * v - 2.0 * w) / duration
+            b = (2.0 * v + 4.0 * w - 6.0 * mean) / duration
+            out[0] = max(out[0], speeds[i, c] / velocity_limits[c])
+            out[1] = max(out[1], accelerations[i, c] / acceleration_limits[c])
             out[2] = max(out[2], abs(b - a) / duration / jerk_limits[c])
 
 
