@@ -10,6 +10,7 @@ from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.obstacle_boxes import boxes_along_axes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
+from guidefield.collision.world import ROOM, TOUCHING
 from guidefield.messages import scene as messages
 from guidefield.scene.scene import build
 from tests.collision.listed import touching
@@ -134,3 +135,27 @@ def test_far_obstacles_change_no_verdict(seed):
         one, other = certify(few, pieces, 0.02), certify(many, pieces, 0.02)
         assert (one.reason, one.pair, one.free_until) == (other.reason, other.pair, other.free_until)
         assert one.evaluations == other.evaluations
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])
+def test_near_pairs_are_those_that_bounds_of_all_pairs_leave(name):
+    planned, rng = group(name), np.random.default_rng(11)
+    world = world_of(planned, [*scattered(rng, 60), FLOOR], [])
+    qs = [planned.expand_from_chart(planned.random(rng)) for _ in range(12)]
+    pairs, margin = np.arange(len(world.pairs)), np.full(len(world.pairs), TOUCHING)
+    for q, near in zip(qs, world.near_each(qs), strict=True):
+        world.place(q)
+        placements = world.joint_placements[None].copy()
+        centres, at = world.bodies.centres_in_world(placements), np.zeros(len(pairs), np.int64)
+        bounds = world.near_pairs.separations(centres, at, pairs)
+        close = np.maximum(bounds, world.near_pairs.closer_separations(placements, at, pairs)) <= margin
+        assert near == np.flatnonzero(close).tolist() == world.near(q)
+        assert 0 < len(near) < len(pairs)
+
+
+def test_there_is_room_for_all_pairs():
+    crumbs = [box(f"c{k}", (0.5, 0.5, 0.5), (0.1, 0.0, 0.3 + 1e-3 * k)) for k in range(2 * ROOM)]
+    world = world_of(group("panda"), crumbs)
+    near = world.near(world.group.expand(rest(world.group)))
+    assert len(near) > ROOM
+    assert near == sorted(set(near))

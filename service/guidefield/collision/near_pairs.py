@@ -13,9 +13,6 @@ from guidefield.collision.pairs import Pairs
 SLACK = 1e-9
 """What boxes about balls are wider by, for rounding [m]."""
 
-TOGETHER = 30_000
-"""So many pairs are compared at once: some megabytes."""
-
 
 @dataclass(frozen=True, eq=False)
 class NearPairs:
@@ -79,54 +76,6 @@ class NearPairs:
         gaps = self.boxes.gaps(centres[~own], second[~own] - self.pairs.links).min(axis=1)
         found[~own] = gaps - radii[first[~own]]
         return np.where(found > 0.0, found, -np.inf)
-
-    def within(
-        self, placements: np.ndarray, centres: np.ndarray, own: np.ndarray, mixed: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The pairs at each of s configurations that balls and boxes can't tell to be farther apart than margins.
-
-        Args:
-            placements: As in `closer_separations`.
-            centres: As in `separations`.
-            own: Margins of the robot's own pairs, shape (s, n_self) [m].
-            mixed: Margins of the robot's bodies and obstacles, shape (s, r) [m].
-
-        Returns:
-            Configuration and index of each of them, both of shape (k,), in this order, and the larger of both bounds of
-            its signed distance, shape (k,) [m].
-        """
-        at, found = self.by_place(centres, mixed)
-        margins = np.concatenate([own.ravel(), mixed[at, self.pairs.bodies(found)[:, 0]]])
-        count = self.pairs.n_self
-        which = np.concatenate([np.repeat(np.arange(len(centres)), count), at])
-        pairs = np.concatenate([np.tile(np.arange(count), len(centres)), found])
-        bounds = np.empty(len(pairs))
-        for first in range(0, len(pairs), TOGETHER):
-            some = slice(first, first + TOGETHER)
-            bounds[some] = self.bounds(placements, centres, which[some], pairs[some], margins[some])
-        close = np.flatnonzero(bounds <= margins)
-        order = close[np.lexsort((pairs[close], which[close]))]
-        return which[order], pairs[order], bounds[order]
-
-    def bounds(
-        self, placements: np.ndarray, centres: np.ndarray, which: np.ndarray, pairs: np.ndarray, margins: np.ndarray
-    ) -> np.ndarray:
-        """`separations`; of those that are no larger than margins (m,) the larger of these and `closer_separations`.
-
-        Args:
-            placements: As in `closer_separations`.
-            centres: As in `separations`.
-            which: As there.
-            pairs: As there.
-            margins: Shape (m,) [m].
-
-        Returns:
-            Shape (m,) [m].
-        """
-        found = self.separations(centres, which, pairs)
-        near = np.flatnonzero(found <= margins)
-        found[near] = np.maximum(found[near], self.closer_separations(placements, which[near], pairs[near]))
-        return found
 
     def by_place(self, centres: np.ndarray, margins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The pairs with obstacles whose boxes are within margins of the boxes about balls: no others are as near.

@@ -19,9 +19,11 @@ from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.collision.near_pairs import NearPairs
+from guidefield.collision.near_tables import balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.errors import SceneInvalid, UnknownObject
+from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
@@ -32,6 +34,9 @@ PairNames = tuple[str, str]
 
 TOUCHING = 1e-6
 """Pairs that balls and boxes tell to be farther apart than this don't touch [m]."""
+
+ROOM = 256
+"""Room for so many pairs that may touch; where there are more, they are found again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +263,7 @@ class World:
     def near(self, q: ModelConfiguration) -> list[int]:
         """The pairs that may touch at a configuration of the model, shape (model.nq,), where the robot is placed."""
         self.place(q)
-        centres = self.bodies.centres_in_world(self.joint_placements)[None]
-        own, mixed = np.full((1, self.pairs.n_self), TOUCHING), np.full((1, self.pairs.links), TOUCHING)
-        found: list[int] = self.near_pairs.within(self.joint_placements[None], centres, own, mixed)[1].tolist()
-        return found
+        return self._near_where(self.joint_placements.copy(order="C")[None], None)[0]
 
     def near_each(self, qs: Sequence[ModelConfiguration], of: np.ndarray | None = None) -> list[list[int]]:
         """The pairs that may touch at each of some configurations, as `near` has them; the robot is left anywhere.
@@ -275,14 +277,28 @@ class World:
         for row, q in enumerate(qs):
             pin.forwardKinematics(self.model, self.data, q)
             placements[row] = self.joint_placements
-        centres = self.bodies.centres_in_world(placements)
-        own, mixed = (np.full((len(qs), count), TOUCHING) for count in (self.pairs.n_self, self.pairs.links))
+        return self._near_where(placements, of)
+
+    def _near_where(self, placements: np.ndarray, of: np.ndarray | None) -> list[list[int]]:
+        """The same where the joints stand so, shape (s, njoints, 3, 4) [m]."""
+        own, moving = np.arange(self.pairs.n_self), np.arange(len(self.pairs.moving))
         if of is not None:
-            own[:, ~of[self.pairs.own].any(axis=1)] = -np.inf
-            if self.scene.convex:
-                mixed[:, ~of] = -np.inf
-        at, found, _ = self.near_pairs.within(placements, centres, own, mixed)
-        return [pairs.tolist() for pairs in np.split(found, np.searchsorted(at, np.arange(1, len(qs))))][: len(qs)]
+            own = own[of[self.pairs.own].any(axis=1)]
+            moving = moving[of[self.pairs.moving]] if self.scene.convex else moving
+        given = *self._near_tables, placements.reshape(*placements.shape[:2], 12), TOUCHING, own, moving
+        count, found = ROOM, np.empty((0, 2), np.int64)
+        while count > len(found):
+            found = np.empty((count, 2), np.int64)
+            count = find_near_pairs(*given, found)
+        near: list[list[int]] = [[] for _ in placements]
+        for at, pair in sorted(found[:count].tolist()):
+            near[at].append(pair)
+        return near
+
+    @cached_property
+    def _near_tables(self) -> tuple[BalledRobot, BoxedObstacles]:
+        """The robot and the obstacles as `find_near_pairs` reads them."""
+        return balled_robot(self.group, self.pairs), boxed_obstacles(self.scene, self.pairs)
 
     def in_collision_each(
         self, qs: Sequence[ModelConfiguration], near: Sequence[list[int]] | None = None

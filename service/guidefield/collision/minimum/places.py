@@ -17,13 +17,15 @@ import pinocchio as pin
 from guidefield.collision.certify.timed_certificate import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.curve import Curve
-from guidefield.collision.near_pairs import TOGETHER
 from guidefield.collision.robot_ball import robot_ball
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.spaces import ModelConfigurations
 
 BALLS, PARTS, HULLS, EXACT = range(4)
 """Stages of a distance: what it is known by."""
+
+TOGETHER = 30_000
+"""So many pairs are compared at once: some megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
