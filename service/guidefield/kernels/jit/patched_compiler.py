@@ -32,7 +32,10 @@ from numba.extending import overload
 from numba.np import arrayobj
 
 from guidefield.kernels.jit.cache import use_kernel_folders
+from guidefield.kernels.jit.interned_types import intern_one_by_one
 from guidefield.kernels.jit.typing_cache import quicken_typing
+
+intern_one_by_one()  # whoever has kernels may load them in several threads
 
 
 class Part(CPUDispatcher):  # type: ignore[misc]  # numba is untyped

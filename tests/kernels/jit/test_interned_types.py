@@ -1,0 +1,45 @@
+"""Threads that make equal types of numba's at the same moment get the same one."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import pytest
+from numba import types
+from numba.core.types import abstract
+from numba.core.types.abstract import _TypeMetaclass
+
+from guidefield.kernels.jit import interned_types, patched_compiler
+
+
+class SlowLookUp(dict[Any, Any]):
+    """Who looks up what isn't there is interrupted right after."""
+
+    def get(self, key: Any, default: Any = None) -> Any:
+        found = super().get(key, default)
+        time.sleep(0.02)
+        return found
+
+
+def made_at_once(length: int) -> list[Any]:
+    with ThreadPoolExecutor(4) as threads:
+        return list(threads.map(lambda _: types.UniTuple(types.float64, length), range(4)))
+
+
+def test_equal_types_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert patched_compiler.part, "who has kernels has the change"
+    assert _TypeMetaclass._intern is interned_types._interned
+    monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
+    made = made_at_once(70_001)
+    assert all(one is made[0] for one in made)
+
+
+def test_numbas_own_gives_one_type_two_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the change is needed no more."""
+    monkeypatch.setattr(abstract, "_typecache", SlowLookUp(abstract._typecache))
+    monkeypatch.setattr(_TypeMetaclass, "_intern", interned_types._intern)
+    made = made_at_once(70_002)
+    assert made[0] == made[1]
+    assert len({one._code for one in made}) > 1
