@@ -18,7 +18,7 @@ from tests.kernels.jit.plain_slice import results
 KERNELS = Path(kernels.__file__).parent
 HOUSE = Path(__file__).parents[3]
 
-CHANGES = {"guidefield.kernels.jit.patched_compiler", "guidefield.kernels.jit.typing_cache"}
+CHANGES = {f"guidefield.kernels.jit.{name}" for name in ("interned_types", "patched_compiler", "typing_cache")}
 """The files that change numba."""
 
 OFFERED = {
