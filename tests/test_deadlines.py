@@ -67,8 +67,8 @@ def test_answers_to_whatever_is_long_come_in_time(kinds: list[str]) -> None:
     assert missed([(kind, form, 0.05) for kind in kinds for form in ("dicts", "json")], 0.1) == []
 
 
-def test_what_a_robot_holds_is_built_in_time() -> None:
-    """Building it takes some seconds, and goes on by itself."""
+def test_what_a_robot_holds_is_built_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes some seconds, and goes on by itself; how far it gets depends on what is kept on disk."""
     mesh = triangles(60_000)["scene"]["obstacles"][0]
     held = {
         **mesh,
@@ -85,8 +85,11 @@ def test_what_a_robot_holds_is_built_in_time() -> None:
         "recording": "off",
     }
     guidefield.answer(SMALL)
+    monkeypatch.setattr(time, "monotonic", time.process_time)  # threads beside one another count twice
     began = time.process_time()
     reply = guidefield.answer(asked)
     assert not too_late(time.process_time() - began - 0.3, 0.3)
     assert isinstance(reply, guidefield.PlanReply)
-    assert (reply.status.name, reply.status.details["preparing"]) == ("TIMED_OUT", "what the robot holds was built")
+    assert (reply.status.name, reply.status.details["stage"]) == ("TIMED_OUT", "load")
+    assert reply.status.details["preparing"]
+    assert (reply.certificate.collision_free, reply.certificate.evaluations) == (False, 0)

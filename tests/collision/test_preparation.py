@@ -103,6 +103,7 @@ def test_over_the_wire_preparing_counts_and_is_told(cold: Path) -> None:
     pieces = ["covering l0, shape 1 of 2", "cutting l0, shape 1 of 2"]  # begun in this turn, perhaps both by then
     assert late.status.details["stage"] == "load"
     assert late.status.details["preparing"] in ["the meshes of the robot", *pieces]
+    assert (late.certificate.collision_free, late.certificate.evaluations) == (False, 0)
     reply = engine.answer(request_for(urdf, 600.0), received=time.monotonic(), watcher=heard)
     assert isinstance(reply, PlanReply)
     assert reply.status.name == "SUCCESS"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 
 from guidefield.aside import StoppedError, done_aside
@@ -34,13 +33,8 @@ def measured_in_time(motions: Sequence[tuple[MotionInTime, Conditions]], budget:
     much = MUCH if any(problem.scene.moves for _, problem in motions) else MUCH_AT_REST
     if sum(_distances(*one) for one in motions) < much:
         return work()
-    until = time.monotonic() + MEASURING.last
-
-    def spent() -> object:
-        return time.monotonic() >= until and budget.spent()
-
     try:
-        return done_aside(work, spent, lambda: "the motion was measured")
+        return done_aside(work, budget.with_at_least(MEASURING.last), lambda: "the motion was measured")
     except StoppedError:
         return None
 

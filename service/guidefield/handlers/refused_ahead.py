@@ -10,7 +10,7 @@ from guidefield.errors import Status
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.plan import Plan, refused
+from guidefield.planner.plan import Plan, refused, unprepared
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
@@ -64,7 +64,7 @@ def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan
             f" {stopped}; what is prepared is kept: ask again, or allow more time for the first plan"
         )
         details = {"stage": "load", "preparing": str(stopped)}
-        return refused(problem, problem.budget.spent() or Status.TIMED_OUT, message, details)
+        return unprepared(problem, problem.budget.spent() or Status.TIMED_OUT, message, details)
     return None
 
 

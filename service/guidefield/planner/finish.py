@@ -7,7 +7,6 @@ is refused the motion is drawn closer to the path. In the end it stops at every 
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
@@ -322,8 +321,7 @@ def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
 
 def at_the_very_end(problem: Problem) -> Callable[[], object]:
     """Whether time is up, and what is still allowed for a judgement that begins now has passed too."""
-    until = time.monotonic() + LAST_JUDGEMENT
-    return lambda: time.monotonic() >= until and problem.budget.spent()
+    return problem.budget.with_at_least(LAST_JUDGEMENT)
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:

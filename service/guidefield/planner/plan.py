@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from guidefield.collision.certify.verdict import Verdict
+from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start, goal_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
@@ -88,6 +88,17 @@ def refused(problem: Problem, status: Status, message: str, details: dict[str, A
     """The plan of a problem that was not tried: nothing but the start, judged."""
     stages = Stages(problem)
     return _told(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
+
+
+def unprepared(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
+    """The plan of a problem whose robot or scene isn't prepared: nothing but the start, which isn't judged.
+
+    To judge it would take hulls of the meshes, for which there is no time.
+    """
+    found = PathSoFar.at_start(problem)
+    verdict = Verdict(Reason.STOPPED, 0, 0, 0.0, (0, 0.0), None, found.path[0])
+    finished = Finished(verdict, found.path, found.crossings, failure=Ending(status, message, details))
+    return _told(problem, finished, Stages(problem))
 
 
 def _out_of_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:

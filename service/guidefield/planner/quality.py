@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -171,11 +170,7 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
 
     The smallest distances are looked for until time is up, and a little longer: see `Closest.exact`.
     """
-    until = time.monotonic() + MEASURING.last
-
-    def stopped() -> object:
-        return time.monotonic() >= until and problem.budget.spent()
-
+    stopped = problem.budget.with_at_least(MEASURING.last)
     times, lengths, inside = _samples(trajectory, problem)
     coarse, start, end = _ascending(np.append(times[:: MEASURING.fewer], times[-1])), float(times[0]), float(times[-1])
     curve = Curve(trajectory.bezier(), trajectory.piece_times())

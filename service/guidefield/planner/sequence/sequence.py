@@ -264,11 +264,7 @@ class _Planning(Generic[S]):
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
-            until = time.monotonic() + LAST_JUDGEMENT
-
-            def stopped() -> object:
-                return time.monotonic() >= until and self._budget.spent()
-
+            stopped = self._budget.with_at_least(LAST_JUDGEMENT)
             for stretch in stretches:
                 verdicts.append(certify_stretch(stretch, stopped))
                 if not verdicts[-1].free:

@@ -36,6 +36,11 @@ class Budget:
             return Status.PREEMPTED
         return Status.TIMED_OUT if time.monotonic() >= self.deadline else None
 
+    def with_at_least(self, seconds: float) -> Callable[[], Status | None]:
+        """Whether it is spent, asked by what begins now and may go on for so long [s] wherever the deadline is."""
+        until = time.monotonic() + seconds
+        return lambda: self.spent() if time.monotonic() >= until else None
+
 
 @dataclass
 class Counters:
