@@ -172,7 +172,9 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """
     stopped = problem.budget.with_at_least(MEASURING.last)
     times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = _ascending(np.append(times[:: MEASURING.fewer], times[-1])), float(times[0]), float(times[-1])
+    coarse, start, end = times[:: MEASURING.fewer].copy(), float(times[0]), float(times[-1])
+    if coarse[-1] < end:
+        coarse = np.append(coarse, end)
     curve = Curve(trajectory.bezier(), trajectory.piece_times())
     surveyor = Surveyor(with_nearest(problem.timed_world, curve, coarse), curve)
     spans = [(start, end), *([inside] if inside else [])]

@@ -18,8 +18,9 @@ from guidefield.kernels.collide.gjk_scratch import (
     place_ball,
     place_part_of,
 )
-from guidefield.kernels.collide.parts import LEFT, RIGHT, Parts, child_of, is_leaf, part_of, splits_first
+from guidefield.kernels.collide.parts import LEFT, RIGHT, Parts, child_of, is_leaf, part_of
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_step
+from guidefield.kernels.minimum.dividing import divides_first
 from guidefield.kernels.minimum.gjk_distance import FEW_ROUNDS, ROUNDS, parts_distance
 
 SLACK = 5e-6
@@ -94,7 +95,7 @@ def bodies_distance(
                 if best <= 0.0:
                     return best
                 continue
-        split_a, left, right = splits_first(a, node_a, b, node_b), top, top + ENTRY
+        split_a, left, right = divides_first(a, node_a, b, node_b), top, top + ENTRY
         for side in (LEFT, RIGHT):
             child_a = child_of(a, node_a, side) if split_a else node_a
             child_b = node_b if split_a else child_of(b, node_b, side)

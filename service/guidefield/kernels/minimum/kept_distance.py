@@ -45,10 +45,10 @@ from guidefield.kernels.collide.parts import (
     is_leaf,
     kind_of,
     part_of,
-    splits_first,
 )
 from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.minimum.dividing import divides_first
 from guidefield.kernels.minimum.gjk_distance import ROUNDS, parts_distance
 
 FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
@@ -266,7 +266,7 @@ def bodies_keep(
         if is_leaf(a, node_a) and is_leaf(b, node_b):
             work[LEAF_A], work[LEAF_B] = node_a + 1, node_b + 1
             return kept
-        split_a = splits_first(a, node_a, b, node_b)
+        split_a = divides_first(a, node_a, b, node_b)
         for side in (LEFT, RIGHT):
             work[top + NODE_A] = child_of(a, node_a, side) if split_a else node_a
             work[top + NODE_B] = node_b if split_a else child_of(b, node_b, side)

@@ -51,6 +51,28 @@ def _step_to(
     return here, math.sqrt(square)
 
 
+@inlined
+def _add_steps(powers: Floats, shares: Floats, before: float, values: Floats, squares: Floats) -> None:
+    """Add the squared steps of one coordinate to those of places on a curve, the first from where it was before.
+
+    Args:
+        powers: The coordinate's coefficients by powers of the share, shape (order,).
+        shares: Of the places, shape (k,).
+        before: The coordinate at the place before them.
+        values: The coordinate at them is written here, shape (k,).
+        squares: What is added to, shape (k,).
+    """
+    order, count = powers.shape[0], shares.shape[0]
+    for k in range(count):
+        values[k] = powers[order - 1]
+    for power in range(order - 2, -1, -1):
+        for k in range(count):
+            values[k] = values[k] * shares[k] + powers[power]
+    squares[0] += (values[0] - before) ** 2
+    for k in range(1, count):
+        squares[k] += (values[k] - values[k - 1]) ** 2
+
+
 @compiled(types.void(BLOCKS, VECTOR, VECTOR, VECTOR_OUT))
 def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats) -> None:
     """Lengths of the chords from one to the next of some places of a motion, added up.
@@ -61,11 +83,27 @@ def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats)
         asked: The times of the places, in order, shape (k,) [s].
         lengths_out: Since the first of them, shape (k,) [rad or m].
     """
-    row, powers, point = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.empty(pieces.shape[2])
-    piece, length = -1, 0.0
-    for k in range(asked.shape[0]):
-        piece, step = _step_to(pieces, times, asked[k], piece, row, powers, point)
-        length += step if k > 0 else 0.0
+    row, powers, before = np.empty(pieces.shape[1]), np.empty(pieces.shape[1:]), np.zeros(pieces.shape[2])
+    count, first, piece = asked.shape[0], 0, 0
+    shares, values, squares = np.empty(count), np.empty(count), np.empty(count)
+    while first < count:  # all places on a piece at once: loops over them are vector loops
+        while piece < pieces.shape[0] - 1 and times[piece + 1] <= asked[first]:
+            piece += 1
+        past = first + 1
+        while past < count and (piece == pieces.shape[0] - 1 or asked[past] < times[piece + 1]):
+            past += 1
+        _write_powers(pieces, piece, row, powers)
+        span = times[piece + 1] - times[piece]
+        for k in range(first, past):
+            shares[k] = min(max((asked[k] - times[piece]) / span, 0.0), 1.0) if span > 0.0 else 0.0
+            squares[k] = 0.0
+        for j in range(pieces.shape[2]):
+            _add_steps(powers[:, j], shares[first:past], before[j], values[first:past], squares[first:past])
+            before[j] = values[past - 1]
+        first = past
+    length = 0.0
+    for k in range(count):
+        length += math.sqrt(squares[k]) if k > 0 else 0.0
         lengths_out[k] = length
 
 

@@ -87,11 +87,23 @@ def against_chords(points: Floats, rates: Floats, step: float) -> float:
 
 @uncounted
 def _look(
-    tables: _Tables, tip: CarriedPoint, piece: int, begin: float, end: float, scratch: _Scratch, look_out: Floats
+    tables: _Tables,
+    tip: CarriedPoint,
+    piece: int,
+    begin: float,
+    end: float,
+    goes_on: bool,
+    scratch: _Scratch,
+    look_out: Floats,
 ) -> None:
-    """Look at a part of a piece, between two times [s]: shape (LOOK,)."""
+    """Look at a part of a piece, between two times [s]: shape (LOOK,). `goes_on`: where the last one ended."""
     points, rates, steps = scratch.points, scratch.rates, scratch.points.shape[0] - 1
-    for k in range(steps + 1):
+    if goes_on:
+        for j in range(points.shape[1]):
+            points[0, j], rates[0, j] = points[steps, j], rates[steps, j]
+        for d in range(3):
+            scratch.places[0, d] = scratch.places[steps, d]
+    for k in range(1 if goes_on else 0, steps + 1):
         t = begin + (end - begin) * (k / steps) - tables.times[piece]
         for j in range(points.shape[1]):
             points[k, j], rates[k, j] = place_and_rate(
@@ -196,7 +208,7 @@ def way_lengths(
     looks, parts, asked = np.empty((pieces, LOOK)), np.empty((pieces, 3)), np.ones((pieces, WAYS))
     for piece in range(pieces):
         parts[piece, 0], parts[piece, 1], parts[piece, 2] = piece, times[piece], times[piece + 1]
-        _look(tables, tip, piece, times[piece], times[piece + 1], scratch, looks[piece])
+        _look(tables, tip, piece, times[piece], times[piece + 1], piece > 0, scratch, looks[piece])
     done, most = np.zeros(WAYS), np.empty(WAYS)
     for _ in range(levels):
         for way in range(WAYS):
@@ -219,7 +231,7 @@ def way_lengths(
                 halves[half, 0], halves[half, 1], halves[half, 2] = piece, since, until
                 for way in range(WAYS):
                     wanted[half, way] = asked[k, way]
-                _look(tables, tip, piece, since, until, scratch, looked[half])
+                _look(tables, tip, piece, since, until, side == 1, scratch, looked[half])
                 half += 1
         if count == 0:
             break
