@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Any, NamedTuple
 
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene
-from guidefield.messages.seen_parts import SeenParts
+from guidefield.messages.seen_parts import Parts, SeenParts
 from guidefield.messages.seen_payload import Payload, SeenPayload
 from guidefield.messages.seen_scene import SeenScene, parts_of
 from guidefield.messages.values import Look, never
@@ -22,8 +23,11 @@ MOST_BYTES = 2**28
 """Of arrays, packed numbers and payloads that are kept."""
 
 
+_Seen = SeenScene | SeenParts | SeenPayload
+
+
 class _Checked(NamedTuple):
-    seen: SeenScene | SeenParts | SeenPayload
+    seen: Any
     scene: Scene
     parts: int
 
@@ -50,9 +54,12 @@ class CheckedScenes:
             given: As it is given: a message, a dict, or the payload that it is in.
             look: Called again and again while a large one is compared.
         """
-        kinds = _kinds_of(given)
-        like = (one.scene for one in self._kept if type(one.seen) in kinds and one.seen.is_like(given, look))
-        return next(like, None)
+        for kind in _kinds_of(given):
+            kept = [one for one in self._kept if type(one.seen) is kind]
+            asked = _asked(kind, given) if kept else None
+            if asked is not None and (like := next((one for one in kept if one.seen.is_like(asked, look)), None)):
+                return like.scene
+        return None
 
     def keep(self, given: Any, checked: object, look: Look = never) -> None:
         """Keep a scene that passed, if it is worth it.
@@ -76,7 +83,7 @@ class CheckedScenes:
         self._kept = tuple(kept)
 
 
-def _kinds_of(given: object) -> tuple[type, ...]:
+def _kinds_of(given: object) -> tuple[type[_Seen], ...]:
     """What a scene in a form may be known by."""
     if isinstance(given, Payload):
         return (SeenPayload,)
@@ -85,16 +92,21 @@ def _kinds_of(given: object) -> tuple[type, ...]:
     return (SeenParts,) if isinstance(given, dict | Scene) else ()
 
 
-def _seen(given: Any, look: Look) -> SeenScene | SeenParts | SeenPayload | None:
+def _asked(kind: type[_Seen], given: Any) -> Any:
+    """A scene as a kind is asked about it; None where it can't be."""
+    return Parts.of(given) if kind is SeenParts else given
+
+
+def _seen(given: Any, look: Look) -> _Seen | None:
     """What a scene can be known by; None if there is nothing, or it isn't worth it."""
     for kind in _kinds_of(given):
-        try:
-            seen: SeenScene | SeenParts | SeenPayload = kind(given, look)
-        except TypeError:
-            continue
-        return seen if not isinstance(seen, SeenParts) or seen.is_large else None
+        asked = _asked(kind, given)
+        if asked is not None:
+            with contextlib.suppress(TypeError):
+                seen: _Seen = kind(asked, look)
+                return seen
     return None
 
 
-def _size(seen: SeenScene | SeenParts | SeenPayload) -> int:
+def _size(seen: _Seen) -> int:
     return 0 if isinstance(seen, SeenScene) else seen.size

@@ -6,7 +6,7 @@ as MessagePack.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -15,8 +15,8 @@ from guidefield.messages.values import Look
 FEWEST_BYTES = 2**14
 """Arrays and packed numbers that are shorter count as small."""
 
-MOST_LISTED = 1000
-"""Longer lists are sooner read than known again."""
+MOST_LISTED = 3000
+"""So many values are looked through, in a millisecond or two; where more are listed, they are sooner read."""
 
 TOGETHER = 2**20
 """So many bytes are compared at one go, in some tenths of a millisecond."""
@@ -31,61 +31,70 @@ _TAKEN = 1
 """The code of what stands in place of what is large."""
 
 
+class Parts(NamedTuple):
+    """A scene as it is given.
+
+    Attributes:
+        rest: What is small in it, as MessagePack, with marks in place of what is large.
+        large: What is large, in order.
+    """
+
+    rest: bytes
+    large: list[bytes | memoryview]
+
+    @classmethod
+    def of(cls, given: Any) -> Parts | None:
+        """Those of a dict or a message, in which arrays and packed numbers stand; None where it can't be known again.
+
+        That is where much else is listed in it, or where nothing is large: then it is sooner read.
+        """
+        large, left = list[bytes | memoryview](), [MOST_LISTED]
+        try:
+            rest = _ENCODER.encode(_bare(given, large, left))
+        except TypeError:
+            return None
+        return cls(rest, large) if large else None
+
+
 class SeenParts:
     """What a scene held.
 
     Args:
-        given: The scene as it was given: a dict or a message, in which arrays and packed numbers stand.
+        parts: The scene as it was given.
         look: Called again and again while a large one is looked at.
-
-    Raises:
-        TypeError: if it holds long lists, or anything that can't be known again.
     """
 
-    def __init__(self, given: Any, look: Look) -> None:
-        self._rest, large = _parted(given)
-        self._large = [_copied(one, look) for one in large]
+    def __init__(self, parts: Parts, look: Look) -> None:
+        self._rest, self._large = parts.rest, [_copied(one, look) for one in parts.large]
 
     @property
     def size(self) -> int:
         """How much is kept [bytes]."""
         return len(self._rest) + sum(map(len, self._large))
 
-    @property
-    def is_large(self) -> bool:
-        """Whether anything in it is large; else it is sooner read than known again."""
-        return bool(self._large)
-
-    def is_like(self, given: Any, look: Look) -> bool:
+    def is_like(self, parts: Parts, look: Look) -> bool:
         """Whether a scene in the same form holds the same.
 
         Args:
-            given: The scene.
+            parts: The scene.
             look: Called again and again while it is compared.
         """
-        try:
-            rest, large = _parted(given)
-        except TypeError:
+        if parts.rest != self._rest:
             return False
-        return rest == self._rest and all(_are_equal(*two, look) for two in zip(large, self._large, strict=True))
+        return all(_are_equal(*two, look) for two in zip(parts.large, self._large, strict=True))
 
 
-def _parted(given: Any) -> tuple[bytes, list[Any]]:
-    """What is small in a scene, and what is large, in order."""
-    large = list[Any]()
-    return _ENCODER.encode(_bare(given, large)), large
-
-
-def _bare(value: Any, large: list[Any]) -> Any:
-    """A value with a mark in place of what is large in it, which is added to a list."""
+def _bare(value: Any, large: list[bytes | memoryview], left: list[int]) -> Any:
+    """A value with a mark in place of what is large in it, which is added to a list; so many more may be listed."""
+    left[0] -= 1
+    if left[0] < 0:
+        raise TypeError("more is listed than is looked through")
     if isinstance(value, dict):
-        return {name: _bare(one, large) for name, one in value.items()}
+        return {name: _bare(one, large, left) for name, one in value.items()}
     if isinstance(value, list | tuple):
-        if len(value) > MOST_LISTED:
-            raise TypeError("it is too long to be looked through")
-        return [_bare(one, large) for one in value]
+        return [_bare(one, large, left) for one in value]
     if isinstance(value, msgspec.Struct):
-        fields = {name: _bare(getattr(value, name), large) for name in value.__struct_fields__}
+        fields = {name: _bare(getattr(value, name), large, left) for name in value.__struct_fields__}
         return {"": type(value).__name__, **fields}
     if isinstance(value, bytes) and len(value) >= FEWEST_BYTES:
         return _taken(value, f"bytes {len(value)}", large)
@@ -96,7 +105,7 @@ def _bare(value: Any, large: list[Any]) -> Any:
     return value
 
 
-def _taken(one: bytes | memoryview, what: str, large: list[Any]) -> msgspec.msgpack.Ext:
+def _taken(one: bytes | memoryview, what: str, large: list[bytes | memoryview]) -> msgspec.msgpack.Ext:
     """The mark in place of what is large, which says all of it but its bytes."""
     large.append(one)
     return msgspec.msgpack.Ext(_TAKEN, what.encode())
