@@ -36,7 +36,7 @@ def prepare_in_time(
     if known and (robot is None or is_prepared(robot)):
         wait_for_others(spent)
         return
-    at = ["the meshes of the robot"]
+    at = [f"the obstacles of scene {scene.name}" if robot is None or is_prepared(robot) else "the meshes of the robot"]
 
     def doing(what: str) -> None:
         at[0] = what
