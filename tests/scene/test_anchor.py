@@ -16,7 +16,7 @@ from tests.kernels.distance.test_closed_meshes import voxels
 
 SOLIDS = {
     "ring": solids.torus(),
-    "fine ring": solids.lying(solids.torus(around=120, across=24), 1),
+    "fine ring": solids.lying(solids.torus(around=60, across=16), 1),
     "channel": solids.lying(solids.channel(), 5),
     "hollow": solids.hollow(),
     "overlapping": solids.overlapping(),

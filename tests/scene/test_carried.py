@@ -133,7 +133,7 @@ def copied(scene: messages.Scene) -> messages.Scene:
     return decoded
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 @given(st.integers(0, 10**6), st.sampled_from([40, 300, 500]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
     rng, kept = np.random.default_rng(seed), BuiltScenes(16)

@@ -69,14 +69,14 @@ def emptied(folder: Path) -> None:
 
 def test_any_number_of_processors_finds_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     urdf, found = many(tmp_path), []
-    for processors in (1, 2, 7):
+    for processors in (1, 7):
         monkeypatch.setattr(by_shape, "usable_processors", lambda count=processors: count)
         told: list[str] = []
         prepare(Catalog().load(urdf), told=told.append)
         found.append((kept(tmp_path), told))
         emptied(tmp_path)
     assert len(found[0][0]) > 20
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]
 
 
 def test_stopped_anywhere_it_goes_on_from_there(tmp_path: Path) -> None:
