@@ -319,7 +319,7 @@ def test_a_worker_that_dies_says_so_and_a_client_that_comes_back_goes_on(service
 def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_goes_on(tmp_path: Path) -> None:
     clock, judge = Clock(), Judge()
     with (
-        running_service(tmp_path) as service,
+        running_service(tmp_path, "--workers", "1") as service,
         Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
         client.stream({**ASKED, "goal": GOAL}, clock=clock) as stream,
     ):
@@ -336,7 +336,7 @@ def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_
         clock.now = stream.ended.stops + PERIOD
         stands = stream.at(clock.now)
         assert stands.velocities == (0.0,) * 6
-        with running_service(tmp_path, port_of=service):
+        with running_service(tmp_path, "--workers", "1", port_of=service):
             await_that(client.alive)
             stream.reopen(dict(zip(stream.position_names, stands.positions, strict=True)))
             assert stream.ended is None
@@ -360,7 +360,7 @@ def test_an_asyncio_client_hears_that_its_service_was_killed(tmp_path: Path) -> 
             with pytest.raises(NoService, match="is gone"):
                 await stream.update()
 
-    with running_service(tmp_path) as service:
+    with running_service(tmp_path, "--workers", "1") as service:
         asyncio.run(go(service))
 
 
