@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import pytest
 from hypothesis import HealthCheck, settings
 
 from guidefield.kernels.jit.cache import keep_kernels_of
@@ -23,11 +22,3 @@ os.environ["COLUMNS"] = "120"
 
 # Kernels of tests: their machine code is kept by all that they depend on, as that of the package is.
 keep_kernels_of("tests", Path(__file__).parent)
-
-LONGEST = "test_deadlines.py", "test_tools.py"
-"""Files with tests of half a minute and more: at the end one of them would run alone."""
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest tests begin first."""
-    items.sort(key=lambda item: item.path.name not in LONGEST)
