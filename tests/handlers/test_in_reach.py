@@ -18,7 +18,8 @@ from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.task.conditions import Budget
+from guidefield.messages.values import Placement
+from guidefield.planner.task.conditions import Budget, Conditions
 from guidefield.scene.nearest_to_ball import nearest_to_ball
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball, within_ball
@@ -155,6 +156,62 @@ def test_answers_among_very_many_are_those_among_all(seed: int, monkeypatch: pyt
     np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-9)
     assert met.clearance.pair == whole.clearance.pair
     assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=1e-9)
+
+
+def of(scene: Scene) -> Conditions:
+    """A judgement in a scene."""
+    motion = {"times": [0.0, 1.0], "positions": [[*READY.values()]] * 2, "velocities": [[0.0] * len(READY)] * 2}
+    asked = {"type": "certify", "robot": "panda", "scene": "yard", "trajectory": motion}
+    return certify_problem(codec.decode_request(asked), robot("panda"), scene, Budget())[0]
+
+
+def drifting(name: str, begin: np.ndarray, end: np.ndarray) -> messages.Box:
+    """A crumb that slides for 4 s."""
+    places = [Placement(tuple(begin.tolist())), Placement(tuple(end.tolist()))]
+    return messages.Box(name=name, size=(0.05, 0.04, 0.03), trajectory=messages.ObstacleTrajectory([0.0, 4.0], places))
+
+
+def crowd(seed: int) -> Scene:
+    """Sixty crumbs that move, most of them far away, boxes that rest, and one that comes across the robot's way."""
+    rng = np.random.default_rng(seed)
+    away = rng.uniform([3.0, -9.0, -9.0], [21.0, 9.0, 9.0], (60, 3))
+    crumbs = [drifting(f"c{k}", at, at + rng.uniform(-0.5, 0.5, 3)) for k, at in enumerate(away)]
+    across = drifting("across", np.array([0.55, 0.9, 0.5]), np.array([0.55, -0.6, 0.5]))
+    posts = [messages.Box(name=f"p{k}", size=(0.1, 0.1, 0.1), position=(0.2 * k, -3.0, 0.0)) for k in range(300)]
+    return build(messages.Scene("yard", obstacles=[*crumbs, across, *posts]))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = crowd(seed)
+    asked = {"allowed_collisions": [["panda_hand", "c0"], ["panda_hand", "p7"]], "seed": seed}
+    met = ask(scene, **asked)
+    left = room.in_reach(of(scene), lambda: False).scene
+    assert left.moves
+    assert len(left.obstacles) < 0.5 * len(scene.obstacles)
+    monkeypatch.setattr(room, "has_many", lambda _: False)
+    whole = ask(scene, **asked)
+    assert met.status.name == whole.status.name == "SUCCESS"
+    assert met.certificate.collision_free
+    np.testing.assert_allclose(met.trajectory.times, whole.trajectory.times, atol=1e-9)
+    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-9)
+    assert met.clearance.pair == whole.clearance.pair
+    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=1e-6)
+
+
+def test_of_what_is_large_a_part_is_met_where_something_moves_too(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    across = drifting("across", np.array([0.55, 0.9, 0.5]), np.array([0.55, -0.6, 0.5]))
+    scene = build(messages.Scene("yard", obstacles=[*yard.message.obstacles, across]))
+    left = room.in_reach(of(scene), lambda: False).scene
+    assert left.moves
+    assert left.resting.obstacles[0].faces == left.at(1.0).obstacles[0].faces < 0.5 * yard.obstacles[0].faces
+    met = ask(scene)
+    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    whole = ask(scene)
+    assert met.status.name == whole.status.name == "SUCCESS"
+    assert met.certificate.collision_free
+    np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-3)
+    assert met.clearance.minimum == pytest.approx(whole.clearance.minimum, abs=2e-4)
 
 
 def test_what_is_touched_among_very_many_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,8 @@ import pytest
 
 from guidefield import case_file
 from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.timed_certificate import TimedWorld, certify_timed
+from guidefield.collision.certify.timed_certificate import certify_timed
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages

@@ -12,7 +12,7 @@ from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY
-from guidefield.scene.nearest_to_ball import has_many, nearest_to_ball
+from guidefield.scene.nearest_to_ball import MANY_MOVE, has_many, nearest_to_ball
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball
 from tests.scene.test_carried import OTHERS, PLACED
@@ -76,14 +76,45 @@ def test_what_may_be_touched_is_kept_and_nothing_is_left_out_for_it() -> None:
     assert nearest_to_ball(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
 
 
-def test_what_moves_is_not_looked_at() -> None:
-    moving = messages.ObstacleTrajectory([0.0, 1.0], [Placement(), Placement((1.0, 0.0, 0.0))])
+def passing(name: str, begin: tuple[float, float, float], end: tuple[float, float, float]) -> messages.Sphere:
+    """A sphere that slides from a place to another."""
+    slides = messages.ObstacleTrajectory([0.0, 1.0], [Placement(begin), Placement(end)])
+    return messages.Sphere(name=name, radius=0.1, trajectory=slides)
+
+
+def test_what_moves_is_left_out_where_it_never_gets_near_and_nothing_for_where_it_only_gets() -> None:
+    ball = Ball(0.0, 0.0, 0.0, 0.5)
+    far, near = passing("far", (9.0, 0.0, 0.0), (9.0, 1.0, 0.0)), passing("near", (0.0, 9.0, 0.0), (0.0, 0.7, 0.0))
+    rests = messages.Sphere(name="rests", radius=0.1, position=(3.0, 0.0, 0.0))
+    assert nearest_to_ball(build(messages.Scene("s", obstacles=[far, near, rests])), ball).chosen.tolist() == [1, 2]
+    comes = passing("comes", (20.0, 0.0, 0.0), (0.6, 0.0, 0.0))
+    stays = passing("stays", (0.7, 0.0, 0.0), (0.8, 0.0, 0.0))
+    assert nearest_to_ball(build(messages.Scene("s", obstacles=[comes, rests])), ball).chosen.tolist() == [0, 1]
+    assert nearest_to_ball(build(messages.Scene("s", obstacles=[comes, stays, rests])), ball).chosen.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_place_in_the_ball_has_lost_its_nearest_at_any_time(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-3.0, 3.0, (40, 2, 3))
+    movers = [passing(f"m{k}", tuple(a.tolist()), tuple((a + 0.2 * b).tolist())) for k, (a, b) in enumerate(places)]
+    scene, ball = build(messages.Scene("s", obstacles=movers)), Ball(*rng.normal(size=3).tolist(), 0.3)
+    kept = nearest_to_ball(scene, ball)
+    assert 0 < len(kept.chosen) < len(movers)
+    for time in np.linspace(-0.1, 1.1, 13):
+        held, away = scene.at(float(time)), rng.normal(size=(5, 3))
+        for place in np.array(ball[:3]) + 0.3 * away / np.linalg.norm(away, axis=1)[:, None]:
+            found = distances(held, place)
+            assert min(found) == min(found[k] for k in kept.chosen.tolist())
+
+
+def test_few_are_not_looked_at() -> None:
     balls = [messages.Sphere(name=f"f{k}", radius=0.1) for k in range(MANY)]
     assert has_many(build(messages.Scene("s", obstacles=[*balls])))
     assert not has_many(build(messages.Scene("s", obstacles=balls[1:])))
-    assert not has_many(
-        build(messages.Scene("s", obstacles=[*balls, messages.Sphere(name="m", radius=1.0, trajectory=moving)]))
-    )
+    movers = [passing(f"m{k}", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) for k in range(MANY_MOVE)]
+    assert has_many(build(messages.Scene("s", obstacles=movers)))
+    assert not has_many(build(messages.Scene("s", obstacles=[*balls[2:], movers[0]])))
 
 
 def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:

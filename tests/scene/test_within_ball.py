@@ -167,14 +167,19 @@ def test_where_most_is_met_it_is_the_scene_itself() -> None:
     assert within_ball(whole, Ball(0.0, 0.0, 0.0, 20.0)) is whole
 
 
-def test_only_large_scenes_at_rest_are_asked() -> None:
+def test_only_what_is_large_and_rests_is_asked() -> None:
     scene = build(everything())
     assert is_large_scene(scene)
     assert not is_large_scene(build(messages.Scene(name="small", obstacles=[everything().obstacles[3]])))
     moving = messages.ObstacleTrajectory([0.0, 1.0], [messages.Placement(), messages.Placement((0.0, 0.1, 0.0))])
     ball = messages.Sphere(name="ball", radius=0.1, trajectory=moving)
-    moves = msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball])
-    assert not is_large_scene(build(moves))
+    beside = build(msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball]))
+    assert is_large_scene(beside)
+    met = within_ball(beside, BALL)
+    assert met.obstacles[-1] is beside.obstacles[-1]
+    assert [one.faces for one in met.obstacles[:-1]] == [one.faces for one in within_ball(scene, BALL).obstacles]
+    alone = [msgspec.structs.replace(one, trajectory=moving) for one in everything().obstacles]
+    assert not is_large_scene(build(messages.Scene(name="hall", obstacles=alone)))
     assert cache.LARGE == 10_000
 
 

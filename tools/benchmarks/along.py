@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import Question, smallest

@@ -68,7 +68,7 @@ class ObstacleMotion:
             radius: Its radius [m].
         """
         moving = (self.times[1:] > start) & (self.times[:-1] < end)
-        return float(_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))
+        return float(ball_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))
 
     def rates(self, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """The largest speed and acceleration of any point of such a ball: before, between any two times, and after.
@@ -82,7 +82,7 @@ class ObstacleMotion:
         Returns:
             Both of shape (k + 1,), the first and the last 0 [m/s and m/s^2].
         """
-        speeds, accelerations = _rates(self.twists, centre, radius)
+        speeds, accelerations = ball_rates(self.twists, centre, radius)
         return np.r_[0.0, speeds, 0.0], np.r_[0.0, accelerations, 0.0]
 
     def passing(self, centre: np.ndarray, radius: float) -> np.ndarray:
@@ -99,14 +99,20 @@ class ObstacleMotion:
             Before, between any two times, and after, shape (k + 1,), the first and the last 0 [m/s].
         """
         seen = np.array([placement.actInv(centre) for placement in self.placements[:-1]]).reshape(-1, 3)
-        speeds: np.ndarray = np.r_[0.0, _rates(self.twists, seen, radius)[0], 0.0]
+        speeds: np.ndarray = np.r_[0.0, ball_rates(self.twists, seen, radius)[0], 0.0]
         return speeds
 
 
-def _rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """The largest speed and acceleration of points of a ball on screws of some twists (k, 6), both of shape (k,).
+def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """The largest speed and acceleration of points of a ball on screws [m/s and m/s^2].
 
-    Its centre, shape (3,) or (k, 3), is seen from the frame.
+    Args:
+        twists: Of the screws, shape (k, 6), linear part first.
+        centre: Of the ball, seen from the frame, shape (3,) or (k, 3) [m].
+        radius: Its radius [m].
+
+    Returns:
+        Both of shape (k,).
     """
     angular = np.linalg.norm(twists[:, 3:], axis=1)
     speeds = np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1) + radius * angular

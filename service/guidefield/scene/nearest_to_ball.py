@@ -2,7 +2,8 @@
 
 Let r be the ball's radius and d the distance of its middle from that of an obstacle, which holds a ball of radius a and
 is within one of radius b. From anywhere in the ball the obstacle is at least d - r - b away, and at most d + r - a. So
-one that is at least farther away than another is at most is nearest to nowhere in the ball.
+one that is at least farther away than another is at most is nearest to nowhere in the ball. Of one that moves the
+distances are those at all times: it is left out where it never gets near, and others only for where it always is.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.placed import rows_of
 from guidefield.scene.scene import Scene, declared_with, with_others
+from guidefield.scene.swept import gaps_from_boxes, moving_ball, swept
 from guidefield.scene.within_ball import Ball
 
 NOBODY: frozenset[str] = frozenset()
@@ -24,12 +26,15 @@ NOBODY: frozenset[str] = frozenset()
 ROUNDING = 1e-9
 """What distances are taken for wider, of a metre and of each metre that places are from the origin."""
 
+MANY_MOVE = 16
+"""Where so many obstacles move some are left out, however few there are: each is looked at at many times."""
+
 
 class Nearest(NamedTuple):
     """What is left of a scene for a ball.
 
     Attributes:
-        least: How far each obstacle is at least from any place in the ball, shape (n,) [m].
+        least: How far each obstacle is at least from any place in the ball, at any time, shape (n,) [m].
         most: How far it is at most, shape (n,) [m].
         chosen: Which may be nearest, ascending indices, shape (k,).
         some: The scene with these alone; None: they are all of it.
@@ -46,8 +51,8 @@ class Nearest(NamedTuple):
 
 
 def has_many(scene: Scene) -> bool:
-    """Whether a scene has so many obstacles that it is worth to leave some out; what moves isn't looked at."""
-    return len(scene.obstacles) >= MANY and not scene.moves
+    """Whether a scene has so many obstacles, or so many that move, that it is worth to leave some out."""
+    return len(scene.obstacles) >= MANY or sum(scene.obstacles[k].motion is not None for k in scene.others) >= MANY_MOVE
 
 
 def _over(known: Nearest, rows: Rows, scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> Nearest:
@@ -82,10 +87,10 @@ def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
 
 @carried(_over)
 def nearest_to_ball(scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> Nearest:
-    """The obstacles that may be nearest to some place in a ball, and all that aren't primitives.
+    """The obstacles that may be nearest to some place in a ball at some time, and all at rest that aren't primitives.
 
     Args:
-        scene: The scene; nothing in it moves.
+        scene: The scene.
         ball: The ball.
         named: Obstacles that are kept, and that no other is left out for: something may touch them, and then the
             nearest of the others counts.
@@ -100,12 +105,18 @@ def _chosen(least: np.ndarray, most: np.ndarray) -> np.ndarray:
 
 
 def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> tuple[np.ndarray, np.ndarray]:
-    """How far obstacles are at least and at most from any place in a ball, both of shape (n,) [m].
+    """How far obstacles are at least and at most from any place in a ball at any time, both of shape (n,) [m].
 
-    Of those that are named, and of what is no primitive, nothing is known.
+    Of those that are named, and of what is no primitive at rest, nothing is known.
     """
     placed, least, most = rows_of(obstacles), np.empty(len(obstacles)), np.empty(len(obstacles))
     gaps_from_ball(placed, np.array(ball, float), ROUNDING, least, most)
+    moving = [index for index, one in enumerate(obstacles) if one.motion is not None]
+    if moving:
+        some = [obstacles[index] for index in moving]
+        boxes, first, _ = swept(some, list(map(moving_ball, some)))
+        nearest, farthest = gaps_from_boxes(boxes, np.array(ball[:3]), ball.radius)
+        least[moving], most[moving] = np.minimum.reduceat(nearest, first), np.maximum.reduceat(farthest, first)
     if named:
         unknown = [one.name in named for one in obstacles]
         least[unknown], most[unknown] = -np.inf, np.inf

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -14,6 +14,7 @@ import numpy as np
 
 from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
+from guidefield.kept import kept_by
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
@@ -90,24 +91,25 @@ class Scene:
         """The scene without the obstacles that move."""
         if not self.moves:
             return self
-        still = [one for one in self.message.obstacles if one.trajectory is None]
-        return build(msgspec.structs.replace(self.message, obstacles=still))
+        return self.of([index for index, one in enumerate(self.obstacles) if one.motion is None])
 
     def at(self, time: float) -> Scene:
         """The scene with every obstacle at rest where it is at a time [s]."""
-        return self if not self.moves else build(msgspec.structs.replace(self.message, obstacles=self._posed(time)))
+        return _held(self, float(time)) if self.moves else self
 
     def since(self, time: float) -> Scene:
         """The scene as it is from a time on, which is its time 0 [s]; what has come to rest by then rests."""
-        if not self.moves or time == 0.0:
-            return self
-        pairs = zip(self.message.obstacles, self.obstacles, strict=True)
-        seen = [one if o.motion is None else _since(one, o.motion, time) for one, o in pairs]
-        return build(msgspec.structs.replace(self.message, obstacles=seen))
+        return self if time == 0.0 else self.with_moved(lambda one, motion: _since(one, motion, time))
 
-    def _posed(self, time: float) -> list[messages.Obstacle]:
-        pairs = zip(self.message.obstacles, self.obstacles, strict=True)
-        return [one if o.motion is None else posed(one, o.motion.at(time)) for one, o in pairs]
+    def with_moved(self, become: Callable[[messages.Obstacle, ObstacleMotion], messages.Obstacle]) -> Scene:
+        """The scene with other obstacles for those that move."""
+        moving = [(index, motion) for index in self.others if (motion := self.obstacles[index].motion) is not None]
+        if not moving:
+            return self
+        source, declared = np.arange(len(self.obstacles)), list(self.message.obstacles)
+        for index, motion in moving:
+            source[index], declared[index] = -1, become(declared[index], motion)
+        return changed(self, declared_with(self.message, declared), Rows.of(source, len(self.obstacles)))
 
     def of(self, chosen: Sequence[int]) -> Scene:
         """The scene with some of its obstacles alone, by their indices."""
@@ -200,6 +202,16 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
 def is_other(one: Obstacle) -> bool:
     """Whether an obstacle is no primitive at rest."""
     return one.motion is not None or not one.placed
+
+
+def _held_at(scene: Scene, time: float) -> Scene:
+    return scene.with_moved(lambda one, motion: posed(one, motion.at(time)))
+
+
+HELD = 2
+"""So many times are kept at which obstacles that move are held: at first, and in the end, are asked for often."""
+
+_held = kept_by(lambda scene: scene, _held_at, HELD)
 
 
 def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:

@@ -39,8 +39,8 @@ class Ball(NamedTuple):
 
 
 def is_large_scene(scene: Scene) -> bool:
-    """Whether anything in a scene is large enough that a part of it is sooner prepared; what moves isn't looked at."""
-    return is_large(scene.most_faces) and not scene.moves
+    """Whether anything at rest in a scene is large enough that a part of it is sooner prepared."""
+    return is_large(scene.most_faces) and any(map(_is_large, map(scene.obstacles.__getitem__, scene.others)))
 
 
 def within_ball(scene: Scene, ball: Ball) -> Scene:
@@ -49,7 +49,7 @@ def within_ball(scene: Scene, ball: Ball) -> Scene:
 
 
 def _is_large(obstacle: Obstacle) -> bool:
-    return is_large(obstacle.faces)
+    return obstacle.motion is None and is_large(obstacle.faces)
 
 
 def _scene_met(scene: Scene, ball: Ball) -> Scene | None:

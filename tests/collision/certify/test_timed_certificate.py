@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.timed_certificate import TimedWorld, certify_moving, certify_timed
+from guidefield.collision.certify.timed_certificate import certify_moving, certify_timed
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.nearest import FEW, with_nearest

@@ -3,7 +3,8 @@
 What rests is judged by the certificate of curves, whatever their timing. For what moves, segments of time are halved
 until at their middles every robot body keeps more from every moving obstacle than both can lose within the segment:
 the robot by `MotionBound`, the obstacle by its largest speed; a half-space, which is endless, by the largest speed at
-which it passes where the robot is. Balls and boxes about them tell most pairs apart before Coal is asked.
+which it passes where the robot is. Of many that move, boxes that they stay in tell which the robot is far from all
+along a piece. Balls and boxes about bodies tell most other pairs apart before Coal is asked.
 """
 
 from __future__ import annotations
@@ -19,49 +20,23 @@ import pinocchio as pin
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.settings import CERTIFICATE, with_coal_error
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.coal_transforms import transform
 from guidefield.collision.robot_ball import robot_ball
-from guidefield.collision.world import World
 from guidefield.geometry.met import as_met
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
-from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.swept import motion_of
 
 ASKED_EVERY = 16
 """After so many evaluations it is asked whether the judgement is to end."""
 
+MANY_PAIRS = 400
+"""Where more pairs are left, it is asked at each evaluation."""
 
-@dataclass(frozen=True, eq=False)
-class TimedWorld(ReadOnly):
-    """A robot among obstacles of which some move.
-
-    Attributes:
-        resting: The robot among those that rest.
-        moving: The robot among all, those that move where they are at first.
-        pairs: Indices of `moving.pairs` that are of a robot body and an obstacle that moves.
-        obstacles: The obstacle of each.
-        balls: Centre (3,) in the frame of the obstacle's motion and radius of a ball about each; None about a
-            half-space.
-    """
-
-    resting: World
-    moving: World
-    pairs: np.ndarray
-    obstacles: tuple[Obstacle, ...]
-    balls: tuple[tuple[np.ndarray, float] | None, ...]
-
-    @classmethod
-    def of(cls, resting: World, moving: World) -> TimedWorld:
-        """From the two worlds."""
-        if not moving.scene.moves:
-            return cls(resting, moving, np.empty(0, np.int64), (), ())
-        movers = np.flatnonzero([one.motion is not None for one in moving.scene.obstacles])
-        pairs = moving.pairs.of_obstacles(movers)
-        of = (moving.pairs.bodies(pairs)[:, 1] - moving.pairs.links).tolist()
-        balls = {index: _ball(moving.scene.obstacles[index]) for index in movers.tolist()}
-        obstacles = tuple(moving.scene.obstacles[index] for index in of)
-        return cls(resting, moving, pairs, obstacles, tuple(balls[index] for index in of))
+MANY = 16
+"""Where more obstacles move, those that are far all along a piece of a motion are left out at once."""
 
 
 def certify_timed(
@@ -110,47 +85,17 @@ def certify_moving(
         return Verdict(Reason.FREE, 0)
     judge = _Judge(worlds, pieces, min_clearance, floor, stopped)
     for index, piece in enumerate(pieces):
-        every = list(range(len(worlds.pairs)))
         refusal = judge.refusal(
-            _TimedSegment(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), every)
+            _TimedSegment(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), judge.pairs_near(piece))
         )
         if refusal is not None:
             return refusal
     return Verdict(Reason.FREE, judge.evaluations)
 
 
-def _ball(obstacle: Obstacle) -> tuple[np.ndarray, float] | None:
-    """A ball about an obstacle in the frame of its motion; None if it is endless."""
-    assert obstacle.motion is not None, "only what moves is asked for"
-    if obstacle.endless:
-        return None
-    low, high = obstacle.box
-    middle = 0.5 * (low + high) if obstacle.cloud is not None else _middle(obstacle)
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    reach = [float(np.linalg.norm(obstacle.placement.act(low + c * (high - low)) - middle)) for c in corners]
-    return np.asarray(obstacle.motion.placements[0].actInv(middle)), max(reach) + obstacle.rounding
-
-
-def _middle(obstacle: Obstacle) -> np.ndarray:
-    """The middle of the box about an obstacle along the world's axes, shape (3,) [m, world]."""
-    vertices = obstacle.vertices
-    middle: np.ndarray = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-    return middle
-
-
-def _largest_speeds(
-    obstacle: Obstacle, ball: tuple[np.ndarray, float] | None, about_robot: tuple[np.ndarray, float]
-) -> tuple[list[float], list[float]]:
-    """When an obstacle is on its placements [s], and how fast it loses distance at most from each to the next."""
-    motion = obstacle.motion
-    assert motion is not None, "only what moves is judged here"
-    speeds = motion.passing(*about_robot) if ball is None else motion.rates(*ball)[0]
-    return motion.times.tolist(), speeds[1:-1].tolist()
-
-
 def _about_robot(worlds: TimedWorld, pieces: ChartCurves) -> tuple[np.ndarray, float]:
     """A ball that the robot stays in along a motion; see `robot_ball`. It is asked for where an obstacle is endless."""
-    if all(ball is not None for ball in worlds.balls):
+    if not worlds.movers.endless:
         return np.zeros(3), 0.0
     return robot_ball(worlds.moving, pieces.min(axis=(0, 1)), pieces.max(axis=(0, 1)))
 
@@ -165,9 +110,9 @@ class _TimedSegment(ReadOnly):
     end: float
     since: float
     until: float
-    pairs: list[int]
+    pairs: np.ndarray
 
-    def halves(self, pairs: list[int]) -> tuple[_TimedSegment, _TimedSegment]:
+    def halves(self, pairs: np.ndarray) -> tuple[_TimedSegment, _TimedSegment]:
         """Both halves by de Casteljau's scheme, for some pairs."""
         row, first, second = self.control, [self.control[0]], [self.control[-1]]
         while len(row) > 1:
@@ -197,47 +142,57 @@ class _Judge:
         self.kept = min_clearance
         self.floor = floor
         self.evaluations = 0
-        movers = list({id(one): k for k, one in enumerate(worlds.obstacles)}.values())
-        known = [id(worlds.obstacles[k]) for k in movers]
-        self._mover_of = np.array([known.index(id(one)) for one in worlds.obstacles], int)
-        self._body_of = worlds.moving.pairs.bodies(worlds.pairs)[:, 0]
-        self._movers = [worlds.obstacles[k] for k in movers]
-        self._boxes = np.array([one.box for one in self._movers]).reshape(-1, 2, 3)
-        self._rounded = np.array([one.rounding for one in self._movers])
-        self._placed: tuple[float, list[Any]] | None = None
-        about_robot = _about_robot(worlds, pieces)
-        self._speeds = [_largest_speeds(worlds.obstacles[k], worlds.balls[k], about_robot) for k in movers]
+        self._movers = worlds.movers
+        self._placed: tuple[float, dict[int, Any]] = (0.0, {})
+        about = _about_robot(worlds, pieces)
+        self._speeds = [
+            speeds if ball is not None else motion_of(one).passing(*about)[1:-1].tolist()
+            for one, ball, speeds in zip(self._movers.obstacles, self._movers.balls, self._movers.speeds, strict=True)
+        ]
+
+    def pairs_near(self, piece: ChartPoints) -> np.ndarray:
+        """The pairs of which the obstacle isn't far from the robot all along a piece (k, nv); ascending, shape (n,)."""
+        worlds, movers = self.worlds, self._movers
+        if len(movers.obstacles) <= MANY:
+            return np.arange(len(worlds.pairs))
+        centre, radius = robot_ball(worlds.moving, piece.min(axis=0), piece.max(axis=0))
+        near = movers.near(centre, radius, float(with_coal_error(np.array([self.kept]))[0]))
+        return np.flatnonzero(near[worlds.mover_of])
 
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
-        if self.evaluations % ASKED_EVERY == 0 and self.stopped():
+        pairs = segment.pairs
+        if (self.evaluations % ASKED_EVERY == 0 or len(pairs) > MANY_PAIRS) and self.stopped():
             at, z = segment.start, segment.control[0]
             return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, (segment.piece, at), None, z)
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)
         time, half = 0.5 * (segment.since + segment.until), 0.5 * (segment.until - segment.since)
-        bounds = self._bounds(0.5 * (low + high), 0.5 * (high - low))
-        bounds += half * self._speeds_between(segment.since, segment.until)
+        bounds = self._bounds(pairs, 0.5 * (low + high), 0.5 * (high - low))
+        bounds += half * self._speeds_between(pairs, segment.since, segment.until)
         margins = with_coal_error(self.kept + bounds)
-        left = [k for k in self._near(segment.pairs, time, margins) if self._within(k, time, margins[k])]
-        if not left:
+        near = self._near(pairs, time, margins)
+        left = np.array([k for k in near if self._within(int(pairs[k]), time, margins[k])], int)
+        if not len(left):
             return None
-        first, second = segment.halves(left)
-        refused = self._refused_at(second, (segment.piece, segment.start), left, bounds)
+        first, second = segment.halves(pairs[left])
+        refused = self._refused_at(second, (segment.piece, segment.start), bounds[left])
         if refused is not None:
             return refused
         return self.refusal(first) or self.refusal(second)
 
-    def _speeds_between(self, since: float, until: float) -> np.ndarray:
-        """How fast each pair's obstacle loses distance at most between two times [m/s]."""
+    def _speeds_between(self, pairs: np.ndarray, since: float, until: float) -> np.ndarray:
+        """How fast the obstacle of each of some pairs loses distance at most between two times [m/s]."""
+        movers, of_each = np.unique(self.worlds.mover_of[pairs], return_inverse=True)
         found = []
-        for times, speeds in self._speeds:
+        for mover in movers.tolist():
+            times, speeds = self._movers.times[mover], self._speeds[mover]
             first, last = bisect_right(times, since) - 1, bisect_left(times, until)
             found.append(max(speeds[max(first, 0) : last], default=0.0))
-        of_pairs: np.ndarray = np.array(found)[self._mover_of]
+        of_pairs: np.ndarray = np.array(found)[of_each]
         return of_pairs
 
-    def _bounds(self, middle: ChartPoint, half_widths: ChartPoint) -> np.ndarray:
-        """How much closer the robot alone brings each pair within a box of the chart [m]; places it at its middle."""
+    def _bounds(self, pairs: np.ndarray, middle: ChartPoint, half_widths: ChartPoint) -> np.ndarray:
+        """How much closer the robot alone brings some pairs within a box of the chart [m]; places it at its middle."""
         world = self.worlds.moving
         group = world.group
         self.evaluations += 1
@@ -245,36 +200,41 @@ class _Judge:
         world.place_bodies()
         centres = world.bodies.centres_in_world(world.joint_placements[None])
         _, mixed = world.motion_bound.at(jacobian.reshape(6, -1)[None], centres, half_widths[None])
-        return np.array(mixed[0][self._body_of])
+        bounds: np.ndarray = mixed[0][self.worlds.body_of[pairs]]
+        return bounds
 
-    def _placements(self, time: float) -> list[Any]:
-        """Where the obstacles that move are at a time [s], pinocchio.SE3 each."""
-        if self._placed is None or self._placed[0] != time:
-            self._placed = time, [one.placement_at(time) for one in self._movers]
-        return self._placed[1]
+    def _placement(self, mover: int, time: float) -> Any:
+        """Where an obstacle that moves is at a time [s], a pinocchio.SE3."""
+        if self._placed[0] != time:
+            self._placed = time, {}
+        known = self._placed[1]
+        if mover not in known:
+            known[mover] = self._movers.obstacles[mover].placement_at(time)
+        return known[mover]
 
-    def _near(self, pairs: list[int], time: float, margins: np.ndarray) -> list[int]:
-        """Those of some pairs that may be within margins (n,) where the robot was placed last, at a time.
+    def _near(self, pairs: np.ndarray, time: float, margins: np.ndarray) -> list[int]:
+        """Which of some pairs may be within margins (n,) where the robot was placed last, at a time: their indices.
 
         The balls about parts of a body are farther from the box about an obstacle than that, for all others.
         """
-        which, bodies = np.array(pairs, int), self.worlds.moving.bodies
-        if not len(which):
+        bodies, known = self.worlds.moving.bodies, self._movers
+        if not len(pairs):
             return []
-        movers, body = self._mover_of[which], self._body_of[which]
-        placements = self._placements(time)
+        movers, body = self.worlds.mover_of[pairs], self.worlds.body_of[pairs]
+        some, of_each = np.unique(movers, return_inverse=True)
+        placements = [self._placement(mover, time) for mover in some.tolist()]
         turns, places = (
             np.array([one.rotation for one in placements]),
             np.array([one.translation for one in placements]),
         )
         joints = self.worlds.moving.joint_placements[None]
-        centres = bodies.part_centres_in_world(joints, np.zeros(len(which), int), body)
-        local = (centres - places[movers][:, None]) @ turns[movers]
-        low, high = self._boxes[movers, :1], self._boxes[movers, 1:]
+        centres = bodies.part_centres_in_world(joints, np.zeros(len(pairs), int), body)
+        local = (centres - places[of_each][:, None]) @ turns[of_each]
+        low, high = known.boxes[movers, :1], known.boxes[movers, 1:]
         beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
-        rounding = bodies.part_radii[body] + self._rounded[movers]
+        rounding = bodies.part_radii[body] + known.rounded[movers]
         gaps = np.sqrt(np.einsum("mpi,mpi->mp", beyond, beyond).min(axis=1)) - rounding
-        near: list[int] = which[gaps <= margins[which]].tolist()
+        near: list[int] = np.flatnonzero(gaps <= margins).tolist()
         return near
 
     def _within(self, k: int, time: float, margin: float) -> bool:
@@ -282,25 +242,29 @@ class _Judge:
 
         Coal answers for no margin below 0 where a body is a mesh. Of a rounded obstacle it sees the inside only.
         """
-        world, obstacle = self.worlds.moving, self.worlds.obstacles[k]
-        body, mover = int(self._body_of[k]), int(self._mover_of[k])
+        world, mover, body = self.worlds.moving, int(self.worlds.mover_of[k]), int(self.worlds.body_of[k])
+        obstacle = self._movers.obstacles[mover]
         shape, other = as_met(world.exact.shape(body), obstacle.shape)
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.security_margin = margin + obstacle.rounding
-        here, there = transform(world.placement(body)), transform(self._placements(time)[mover])
+        here, there = transform(world.placement(body)), transform(self._placement(mover, time))
         return bool(coal.collide(shape, here, other, there, request, result))
 
-    def _refused_at(
-        self, rest: _TimedSegment, free_until: tuple[int, float], left: list[int], bounds: np.ndarray
-    ) -> Verdict | None:
-        """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less."""
-        self._bounds(rest.control[0], np.zeros_like(rest.control[0]))
-        found = self._touching(rest.since, left)
+    def _refused_at(self, rest: _TimedSegment, free_until: tuple[int, float], bounds: np.ndarray) -> Verdict | None:
+        """Why the motion is refused where its rest begins: it touches there, or the pairs left can't move any less.
+
+        Args:
+            rest: The rest, of the pairs that are left.
+            free_until: Up to where it is free.
+            bounds: How much closer each of them can come, shape (n,) [m].
+        """
+        self._bounds(rest.pairs[:0], rest.control[0], np.zeros_like(rest.control[0]))
+        found = self._touching(rest.since, rest.pairs.tolist())
         if found is None:
-            undecided = [k for k in left if bounds[k] <= self.floor]
-            if not undecided:
+            undecided = rest.pairs[bounds <= self.floor]
+            if not len(undecided):
                 return None
-            found = Reason.UNDECIDED, undecided[0]
+            found = Reason.UNDECIDED, int(undecided[0])
         names = self.worlds.moving.pair_names(int(self.worlds.pairs[found[1]]))
         return Verdict(found[0], self.evaluations, rest.piece, rest.start, free_until, names, rest.control[0])
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import Smallest
 from guidefield.collision.world import World

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.minimum.asked import Asked, OfObstacles, among_resting
 from guidefield.collision.minimum.places import Places
 from guidefield.collision.minimum.smallest import Question, Smallest, smallest

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.robot.model.spaces import ModelConfiguration
@@ -35,8 +35,8 @@ def with_nearest(worlds: TimedWorld, curve: Curve, times: np.ndarray) -> TimedWo
     world = worlds.moving
     if world.pairs.obstacles <= FEW or not len(world.pairs.moving) or len(times) < 2:
         return worlds
-    movers = np.unique(world.pairs.bodies(worlds.pairs)[:, 1]) - world.pairs.links
-    chosen = np.union1d(movers, _near(worlds, curve, times))
+    moving = worlds.movers.indices[np.unique(worlds.mover_of)] if len(worlds.pairs) else np.empty(0, np.int64)
+    chosen = np.union1d(moving, _near(worlds, curve, times))
     return worlds if len(chosen) == world.pairs.obstacles else TimedWorld.of(worlds.resting, world.among(chosen))
 
 

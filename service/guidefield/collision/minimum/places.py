@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.timed_certificate import TimedWorld
+from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.robot_ball import robot_ball
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.spaces import ModelConfigurations
+from guidefield.scene.swept import MovingBall
 
 BALLS, PARTS, HULLS, EXACT = range(4)
 """Stages of a distance: what it is known by."""
@@ -243,13 +244,13 @@ class Surveyor:
         return robot_ball(self.worlds.moving, *self.curve.box)
 
     @cached_property
-    def _movers(self) -> list[tuple[int, Any, tuple[np.ndarray, float] | None]]:
+    def _movers(self) -> list[tuple[int, Any, MovingBall | None]]:
         """Body, obstacle and ball of each obstacle that moves; a half-space has none."""
-        found: dict[int, tuple[int, Any, tuple[np.ndarray, float] | None]] = {}
-        for pair, obstacle, ball in zip(self.worlds.pairs, self.worlds.obstacles, self.worlds.balls, strict=True):
-            body = self.worlds.moving.pairs.of(int(pair))[1]
-            found[body] = (body, obstacle, ball)
-        return list(found.values())
+        known, links = self.worlds.movers, self.worlds.moving.pairs.links
+        return [
+            (links + int(known.indices[k]), known.obstacles[k], known.balls[k])
+            for k in np.unique(self.worlds.mover_of).tolist()
+        ]
 
     def _among_what_moves(self, times: np.ndarray, centres: np.ndarray, distances: np.ndarray) -> None:
         """Write the distances of balls for pairs with obstacles that move: the world has these where they are first.

@@ -23,6 +23,7 @@ from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.points import count_of
+from guidefield.scene.swept import MovingBall
 
 Moments = Mapping[int, Sequence[float]]
 """At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
@@ -125,9 +126,8 @@ class Slices:
         self._problem = problem
         self.length = length
         self.resting_from = math.ceil(max(problem.scene.end, 0.0) / length)
-        movers = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
-        first = {index: k for k, index in reversed(list(enumerate(_obstacles_of(problem))))}
-        self._balls = {index: problem.timed_world.balls[first[index]] for index in movers if index in first}
+        known, met = problem.timed_world.movers, np.unique(problem.timed_world.mover_of)
+        self._balls = {int(known.indices[k]): known.balls[k] for k in met.tolist()}
         self._within_reach = _reach(problem.world) if None in self._balls.values() else None
         self._kept: dict[int, tuple[BatchCollision, float]] = {}
 
@@ -155,7 +155,7 @@ class Slices:
             kept += MARGIN + moves
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
 
-    def _speed(self, mover: int, ball: tuple[np.ndarray, float] | None, begin: float, end: float) -> float:
+    def _speed(self, mover: int, ball: MovingBall | None, begin: float, end: float) -> float:
         """How fast an obstacle comes closer at most between two times; a half-space to where the robot gets [m/s]."""
         motion = self._problem.scene.obstacles[mover].motion
         assert motion is not None, "it moves"
@@ -179,10 +179,3 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
         out[i] = out[parent] + np.linalg.norm(step) + slides[joint.idx_v : joint.idx_v + joint.nv].sum()
     away = out[bodies.joints] + np.linalg.norm(bodies.centres, axis=1) + bodies.radii
     return centre, float(away[bodies.joints > 0].max())
-
-
-def _obstacles_of(problem: Problem) -> list[int]:
-    """The obstacle of each pair of the world in time, by its index in the scene."""
-    pairs = problem.timed_world.moving.pairs
-    found: list[int] = (pairs.bodies(problem.timed_world.pairs)[:, 1] - pairs.links).tolist()
-    return found

@@ -1,0 +1,129 @@
+"""Where obstacles that move get: balls about them, and boxes that these stay in from one placement to the next.
+
+On a screw from a place to another that is c away, a point goes a way of length L at one speed. So it stays within
+sqrt(L^2 - c^2) / 2 of what is straight between the two: anywhere else the way by it were longer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.scene.motion import ObstacleMotion, ball_rates
+from guidefield.scene.obstacle import Obstacle
+
+ROUNDING = 1e-6
+"""What the boxes are wider, of a metre, of each metre that they are from the origin and that is gone."""
+
+EVERYWHERE = np.repeat([-np.inf, np.inf], 3)
+"""The box about what is endless."""
+
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+
+
+class MovingBall(NamedTuple):
+    """A ball about an obstacle that moves.
+
+    Attributes:
+        centre: In the frame of the motion, shape (3,) [m].
+        radius: Its radius [m].
+    """
+
+    centre: np.ndarray
+    radius: float
+
+
+class Swept(NamedTuple):
+    """Where obstacles that move get.
+
+    Attributes:
+        boxes: Lower, then upper corners of boxes along the world's axes that they stay in: before one moves, between
+            each of its placements and the next, and after that, one obstacle behind the other, shape (n, 6)
+            [m, world]. Those of what is endless are everything.
+        first: Where those of each begin, shape (m,).
+        speeds: How fast each loses distance at most meanwhile, shape (n,); 0 of what is endless [m/s].
+    """
+
+    boxes: np.ndarray
+    first: np.ndarray
+    speeds: np.ndarray
+
+
+def motion_of(obstacle: Obstacle) -> ObstacleMotion:
+    """How an obstacle moves, which does."""
+    assert obstacle.motion is not None, "only what moves is asked for"
+    return obstacle.motion
+
+
+def moving_ball(obstacle: Obstacle) -> MovingBall | None:
+    """A ball about an obstacle that moves; None if it is endless."""
+    if obstacle.endless:
+        return None
+    (low, high), placement = obstacle.box, obstacle.placement
+    if obstacle.cloud is not None:
+        middle = 0.5 * (low + high)
+    else:
+        vertices = obstacle.vertices
+        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    corners = (low + _CORNERS * (high - low)) @ placement.rotation.T + placement.translation
+    centre = np.asarray(motion_of(obstacle).placements[0].actInv(middle))
+    return MovingBall(centre, float(np.linalg.norm(corners - middle, axis=1).max()) + obstacle.rounding)
+
+
+def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
+    """Where obstacles that move get.
+
+    Args:
+        obstacles: They all move.
+        balls: About each, `moving_ball`.
+    """
+    motions = [motion_of(one) for one in obstacles]
+    counts = np.array([len(motion.times) for motion in motions], int)
+    if not len(counts):
+        return Swept(np.empty((0, 6)), np.empty(0, int), np.empty(0))
+    origin = np.zeros(3)
+    centres = [origin if ball is None else ball.centre for ball in balls]
+    radii = np.array([0.0 if ball is None else ball.radius for ball in balls])
+    there = np.array([at.act(c) for motion, c in zip(motions, centres, strict=True) for at in motion.placements])
+    steps = np.repeat(np.arange(len(counts)), counts - 1)
+    twists = np.concatenate([motion.twists for motion in motions])
+    lasting = np.concatenate([np.diff(motion.times) for motion in motions])
+    of_centre, angular = ball_rates(twists, np.array(centres)[steps], 0.0)[0], np.linalg.norm(twists[:, 3:], axis=1)
+    begins = np.delete(np.arange(len(there)), np.cumsum(counts) - 1)
+    way, straight = of_centre * lasting, np.linalg.norm(there[begins + 1] - there[begins], axis=1)
+    # a row before each obstacle's first placement, one for each step, one after its last
+    first = np.cumsum(counts + 1) - (counts + 1)
+    of_row = np.repeat(np.arange(len(counts)), counts + 1)
+    at_step = np.delete(np.arange(len(of_row)), np.concatenate([first, first + counts]))
+    aside, speeds = np.zeros(len(of_row)), np.zeros(len(of_row))
+    aside[at_step] = 0.5 * np.sqrt(np.maximum(way**2 - straight**2, 0.0))
+    speeds[at_step] = of_centre + radii[steps] * angular
+    far = np.abs(there).max(axis=1)
+    before = np.arange(len(of_row)) - of_row
+    after = np.minimum(before, np.repeat(np.cumsum(counts) - 1, counts + 1))
+    before = np.maximum(before - 1, np.repeat(np.cumsum(counts) - counts, counts + 1))
+    wide = aside + radii[of_row] + ROUNDING * (1.0 + np.maximum(far[before], far[after]) + aside)
+    low, high = np.minimum(there[before], there[after]), np.maximum(there[before], there[after])
+    boxes = np.hstack([low - wide[:, None], high + wide[:, None]])
+    endless = np.array([ball is None for ball in balls])[of_row]
+    boxes[endless], speeds[endless] = EVERYWHERE, 0.0
+    return Swept(boxes, first, speeds)
+
+
+def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """How far what is somewhere in boxes is from places in a ball.
+
+    Args:
+        boxes: Lower, then upper corners, shape (n, 6) [m].
+        centre: Of the ball, shape (3,) [m].
+        radius: Its radius [m].
+
+    Returns:
+        At least, and at most, both of shape (n,) [m].
+    """
+    below, above = boxes[:, :3] - centre, centre - boxes[:, 3:]
+    least = np.linalg.norm(np.maximum(np.maximum(below, above), 0.0), axis=1) - radius
+    most = np.linalg.norm(np.maximum(np.abs(below), np.abs(above)), axis=1) + radius
+    return least, most
