@@ -140,6 +140,13 @@ def movers(count: int) -> Made:
     return _among(*(_box(f"b{k}", at, trajectory=_moving(3, at)) for k, at in enumerate(_away(count))))
 
 
+def crowd(count: int) -> Made:
+    """Boxes that move, all of them within reach."""
+    places = np.random.default_rng(3).uniform([-1.0, -1.0, 0.0], [1.0, 1.0, 1.2], (3 * count, 3))
+    chosen = places[np.hypot(places[:, 0], places[:, 1]) > 0.35][:count].tolist()
+    return _among(*(_box(f"b{k}", at, trajectory=_moving(3, at)) for k, at in enumerate(chosen)))
+
+
 def _held(obstacle: Made) -> Made:
     return {"obstacle": obstacle, "link": "panda_hand", "touch_links": ["panda_leftfinger", "panda_rightfinger"]}
 
@@ -291,11 +298,12 @@ MAKERS: dict[str, tuple[Callable[[int], Made], int]] = {
     "scene_planes": (scene_planes, 1_000),
     "step_planes": (step_planes, 1_000),
     "places": (places, 100_000),
-    "movers": (movers, 200),
+    "movers": (movers, 2_000),
+    "crowd": (crowd, 2_000),
     "moving_mesh": (moving_mesh, 1_000_000),
     "moving_cloud": (moving_cloud, 1_000_000),
-    "held": (held, 10_000),
-    "held_cloud": (held_cloud, 1_000),
+    "held": (held, 30_000),
+    "held_cloud": (held_cloud, 5_000),
     "holds": (holds, 1_000),
     "path": (path, 400_000),
     "trajectory": (trajectory, 200_000),

@@ -31,7 +31,19 @@ print(json.dumps(told))
 SCENES = ["boxes", "triangles", "points"]
 
 OTHERS = [
-    *("polygons", "planes", "scene_planes", "step_planes", "places", "moving_mesh", "held", "path", "trajectory"),
+    *(
+        "polygons",
+        "planes",
+        "scene_planes",
+        "step_planes",
+        "places",
+        "movers",
+        "crowd",
+        "moving_mesh",
+        "held",
+        "path",
+        "trajectory",
+    ),
     *("samples", "goals", "blocked_goals", "steps", "constraints", "pairs", "frames", "clearances", "poses", "field"),
 ]
 """What else there may be much of: each of them was late once, or might be."""

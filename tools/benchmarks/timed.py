@@ -121,7 +121,7 @@ def problem_of(robot: str, seed: int, seconds: float, *, jerk: bool = False, met
             body(rng, f"rest{k}", rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.0])) for k in range(rng.integers(1, 4))
         ]
         scene = build(messages.Scene("timed", obstacles=obstacles))
-        last = build(messages.Scene("rested", obstacles=scene._posed(scene.end)))
+        last = scene.at(scene.end)
         world, first = World.build(group, last), World.build(group, scene.at(0.0))
         ends_free = not any(contacts_at(one, group.expand(start)) for one in (world, first))
         if not ends_free or touched(group, scene, start) != met:

@@ -48,7 +48,7 @@ def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNa
 
 
 def _enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
-    closed = _closed(world.group)
+    closed = closed_bodies(world.group)
     if not len(qs) or (world.scene.convex and not closed.any()):
         return [None] * len(qs)
     found: list[PairNames | None] = []
@@ -139,7 +139,7 @@ def _solid_of(world: World, body: int) -> _Solid:
 
 
 @kept_with_alike
-def _closed(group: PlanningGroup) -> np.ndarray:
+def closed_bodies(group: PlanningGroup) -> np.ndarray:
     """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
     solids, robot = _of_links(group.robot), group.robot.geometry
     index_of = {shape.name: index for index, shape in enumerate(robot.geometryObjects)}

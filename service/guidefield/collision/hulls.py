@@ -22,13 +22,13 @@ MOST_TRIANGLES = 20_000
 @kept_with_alike
 def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
     """The hull of each of a group's bodies that is judged as a mesh; None for all others."""
-    of_robot = _link_hulls(group.robot)
+    of_robot = hulls_of(group.robot)
     index_of = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
     return tuple(of_robot[index_of[shape.name]] for shape in group.geometry.geometryObjects)
 
 
 @kept_with
-def _link_hulls(robot: RobotModel) -> tuple[Any | None, ...]:
+def hulls_of(robot: RobotModel) -> tuple[Any | None, ...]:
     """The hull of each collision shape that is judged as a mesh; None for all others."""
     shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
     return tuple(hull(shape) if isinstance(shape, coal.BVHModelBase) else None for shape in shapes)

@@ -16,6 +16,7 @@ import coal
 
 from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import known_pieces, known_surface
+from guidefield.collision.hulls import hulls_of
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
 from guidefield.robot.bodies.convex_parts import PARTS
@@ -23,6 +24,7 @@ from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.shapes import hull
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +64,7 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
     found_at_once([*covers.pieces, *parts.pieces], progress)
     covers.keep()
     found_at_once([*_trees(robot, parts.keep()), *_surfaces(robot)], progress)
-    for lay_out in (link_bodies, surface_samples):
+    for lay_out in (link_bodies, surface_samples, hulls_of):
         if spent():
             raise StoppedError("its links were laid out")
         lay_out(robot)
@@ -85,9 +87,10 @@ def _trees(robot: RobotModel, parts: Sequence[Decomposition | None]) -> list[Pie
 
 
 def _surfaces(robot: RobotModel) -> list[Piece]:
-    """What measuring knows of the meshes, in the geometry's order."""
+    """What measuring knows of the meshes, and the hulls that stand for them, in the geometry's order."""
     return [
-        Piece.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
+        Piece.of("laying out", robot, index, 0.0, functools.partial(work, shape.geometry))
+        for work in (known_surface, hull)
         for index, shape in enumerate(robot.geometry.geometryObjects)
         if isinstance(shape.geometry, coal.BVHModelBase)
     ]

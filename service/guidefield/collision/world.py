@@ -6,7 +6,7 @@ import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -23,6 +23,7 @@ from guidefield.collision.near_tables import balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.errors import SceneInvalid, UnknownObject
+from guidefield.kept import kept_with
 from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
@@ -361,25 +362,49 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
             )
 
 
-def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]]) -> set[frozenset[str]]:
+class _Allowed(NamedTuple):
+    """What may touch: pairs of links, in either order, and by link the obstacles, by their indices."""
+
+    links: set[PairNames]
+    obstacles: dict[str, list[int]]
+
+
+def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> _Allowed | None:
+    """What may touch; None where nothing may."""
     pairs = list(allowed_collisions)
-    allowed: set[frozenset[str]] = set()
     if not pairs:
-        return allowed
-    obstacles = [obstacle.name for obstacle in scene.obstacles]
-    known = {*group.robot.links, *obstacles}
+        return None
+    links, known = set(group.robot.links), _indices(scene)
+    found = _Allowed(set(), {})
     for index, pair in enumerate(pairs):
-        for name in pair:
-            if name not in known:
-                raise UnknownObject(
-                    f"`allowed_collisions[{index}]` names {name!r}, which is neither a link nor an obstacle;"
-                    f" links: {', '.join(group.robot.links)}; obstacles: {', '.join(obstacles) or 'none'}",
-                    object=name,
-                    links=list(group.robot.links),
-                    obstacles=obstacles,
-                )
-        allowed.add(frozenset(pair))
-    return allowed
+        first, second = pair if pair[1] in known else pair[::-1]
+        if first in links and second in known:
+            found.obstacles.setdefault(first, []).append(known[second])
+        elif first in links and second in links:
+            found.links.update(((first, second), (second, first)))
+        else:
+            _require_known(group, scene, index, pair)
+    return found
+
+
+def _require_known(group: PlanningGroup, scene: Scene, index: int, pair: PairNames) -> None:
+    """Refuse names that nobody has."""
+    for name in pair:
+        if name not in group.robot.links and name not in scene.names:
+            obstacles = [obstacle.name for obstacle in scene.obstacles]
+            raise UnknownObject(
+                f"`allowed_collisions[{index}]` names {name!r}, which is neither a link nor an obstacle;"
+                f" links: {', '.join(group.robot.links)}; obstacles: {', '.join(obstacles) or 'none'}",
+                object=name,
+                links=list(group.robot.links),
+                obstacles=obstacles,
+            )
+
+
+@kept_with
+def _indices(scene: Scene) -> dict[str, int]:
+    """Where each obstacle stands, by its name."""
+    return {one.name: index for index, one in enumerate(scene.obstacles)}
 
 
 @kept_with_alike
@@ -402,21 +427,22 @@ def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
     return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
 
 
-def _pairs(group: PlanningGroup, scene: Scene, allowed: set[frozenset[str]]) -> Pairs:
+def _pairs(group: PlanningGroup, scene: Scene, allowed: _Allowed | None) -> Pairs:
     """The pairs of a group's bodies, and of those that move and obstacles, without names that are allowed to touch."""
     (own, moving), count = _own_pairs(group), len(scene.obstacles)
-    if not allowed:
+    if allowed is None:
         return Pairs(own, group.geometry.ngeoms, moving, count, np.empty(0, np.int64))
-    names, named = _link_names(group), set().union(*allowed)
-    kept = [frozenset((names[first], names[second])) not in allowed for first, second in own.tolist()]
-    known = [(index, one.name) for index, one in enumerate(scene.obstacles) if one.name in named]
+    names = _link_names(group)
+    kept = [(names[first], names[second]) not in allowed.links for first, second in own.tolist()]
     left_out = [
-        row * count + index
+        row * count + np.array(allowed.obstacles[names[body]], np.int64)
         for row, body in enumerate(moving.tolist())
-        for index, name in known
-        if frozenset((names[body], name)) in allowed
+        if names[body] in allowed.obstacles
     ]
-    return Pairs(own[np.array(kept, bool)], group.geometry.ngeoms, moving, count, np.array(left_out, np.int64))
+    none = np.empty(0, np.int64)
+    return Pairs(
+        own[np.array(kept, bool)], group.geometry.ngeoms, moving, count, np.unique(np.concatenate([none, *left_out]))
+    )
 
 
 @kept_with_alike

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
@@ -95,8 +97,19 @@ def volume(vertices: Floats, triangles: Integers) -> float:
         vertices: Shape (v, 3) [m], in any frame.
         triangles: Indices of vertices, shape (t, 3).
     """
-    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    return float(signed_volume(vertices, triangles, vertices.mean(axis=0)))
+    return volumes(vertices, [triangles])[0]
+
+
+def volumes(vertices: Floats, pieces: Sequence[Integers]) -> list[float]:
+    """The same of several closed surfaces that share vertices.
+
+    Args:
+        vertices: Shape (v, 3) [m], in any frame.
+        pieces: Indices of vertices of each, shape (t, 3).
+    """
+    vertices = np.ascontiguousarray(vertices, float)
+    about = vertices.mean(axis=0)
+    return [float(signed_volume(vertices, np.ascontiguousarray(one, np.int64), about)) for one in pieces]
 
 
 def boundary(triangles: Integers, vertex_count: int) -> Integers:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.geometry.closed import boundary, compact, connected_pieces, volume
+from guidefield.geometry.closed import boundary, compact, connected_pieces, volumes
 from guidefield.geometry.crossings import crossings
 from guidefield.geometry.solid import Solid, solid, surface_tables
 from guidefield.geometry.surfaces import Floats, Integers
@@ -46,7 +46,7 @@ def nested(vertices: Floats, triangles: Integers) -> Nested:
     kept = np.ones(len(triangles), bool)
     for k in inner:
         kept[given[members[k]]] = False
-    enclosed = sum(abs(volume(distinct, corners[members[k]])) for k in inner)
+    enclosed = sum(map(abs, volumes(distinct, [corners[members[k]] for k in inner])))
     return Nested(np.flatnonzero(kept), len(inner), float(enclosed))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.box_tree import box_tree
-from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume
+from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume, volumes
 from guidefield.geometry.cracks import WIDEST_CRACK, crack_lids, seams
 from guidefield.geometry.pseudonormals import pseudonormals
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
@@ -135,10 +135,10 @@ def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
     _, piece = np.unique(connected_pieces(len(vertices), triangles)[triangles[:, 0]], return_inverse=True)
     piece = piece.reshape(-1)
     members = np.split(np.argsort(piece, kind="stable"), np.cumsum(np.bincount(piece))[:-1])
-    volumes = [volume(vertices, triangles[own]) for own in members]
+    enclosed = volumes(vertices, [triangles[own] for own in members])
     owner = np.arange(len(members))
-    around = _Around(vertices, [triangles[own] for own in members], np.array(volumes))
-    for k in np.flatnonzero(np.array(volumes) < 0.0).tolist():
+    around = _Around(vertices, [triangles[own] for own in members], np.array(enclosed))
+    for k in np.flatnonzero(np.array(enclosed) < 0.0).tolist():
         holding = around(k)
         if holding is not None:
             owner[k] = holding
@@ -146,7 +146,7 @@ def _solids(vertices: Floats, triangles: Integers) -> tuple[Integers, Integers]:
             triangles[members[k]] = triangles[members[k]][:, ::-1]
     distinct = np.unique(owner)
     if len(distinct) > MOST_SOLIDS:  # by their volumes; the union of the small ones winds about what any of them does
-        small = distinct[np.argsort(-np.abs(np.array(volumes))[distinct], kind="stable")[MOST_SOLIDS - 1 :]]
+        small = distinct[np.argsort(-np.abs(np.array(enclosed))[distinct], kind="stable")[MOST_SOLIDS - 1 :]]
         owner[np.isin(owner, small)] = small[0]
     _, owners = np.unique(owner[piece], return_inverse=True)
     return np.ascontiguousarray(triangles), owners.reshape(-1).astype(np.int64)

@@ -12,7 +12,7 @@ from guidefield.aside import Spent, StoppedError, done_aside
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
-from guidefield.messages.scene import HalfSpace
+from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.messages.values import Look, never
 from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.model.model import RobotModel
@@ -20,7 +20,7 @@ from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
 from guidefield.scene.content import content_of
 from guidefield.scene.facets import bvh
-from guidefield.scene.points import are_many
+from guidefield.scene.points import are_many, count_of
 from guidefield.scene.scene import Scene
 
 MANY = 1000
@@ -50,7 +50,7 @@ def holding(
 
     Raises:
         MalformedRequest: if a half-space is to be held.
-        SceneInvalid: if a shape can't be used.
+        SceneInvalid: if a shape can't be used, or a cloud has too many points.
         UnknownFrame: if a link isn't one of the robot's.
         UnknownObject: if a name is taken.
         StoppedError: if time was up before objects of many triangles were built.
@@ -61,6 +61,11 @@ def holding(
     for index, one in enumerate(attached):
         if isinstance(one.obstacle, HalfSpace):
             raise MalformedRequest(f"`attached_objects[{index}]` is a half-space: nothing can hold it")
+        if isinstance(one.obstacle, PointCloud) and (count := count_of(one.obstacle.points)) > MOST_IN_BODIES:
+            raise SceneInvalid(
+                f"`attached_objects[{index}]`: a cloud that is held may have {MOST_IN_BODIES} points,"
+                f" not {count}: thin it out"
+            )
         if one.obstacle.name in taken:
             raise UnknownObject(
                 f"`attached_objects[{index}]`, {one.obstacle.name!r}, is an obstacle of the scene too: remove it there",
@@ -100,11 +105,6 @@ def _held(one: AttachedObject, index: int) -> Held:
     placement = se3(one.placement.position, one.placement.quaternion_xyzw) * body.placement
     shape = body.shape
     if body.cloud is not None:
-        if len(body.cloud.points) > MOST_IN_BODIES:
-            raise SceneInvalid(
-                f"`attached_objects[{index}]`: a cloud that is held may have {MOST_IN_BODIES} points,"
-                f" not {len(body.cloud.points)}: thin it out"
-            )
         shape = bvh(body.vertices, body.triangles)
     warnings = tuple(f"`attached_objects[{index}]`, {warning}" for warning in body.warnings)
     return Held(one.obstacle.name, shape, placement, one.link, tuple(one.touch_links), warnings)

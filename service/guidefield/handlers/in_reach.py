@@ -6,11 +6,12 @@ import dataclasses
 from itertools import chain
 from typing import TypeVar
 
-from guidefield.aside import Spent, done_aside
+from guidefield.aside import Spent, StoppedError, done_aside
 from guidefield.collision.robot_reach import robot_reach
 from guidefield.collision.world import World
 from guidefield.planner.task.conditions import Conditions
 from guidefield.scene.nearest_to_ball import has_many, nearest_to_ball
+from guidefield.scene.scene import Scene
 from guidefield.scene.within_ball import is_large_scene, within_ball
 
 Asked = TypeVar("Asked", bound=Conditions)
@@ -37,10 +38,16 @@ def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
         nearest = nearest_to_ball(
             scene, reach, scene.names.intersection(chain.from_iterable(problem.allowed_collisions))
         )
+        if spent():
+            raise StoppedError(_doing(scene))
         if nearest.some is not None:
             met, pairs = nearest.some, pairs.among(nearest.chosen)
     if large:
-        met = done_aside(lambda: within_ball(met, reach), spent, lambda: f"what is in reach of scene {scene.name}")
+        met = done_aside(lambda: within_ball(met, reach), spent, lambda: _doing(scene))
     if met is scene:
         return problem
     return dataclasses.replace(problem, scene=met, world=World(problem.group, met, pairs))
+
+
+def _doing(scene: Scene) -> str:
+    return f"what is in reach of scene {scene.name}"

@@ -8,9 +8,12 @@ from __future__ import annotations
 import weakref
 
 from guidefield.aside import Spent, done_aside, together, wait_for_others
+from guidefield.collision.enclosure import closed_bodies
+from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
-from guidefield.collision.minimum.tables import prepare_obstacles
+from guidefield.collision.minimum.tables import prepare_obstacles, robot_parts
 from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.world import World
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.placed import unplaced
@@ -60,6 +63,25 @@ def prepare_in_time(
     _prepared.add(scene)
 
 
+def lay_out_in_time(world: World, spent: Spent) -> None:
+    """Make what the first plan of a robot needs beside what prepares it: tables of its links.
+
+    Raises:
+        StoppedError: if time was up before.
+    """
+    robot = world.group.robot
+    if robot in _laid_out:
+        return
+
+    def work() -> None:
+        prepare_robot(world)
+        closed_bodies(world.group)
+        robot_parts(world.group)
+        _laid_out.add(robot)
+
+    done_aside(work, spent, lambda: f"the links of {robot.name} were laid out")
+
+
 def field_in_time(scene: Scene, spent: Spent) -> None:
     """Make the field of a scene.
 
@@ -71,3 +93,5 @@ def field_in_time(scene: Scene, spent: Spent) -> None:
 
 
 _prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
+
+_laid_out: weakref.WeakSet[RobotModel] = weakref.WeakSet()

@@ -7,7 +7,7 @@ from typing import Any
 from guidefield.aside import StoppedError
 from guidefield.collision.preparation import Told
 from guidefield.errors import Status
-from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.preparing import lay_out_in_time, prepare_in_time
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.plan import Plan, refused, unprepared
@@ -58,6 +58,8 @@ def _unprepared(request: PlanRequest, problem: Problem, preparing: Told) -> Plan
     field = bool(problem.guide_planes) or request.guide_planes == "auto"
     try:
         prepare_in_time(robot, problem.scene, problem.budget.spent, preparing, field=field)
+        if robot is not None:
+            lay_out_in_time(problem.world, problem.budget.spent)
     except StoppedError as stopped:
         message = (
             "the first use of a robot or scene prepares its meshes, and time was up before"

@@ -128,7 +128,7 @@ def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stage
     """The best motion so far, without time, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = enclosed_start(problem, found.path[0]) or certify(
-            problem.world, polyline(found.path), problem.min_clearance
+            problem.world, polyline(found.path), problem.min_clearance, stopped=at_the_very_end(problem)
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=failure)

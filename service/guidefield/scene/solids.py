@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.charged import field_tables
-from guidefield.geometry.closed import connected_pieces, volume
+from guidefield.geometry.closed import connected_pieces, volumes
 from guidefield.kernels.field.field import field_at_points
 
 
@@ -19,10 +19,11 @@ def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
     labels = connected_pieces(len(vertices), triangles)[triangles[:, 0]]
     if (labels == labels[0]).all():
         return [triangles]
-    parts = [triangles[labels == label] for label in np.unique(labels)]
-    volumes = [volume(vertices, part) for part in parts]
-    solids = [parts[index] for index in np.argsort(volumes, kind="stable").tolist() if volumes[index] > 0.0]
-    hollows = [part for part, within in zip(parts, volumes, strict=True) if within <= 0.0]
+    order = np.argsort(labels, kind="stable")
+    parts = np.split(triangles[order], np.flatnonzero(np.diff(labels[order])) + 1)
+    enclosed = volumes(vertices, parts)
+    solids = [parts[index] for index in np.argsort(enclosed, kind="stable").tolist() if enclosed[index] > 0.0]
+    hollows = [part for part, within in zip(parts, enclosed, strict=True) if within <= 0.0]
     found: list[list[np.ndarray]] = [[solid] for solid in solids]
     for hollow in hollows:
         inside = vertices[hollow[0]].mean(axis=0)[None]

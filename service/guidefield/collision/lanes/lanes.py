@@ -33,6 +33,11 @@ TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
 
 
+def prepare_robot(world: World) -> None:
+    """Make what lanes know of the robot of a world, whatever its obstacles are; once for alike groups."""
+    _robot(world.group, world.pairs.own.tobytes())
+
+
 @kept_with
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""

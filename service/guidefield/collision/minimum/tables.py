@@ -37,7 +37,7 @@ def is_served(world: World) -> bool:
 
 @kept_with_alike
 def _robot_rounding(group: PlanningGroup) -> float:
-    return _rounding(_robot_parts(group)[1])
+    return _rounding(robot_parts(group)[1])
 
 
 @kept_with
@@ -69,7 +69,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 
     Own pairs, an array (own, 2) of int64, are those of the motion bound that is at hand already.
     """
-    bound, about, (roots, parts) = motion_bound(group, own_pairs), bodies(group), _robot_parts(group)
+    bound, about, (roots, parts) = motion_bound(group, own_pairs), bodies(group), robot_parts(group)
     robot = RobotBodies(
         joints=joints_of(group),
         expand=np.ascontiguousarray(group.expand_velocity, float),
@@ -169,8 +169,8 @@ def bezier_curve(curve: Curve) -> BezierCurve:
 
 
 @kept_with_alike
-def _robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
-    """Roots of the robot's bodies, in the frames of their joints, and their parts."""
+def robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
+    """Roots of the robot's bodies, shape (r,), in the frames of their joints, and their parts."""
     table = PartsTable()
     roots = [
         table.add_surface(shape.geometry, shape.placement)

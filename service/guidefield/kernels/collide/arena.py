@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import int64
+from numba import int64, void
 
 from guidefield.kernels.collide.layout import HIT, HITS, LaneObstacles, Scratch
 from guidefield.kernels.collide.parts import Parts
@@ -23,6 +23,23 @@ MEMORY_WORDS = len(Scratch._fields) + 1
 """How many words there are behind those: of the scratch and the block."""
 
 _HITS = 1 + Scratch._fields.index("hits")
+
+
+@compiled(void(INDEX_MATRIX, INDICES, INDICES_OUT))
+def _write_left_out(left_out: np.ndarray, owners: Words, may_touch: Words) -> None:
+    """Mark what may touch: for each body all obstacles that stand for one of the scene."""
+    n, most = len(owners), -1
+    for o in range(n):
+        most = max(most, owners[o])
+    last, before = np.full(most + 1, -1), np.empty(n, np.int64)
+    for o in range(n):
+        before[o] = last[owners[o]]
+        last[owners[o]] = o
+    for p in range(len(left_out)):
+        o = last[left_out[p, 1]] if left_out[p, 1] <= most else -1
+        while o >= 0:
+            may_touch[left_out[p, 0] * n + o] = 1
+            o = before[o]
 
 
 @compiled(int64(INDICES, INDICES, INDICES, INDICES, int64, INDICES, INDEX_MATRIX, INDICES_OUT, INDICES_OUT))
@@ -69,8 +86,6 @@ def lay_out(
             k += 1
         else:
             memory[at + body * n : at + (body + 1) * n] = 1
-    for p in range(len(left_out)):
-        for o in range(n):
-            if owners[o] == left_out[p, 1]:
-                memory[at + left_out[p, 0] * n + o] = 1
+    if len(left_out):
+        _write_left_out(left_out, owners, memory[at:])
     return begins
