@@ -14,7 +14,7 @@ TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
 @pytest.mark.parametrize(
     "command",
     [
-        ["soak", "--requests", "24", "--seconds", "3", "--workers", "1", "--patience", "120", "--disk", "256"],
+        ["soak", "--requests", "12", "--seconds", "3", "--workers", "1", "--patience", "120", "--disk", "256"],
         ["isolation", "--stopped", "3", "--slow", "3", "--greedy", "2", "--seconds", "1", "--workers", "1"],
         ["fuzz", "--examples", "60", "--seed", "1"],
     ],
