@@ -1,10 +1,12 @@
 """How the time of a whole answer grows: with obstacles, triangles, points, links, and waypoints of a given motion.
 
-Usage: tools/bench scale [obstacles | triangles | points | links | waypoints ...] [--most N] [--repeats N]
+Usage: tools/bench scale [obstacles | triangles | points | movers | crossed | links | waypoints ...] [--most N]
+       [--repeats N]
 
 Each answer is through `guidefield.answer`, by CPU time of the process: the first one in a scene that was never seen,
 and the best of the next ones. The exponent is that of the power of the size that fits best, over all sizes but the
-smallest decade. Obstacles are small boxes, all but ten of them more than a metre away from where the robot is.
+smallest decade. Obstacles are small boxes, all but ten of them more than a metre away from where the robot is. Movers
+are the same boxes, each of which slides to and fro; crossed are boxes at rest, with one that comes across the way.
 """
 
 from __future__ import annotations
@@ -94,6 +96,23 @@ def _boxes(count: int, draw: int) -> list[Made]:
     return made
 
 
+def _moving(box: Made, way: Sequence[float]) -> Made:
+    """A box that slides by a way and back in five seconds."""
+    begin, end = box["position"], (np.array(box["position"]) + way).tolist()
+    places = [{"position": place} for place in (begin, end, begin)]
+    return {**box, "trajectory": {"times": [0.0, 2.5, 5.0], "placements": places}}
+
+
+def _movers(count: int, draw: int) -> list[Made]:
+    ways = np.random.default_rng(draw).uniform(-0.1, 0.1, (count, 3)).tolist()
+    return [_moving(box, way) for box, way in zip(_boxes(count, draw), ways, strict=True)]
+
+
+def _crossed(count: int, draw: int) -> list[Made]:
+    across = {"type": "box", "name": "across", "size": [0.05, 0.05, 0.05], "position": [0.55, 0.9, 0.5]}
+    return [*_boxes(count, draw), _moving(across, [0.0, -1.5, 0.0])]
+
+
 def _terrain(count: int, draw: int) -> list[Made]:
     """An open mesh of about so many triangles, 6 m wide, below the robot."""
     side = max(1, round(math.sqrt(0.5 * count)))
@@ -143,6 +162,8 @@ SUBJECTS = {
     "obstacles": Subject((10, 100, 1_000, 3_000, 10_000), lambda size, draw: _plan(_boxes(size, draw))),
     "triangles": Subject((1_000, 10_000, 100_000, 1_000_000), lambda size, draw: _plan(_terrain(size, draw))),
     "points": Subject((1_000, 10_000, 100_000, 1_000_000), lambda size, draw: _plan(_cloud(size, draw))),
+    "movers": Subject((10, 100, 1_000, 2_000), lambda size, draw: _plan(_movers(size, draw))),
+    "crossed": Subject((10, 100, 1_000, 10_000), lambda size, draw: _plan(_crossed(size, draw))),
     "links": Subject(tuple(CHAINS), _chain),
     "waypoints": Subject((10, 100, 1_000, 10_000), _judged),
 }
