@@ -16,6 +16,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.requests import JointsGoal, PlanRequest, StoreScene
 from guidefield.messages.scene import Box, GuidePlane, Mesh, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene
+from guidefield.messages.seen_payload import Payload
 from guidefield.messages.seen_scene import SeenScene, parts_of
 from guidefield.messages.values import Float32Array, Uint32Array
 
@@ -154,11 +155,11 @@ def test_what_is_given_in_arrays_is_checked_once(form: Callable[[dict[str, Any]]
     requests = [{"robot": "panda", "scene": scene, "goal": {"type": "joints", "positions": {}}} for scene in scenes]
     made = [given_requests.checked(request) for request in requests]
     assert made[1].scene is made[0].scene  # type: ignore[union-attr]
-    assert (
-        made[0]
-        == made[1]
-        == codec.decode_request(codec.encode(codec.decode_request(codec.without_arrays(requests[0]))))
-    )
+    scene = in_arrays()
+    mesh = scene["obstacles"][0]
+    numbers = {"vertices": mesh["vertices"].tolist(), "triangles": {"uint32": mesh["triangles"].tobytes()}}
+    declared = requests[0] if form is packed else requests[0] | {"scene": {**scene, "obstacles": [mesh | numbers]}}
+    assert made[0] == made[1] == codec.decode_request(codec.encode(codec.decode_request(declared)))
 
 
 @pytest.mark.parametrize("form", [dict, in_messages])
@@ -217,6 +218,39 @@ def test_a_scene_in_a_payload_is_read_once(encoding: Encoding, monkeypatch: pyte
         known_payloads.read(broken, PlanRequest, encoding)
     moved = msgspec.structs.replace(plans[0], scene=in_messages(in_arrays(10_001)))
     assert known_payloads.read(codec.encode(moved, encoding), PlanRequest, encoding).scene is not read[0].scene
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_scene_is_known_wherever_it_stands_and_nowhere_else(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a decoder says of where a scene's bytes stand counts, whatever is around them."""
+    monkeypatch.setattr(known_payloads, "_KNOWN", CheckedScenes(2))
+    scene = codec.encode(in_messages(in_arrays(10_000)))
+    other = codec.encode(in_messages(in_arrays(10_001)))
+    asked = b'"robot":"panda","goal":{"type":"joints","positions":{}}'
+    first = known_payloads.read_new(b'{"scene":%s,%s}' % (scene, asked)).scene  # type: ignore[union-attr]
+    rng = np.random.default_rng(seed)
+    for around in rng.permutation(
+        [
+            b'{%s,"scene":SCENE}' % asked,
+            b'{"scene":OTHER,%s,"scene":SCENE}' % asked,
+            b'{"scene":SCENE,"scene":OTHER,%s}' % asked,
+            b'{"note":SCENE,"scene":OTHER,%s}' % asked,
+            b'{"note":SCENE,"scene":SCENE,%s}' % asked,
+            b'{"note":{"scene":SCENE},"scene":OTHER,%s}' % asked,
+            b'{"scene":[SCENE],%s}' % asked,
+            b'{"scene":SCENE 1,%s}' % asked,
+            b'{"note":"SCENE","scene":OTHER,%s}' % asked,
+            b'{"note":"\\"SCENE\\"",%s}' % asked,
+            b"SCENE",
+            b'{"scene":SCENE,%s' % asked,
+        ]
+    ).tolist():
+        payload = around.replace(b"SCENE", scene).replace(b"OTHER", other)
+        try:
+            expected = msgspec.json.decode(payload, type=dict[str, msgspec.Raw]).get("scene") == msgspec.Raw(scene)
+        except msgspec.DecodeError:
+            expected = False
+        assert known_payloads._KNOWN.of(Payload(payload, Encoding.JSON)) is (first if expected else None)
 
 
 def test_a_payload_that_is_cut_off_is_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:

