@@ -14,11 +14,11 @@ from guidefield.messages import codec, given_requests, known_payloads
 from guidefield.messages.checked_scenes import WORTH, CheckedScenes
 from guidefield.messages.codec import Encoding
 from guidefield.messages.requests import JointsGoal, PlanRequest, StoreScene
-from guidefield.messages.scene import Box, GuidePlane, Mesh, PointCloud, Scene
+from guidefield.messages.scene import Box, GuidePlane, Mesh, ObstacleTrajectory, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene
 from guidefield.messages.seen_payload import Payload
 from guidefield.messages.seen_scene import SeenScene, parts_of
-from guidefield.messages.values import Float32Array, Uint32Array
+from guidefield.messages.values import Float32Array, Placement, Uint32Array
 
 
 def crates(count: int = WORTH) -> list[Box]:
@@ -62,6 +62,34 @@ def test_what_is_equal_is_known_and_what_differs_is_not() -> None:
     ):
         assert known.of(other) is None
     assert known.of("bookshelf") is None
+
+
+def moving(count: int = WORTH) -> list[Box]:
+    return [
+        Box(
+            name=f"m{k}",
+            size=(0.1, 0.1, 0.1),
+            trajectory=ObstacleTrajectory([0.0, 1.0 + k], [Placement(), Placement((0.0, 0.1 * k, 1.0))]),
+        )
+        for k in range(count)
+    ]
+
+
+def test_what_moves_is_checked_once_and_a_change_of_its_way_is_noticed() -> None:
+    known, made = CheckedScenes(2), Scene("s", obstacles=[*moving()])
+    known.keep(made, made)
+    assert known.of(Scene("s", obstacles=[*moving()])) is made
+    rests = [*moving()[:-1], msgspec.structs.replace(moving()[-1], trajectory=None)]
+    later = ObstacleTrajectory([0.0, 9.0], moving()[3].trajectory.placements)  # type: ignore[union-attr]
+    others = [*moving()[:3], msgspec.structs.replace(moving()[3], trajectory=later), *moving()[4:]]
+    for other in (rests, others, moving(WORTH + 1)[1:]):
+        assert known.of(Scene("s", obstacles=[*other])) is None
+    changed = [*moving()]
+    known.keep(Scene("s", obstacles=changed), msgspec.convert(msgspec.to_builtins(made), Scene))
+    changed[5].trajectory.placements[1] = Placement((0.0, 0.0, 2.0))  # type: ignore[union-attr]
+    assert known.of(Scene("s", obstacles=changed)) is None
+    changed[5].trajectory.placements[1] = Placement((0.0, 0.5, 1.0))  # type: ignore[union-attr]
+    assert known.of(Scene("s", obstacles=changed)) is not None
 
 
 def test_a_list_that_was_changed_since_is_noticed() -> None:

@@ -6,9 +6,10 @@ and where they are the same nothing has changed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
-from guidefield.messages.scene import Scene
+from guidefield.messages.scene import ObstacleTrajectory, Scene
 from guidefield.messages.triples import TOGETHER
 from guidefield.messages.values import Float32Array, Look, Uint32Array, never
 
@@ -118,8 +119,7 @@ def _count(declared: Any) -> int:
 
 def _rest_of(body: Any) -> tuple[Any, ...]:
     """The kind of an obstacle or guide plane, and what it declares otherwise than as a list."""
-    values = ((field, getattr(body, field)) for field in type(body).__struct_fields__)
-    return type(body), *(pair for pair in values if not isinstance(pair[1], list))
+    return type(body), *(pair for pair in _fields_of(body) if not isinstance(pair[1], list))
 
 
 def _lists_of(body: Any) -> list[list[Any]]:
@@ -128,8 +128,18 @@ def _lists_of(body: Any) -> list[list[Any]]:
     Raises:
         TypeError: if another field than a list may change.
     """
-    values = [getattr(body, field) for field in type(body).__struct_fields__]
+    values = [value for _, value in _fields_of(body)]
     for value in values:
         if not isinstance(value, list):
             hash(value)
     return [value for value in values if isinstance(value, list)]
+
+
+def _fields_of(body: Any) -> Iterator[tuple[str, Any]]:
+    """The fields of an obstacle or guide plane; those of its trajectory in the place of that."""
+    for field in type(body).__struct_fields__:
+        value = getattr(body, field)
+        if isinstance(value, ObstacleTrajectory):
+            yield from _fields_of(value)
+        else:
+            yield field, value

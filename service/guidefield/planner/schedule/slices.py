@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 
 import msgspec
@@ -23,7 +24,7 @@ from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.points import count_of
-from guidefield.scene.swept import MovingBall
+from guidefield.scene.swept import MovingBall, motion_of
 
 Moments = Mapping[int, Sequence[float]]
 """At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
@@ -157,13 +158,15 @@ class Slices:
 
     def _speed(self, mover: int, ball: MovingBall | None, begin: float, end: float) -> float:
         """How fast an obstacle comes closer at most between two times; a half-space to where the robot gets [m/s]."""
-        motion = self._problem.scene.obstacles[mover].motion
-        assert motion is not None, "it moves"
+        known = self._problem.timed_world.movers
+        at = bisect_left(known.indices, mover)
+        times = known.times[at]
+        first, last = bisect_right(times, begin) - 1, bisect_left(times, end)
         if ball is not None:
-            return motion.speed(begin, end, *ball)
+            return max(known.speeds[at][max(first, 0) : last], default=0.0)
         assert self._within_reach is not None, "one of the balls is missing"
-        during = slice(np.searchsorted(motion.times, begin, side="right"), np.searchsorted(motion.times, end) + 1)
-        return float(motion.passing(*self._within_reach)[during].max(initial=0.0))
+        passing = motion_of(known.obstacles[at]).passing(*self._within_reach)[1:-1]
+        return float(passing[max(first, 0) : last].max(initial=0.0))
 
 
 def _reach(world: World) -> tuple[np.ndarray, float]:
