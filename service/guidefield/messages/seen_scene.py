@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from guidefield.messages.scene import ObstacleTrajectory, Scene
+from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, ObstacleTrajectory, Scene, Sphere
 from guidefield.messages.triples import TOGETHER
 from guidefield.messages.values import Float32Array, Look, Uint32Array, never
 
@@ -102,10 +102,14 @@ def _are_same_objects(one: list[Any], other: list[Any]) -> bool:
 def parts_of(scene: Scene) -> int:
     """How many obstacles and guide planes a scene holds, with the corners, triangles and points of each."""
     bodies = [*scene.obstacles, *scene.guide_planes]
-    return len(bodies) + sum(_count(getattr(body, field, None)) for body in bodies for field in _MANY)
+    many = (body for body in bodies if type(body) not in _SINGLE)
+    return len(bodies) + sum(_count(getattr(body, field, None)) for body in many for field in _MANY)
 
 
 _MANY = "vertices", "triangles", "points"
+
+_SINGLE = {Box, Sphere, Cylinder, Capsule, HalfSpace}
+"""Kinds of obstacles that have none of these."""
 
 
 def _count(declared: Any) -> int:
