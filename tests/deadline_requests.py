@@ -303,7 +303,7 @@ MAKERS: dict[str, tuple[Callable[[int], Made], int]] = {
     "moving_mesh": (moving_mesh, 1_000_000),
     "moving_cloud": (moving_cloud, 1_000_000),
     "held": (held, 30_000),
-    "held_cloud": (held_cloud, 5_000),
+    "held_cloud": (held_cloud, 3_000),
     "holds": (holds, 1_000),
     "path": (path, 400_000),
     "trajectory": (trajectory, 200_000),

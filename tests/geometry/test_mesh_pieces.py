@@ -90,7 +90,7 @@ def test_clusters_are_as_many_as_were_counted(count: int) -> None:
 def test_nodes_that_may_get_a_box_are_told_with_all_that_is_below(count: int) -> None:
     triangles, told = np.random.default_rng(count).normal(size=(count, 3, 3)), list[Cluster]()
     balls, links = np.empty((2 * count - 1, 4)), np.empty((2 * count - 1, 3), np.int64)
-    tree_written(triangles, balls, links, lambda: None, told.append)
+    tree_written(triangles, balls, links, told.append)
     assert boxed_count(count) == sum(len(nodes) for nodes, _ in told)
     for nodes, members in told:
         for node, row in zip(nodes.tolist(), members, strict=True):

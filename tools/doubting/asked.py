@@ -47,6 +47,8 @@ ROAM = 0.6
 """How far a joint without limits goes that slides [m]."""
 SHORT = 0.4
 """Of most motions the goal is within this share of the way to a random one."""
+CROWDS = 0.3
+"""Among so many of the plans among what moves it is a crowd, of which those that matter are looked at alone."""
 OWN_ROOM = 5e-4
 """What links keep from each other at ends [m]."""
 
@@ -272,17 +274,22 @@ def constraint(rng: np.random.Generator, frame: str, poses: list[Any]) -> PathCo
 def _flying(
     rng: np.random.Generator, loaded: Loaded, names: frozenset[str], values: list[Values], setting: dict[str, Any]
 ) -> list[messages.Obstacle]:
-    """Obstacles that fly by, far enough from the start at first."""
+    """Obstacles that fly by, far enough from the start at first; at times a crowd, most of it far away."""
     judge = loaded.judge(names, **setting)
     judge.distances_at(values[0])
     centres, found = judge.moving_centres(), []
-    for index in range(int(rng.integers(1, 3)) if len(centres) else 0):
+    crowd = rng.random() < CROWDS
+    for index in range(int(rng.integers(*((18, 40) if crowd else (1, 3)))) if len(centres) else 0):
         kind = str(rng.choice(["box", "sphere", "cylinder", "capsule", "mesh", "polygon", "cloud", "half_space"]))
+        if crowd and kind == "half_space":
+            continue
         one = scenery.obstacle(rng, kind, f"f{index}", np.zeros(3), float(rng.uniform(0.05, 0.25)))
+        by, apart = (float(rng.uniform(0.1, 2.0)), float(rng.uniform(0.0, 4.0))) if crowd else (0.5, 0.0)
         if isinstance(one, messages.HalfSpace):
             one = scenery.swaying(rng, one, centres, 2.5)
         else:
-            one = scenery.flying(rng, one, centres[rng.integers(len(centres))], 0.5, 2.5)
+            at = centres[rng.integers(len(centres))]
+            one = scenery.flying(rng, one, at + apart * rng.normal(size=3) if crowd else at, by, 2.5)
         if scenery.closest(loaded.judge(names, obstacles=[one], **setting), values[0])[0] > 1e-3:
             found.append(one)
     return found

@@ -54,29 +54,23 @@ class MeshTree:
     clusters: tuple[Cluster, ...]
 
 
-def mesh_tree(
-    triangles: np.ndarray, hull: np.ndarray | None = None, before_level: Callable[[], None] = lambda: None
-) -> MeshTree:
+def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree:
     """The tree over triangles (t, 3, 3), and a polytope about them all.
 
-    `hull` holds the vertices (k, 3) of that polytope; else it is their own hull. `before_level` is as of
-    `triangle_tree`.
+    `hull` holds the vertices (k, 3) of that polytope; else it is their own hull.
     """
     if hull is None and len(triangles) > 1:
         try:
             hull = polytope_about(np.array(convex_hull(triangles.reshape(-1, 3)).vertices))
         except ValueError:  # it is flat
             hull = None
-    return replace(triangle_tree(triangles, before_level), hulls={} if hull is None else {0: hull})
+    return replace(triangle_tree(triangles), hulls={} if hull is None else {0: hull})
 
 
-def triangle_tree(triangles: np.ndarray, before_level: Callable[[], None] = lambda: None) -> MeshTree:
-    """The tree over triangles (t, 3, 3), each group halved along its widest side; without a polytope about them all.
-
-    `before_level` is called before each level, and may raise.
-    """
+def triangle_tree(triangles: np.ndarray) -> MeshTree:
+    """The tree over triangles (t, 3, 3), each group halved along its widest side; without a polytope about them all."""
     nodes = 2 * len(triangles) - 1
-    return tree_written(triangles, np.empty((nodes, 4)), np.empty((nodes, 3), np.int64), before_level)
+    return tree_written(triangles, np.empty((nodes, 4)), np.empty((nodes, 3), np.int64))
 
 
 def cluster_counts(triangles: int) -> list[int]:
@@ -110,7 +104,6 @@ def tree_written(
     triangles: np.ndarray,
     balls: np.ndarray,
     links: np.ndarray,
-    before_level: Callable[[], None],
     boxed: Told = lambda _: None,
 ) -> MeshTree:
     """`triangle_tree` in arrays for its balls (2 t - 1, 4) and links (2 t - 1, 3); tells which nodes may get a box."""
@@ -120,7 +113,6 @@ def tree_written(
     above = np.array([np.iinfo(np.int64).max])
     found: list[list[Cluster]] = [[] for _ in CLUSTERS]
     while len(sizes):  # level by level: the members of its nodes one after the other
-        before_level()
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         level = slice(made, made + len(sizes))
         balls_about_runs(triangles, members, starts, sizes, balls[level])

@@ -6,18 +6,24 @@ It is some long calls into libraries: they are made aside, so that the answer co
 from __future__ import annotations
 
 import weakref
+from collections.abc import Iterator
 
-from guidefield.aside import Spent, done_aside, together, wait_for_others
+from guidefield.aside import Spent, StoppedError, done_aside, together, wait_for_others
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.minimum.tables import prepare_obstacles, robot_parts
+from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.placed import unplaced
+from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
+
+MANY_HELD = 10_000
+"""Obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds."""
 
 
 def prepare_in_time(
@@ -48,19 +54,37 @@ def prepare_in_time(
     def work() -> None:
         if robot is not None:
             prepare(robot, spent, doing)
-        if scene.convex:
-            prepare_scene(scene, spent, doing)
-        else:
-            together(lambda: distance_tables(scene), lambda: prepare_scene(scene, spent, doing))
-            at[0] = f"the surfaces of scene {scene.name}"
-            lane_scene(scene)
-            prepare_obstacles(scene)
+        for some in _as_asked(scene):
+            at[0] = f"the obstacles of scene {scene.name}"
+            _prepare_obstacles(some, spent, doing, at)
         if field:
             at[0] = f"the field of scene {scene.name}"
             _ = scene.tables
 
     done_aside(work, spent, lambda: at[0])
     _prepared.add(scene)
+
+
+def _as_asked(scene: Scene) -> Iterator[Scene]:
+    """A scene as a plan asks about it: among obstacles of many triangles or points that move, with these held too."""
+    yield scene
+    if scene.moves and are_many([scene.message.obstacles[k] for k in scene.others], MANY_HELD):
+        yield scene.resting
+        for time in (0.0, scene.end):
+            yield scene.at(time)
+
+
+def _prepare_obstacles(scene: Scene, spent: Spent, told: Told, at: list[str]) -> None:
+    if scene.convex:
+        prepare_scene(scene, spent, told)
+        return
+    together(lambda: distance_tables(scene), lambda: prepare_scene(scene, spent, told))
+    if spent():
+        raise StoppedError(at[0])
+    at[0] = f"the surfaces of scene {scene.name}"
+    lane_scene(scene)
+    prepare_obstacles(scene)
+    obstacle_boxes(scene)
 
 
 def lay_out_in_time(world: World, spent: Spent) -> None:

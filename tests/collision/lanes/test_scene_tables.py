@@ -163,19 +163,15 @@ def test_lanes_ask_for_no_shape_of_a_primitive() -> None:
 
 
 def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
-    solid = mesh_message(*l_prism(), position=(0.41, 0.13, 0.07))
-    made = build(messages.Scene(name="s", obstacles=[solid]))
-    asked: list[int] = []
-
-    def spent_at(step: int) -> bool:
-        asked.append(step)
-        return len(asked) >= step
-
-    for step in (1, 2, 4):
-        asked.clear()
-        with pytest.raises(StoppedError, match=r"^obstacle m$"):
-            prepare_scene(made, lambda at=step: spent_at(at))  # type: ignore[misc]
-        assert len(asked) == step
+    solids = [
+        msgspec.structs.replace(mesh_message(*l_prism(), position=(0.41, 0.13, 0.07 + k)), name=f"m{k}")
+        for k in range(3)
+    ]
+    made = build(messages.Scene(name="s", obstacles=solids))
+    for at, left in (("m0", 1), ("m0", 1), ("m1", 2), ("m2", 2)):
+        answers = iter([False] * (left - 1) + [True])
+        with pytest.raises(StoppedError, match=f"^obstacle {at}$"):
+            prepare_scene(made, lambda answers=answers: next(answers))  # type: ignore[misc]
     prepare_scene(made, lambda: False)
     prepare_scene(made, lambda: True)  # nothing is left to do
     assert len(lane_scene(made).owners) > 0
@@ -186,7 +182,7 @@ def test_boxes_of_a_surface_hold_its_triangles_each_once(count: int) -> None:
     rng = np.random.default_rng(count)
     corners = rng.normal(size=(count, 1, 3)) + 0.1 * rng.normal(size=(count, 3, 3))
     table = PartsTable()
-    places, rows = _clusters(corners, table, lambda: None)
+    places, rows = _clusters(corners, table)
     parts = table.tables()
     links, numbers = parts.links.reshape(-1, LINK), parts.numbers.reshape(-1, PART)
     seen = []

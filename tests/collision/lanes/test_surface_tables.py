@@ -37,7 +37,7 @@ SOLIDS = {
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
 def test_boxes_hold_what_is_below_their_nodes(mesh: solids.Mesh) -> None:
     (obstacle,) = build(messages.Scene(name="s", obstacles=[mesh_message(*mesh)])).obstacles
-    made = large_surface(obstacle, lambda: None)
+    made = large_surface(obstacle)
     links, shapes = made["links"].reshape(-1, LINK), made["shapes"].reshape(-1, SHAPE)
     vertices, corners = made["vertices"].reshape(-1, 3, LANES), made["numbers"].reshape(-1, PART)[:, :9]
     ways = np.random.default_rng(0).normal(size=(60, 3))
@@ -66,6 +66,6 @@ def test_what_is_open_has_none() -> None:
     meshes = [mesh_message(vertices, triangles[1:], "open"), mesh_message(vertices, triangles, "closed")]
     obstacle, other = build(messages.Scene(name="s", obstacles=meshes)).obstacles
     assert (obstacle.solid, other.solid) == (False, True)
-    closed = large_surface(other, lambda: None)
-    made = large_surface(obstacle, lambda: None)
+    closed = large_surface(other)
+    made = large_surface(obstacle)
     assert len(closed["shapes"]) - len(made["shapes"]) > SHAPE * boxed_count(obstacle.faces)

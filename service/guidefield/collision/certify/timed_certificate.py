@@ -32,8 +32,8 @@ from guidefield.scene.swept import motion_of
 ASKED_EVERY = 16
 """After so many evaluations it is asked whether the judgement is to end."""
 
-MANY_PAIRS = 400
-"""Where more pairs are left, it is asked at each evaluation."""
+MANY_PAIRS, MANY_FACES = 400, 10_000
+"""Where more pairs are left, or an obstacle has more triangles or points, it is asked at each evaluation."""
 
 MANY = 16
 """Where more obstacles move, those that are far all along a piece of a motion are left out at once."""
@@ -143,6 +143,7 @@ class _Judge:
         self.floor = floor
         self.evaluations = 0
         self._movers = worlds.movers
+        self._large = any(one.faces > MANY_FACES for one in worlds.movers.obstacles)
         self._placed: tuple[float, dict[int, Any]] = (0.0, {})
         about = _about_robot(worlds, pieces)
         self._speeds = [
@@ -162,7 +163,7 @@ class _Judge:
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
         pairs = segment.pairs
-        if (self.evaluations % ASKED_EVERY == 0 or len(pairs) > MANY_PAIRS) and self.stopped():
+        if (self.evaluations % ASKED_EVERY == 0 or len(pairs) > MANY_PAIRS or self._large) and self.stopped():
             at, z = segment.start, segment.control[0]
             return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, (segment.piece, at), None, z)
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)
@@ -244,6 +245,10 @@ class _Judge:
         """
         world, mover, body = self.worlds.moving, int(self.worlds.mover_of[k]), int(self.worlds.body_of[k])
         obstacle = self._movers.obstacles[mover]
+        if obstacle.facets is not None and obstacle.facets.patches is not None:  # one tree of all takes seconds
+            other = world.pairs.links + int(self._movers.indices[mover])
+            world.move(other, self._placement(mover, time))
+            return world.penetration_of(body, other, margin) is not None
         shape, other = as_met(world.exact.shape(body), obstacle.shape)
         request, result = coal.CollisionRequest(), coal.CollisionResult()
         request.security_margin = margin + obstacle.rounding

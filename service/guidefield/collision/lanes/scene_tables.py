@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -212,7 +211,7 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
 
     Args:
         scene: The scene.
-        spent: Whether time is up, asked again and again; of obstacles that are finished by then all is kept.
+        spent: Whether time is up, asked before each obstacle: one that was begun is finished, and kept.
         told: Told before each obstacle which it is.
 
     Raises:
@@ -223,13 +222,10 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
     for obstacle in map(scene.obstacles.__getitem__, unplaced(scene)):
         if obstacle not in _made:
             told(f"obstacle {obstacle.name}")
-            _tables(obstacle, functools.partial(_require_time, spent, f"obstacle {obstacle.name}"))
+            if spent():
+                raise StoppedError(f"obstacle {obstacle.name}")
+            _tables(obstacle)
     _prepared.add(scene)
-
-
-def _require_time(spent: Spent, doing: str) -> None:
-    if spent():
-        raise StoppedError(doing)
 
 
 _prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
@@ -237,21 +233,20 @@ _prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
 _made: weakref.WeakKeyDictionary[Obstacle, _Tables] = weakref.WeakKeyDictionary()
 
 
-def _tables(obstacle: Obstacle, step: Callable[[], None] = lambda: None) -> _Tables:
-    """The tables of an obstacle that is no primitive, made once; before each step `step` is called, and may raise."""
+def _tables(obstacle: Obstacle) -> _Tables:
+    """The tables of an obstacle that is no primitive, made once."""
     if obstacle not in _made:
-        step()
-        _made[obstacle] = _tables_of(obstacle, step)
+        _made[obstacle] = _tables_of(obstacle)
     return _made[obstacle]
 
 
-def _tables_of(obstacle: Obstacle, step: Callable[[], None]) -> _Tables:
+def _tables_of(obstacle: Obstacle) -> _Tables:
     if obstacle.cloud is None and obstacle.faces > MOST_TRIANGLES:
-        made = large_surface(obstacle, step)
+        made = large_surface(obstacle)
         parts = Parts(**{name: made[name] for name in Parts._fields})
         return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"], 0)
     table = PartsTable()
-    places, rows = _stand_ins(obstacle, table, step)
+    places, rows = _stand_ins(obstacle, table)
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
     numbers = rows.astype(np.float32), boxes_about(rows).astype(np.float32)
     return _tables_with(table.tables(), places, *numbers, address)
@@ -285,12 +280,12 @@ def _cloud_parts(obstacle: Obstacle) -> Parts:
     return cloud_parts(obstacle, obstacle.cloud)
 
 
-def _stand_ins(obstacle: Obstacle, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
+def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     """What stands for an obstacle: kind, whether it is the obstacle itself and root, (k, 3), and its numbers."""
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
-        return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table, step)
+        return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table)
     placement = obstacle.placement
     root = table.add_shape(obstacle.shape, placement)
     low, high = obstacle.box
@@ -306,12 +301,12 @@ def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     return np.array([(CLOUD, True, root)], np.int64), row[None]
 
 
-def _clusters(corners: np.ndarray, table: PartsTable, step: Callable[[], None]) -> tuple[np.ndarray, np.ndarray]:
+def _clusters(corners: np.ndarray, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     """Boxes about neighbours among triangles (t, 3, 3), along the axes in which their corners spread.
 
     The roots are nodes of one tree over all triangles, from which on nothing else is reached.
     """
-    tree = mesh_tree(corners, before_level=step)
+    tree = mesh_tree(corners)
     root = table.add_tree(tree)
     nodes, members = tree.clusters[CLUSTER]
     if len(corners) == 1:

@@ -30,12 +30,11 @@ SINGLE = 2.0**-20
 """By which share of the largest length in it a box of vertices in single precision is made larger."""
 
 
-def large_surface(obstacle: Obstacle, step: Callable[[], None]) -> Arrays:
+def large_surface(obstacle: Obstacle) -> Arrays:
     """The tables of the tree over an obstacle's triangles, and of the boxes that stand for it.
 
     Args:
         obstacle: It; where it stands.
-        step: Called before each step; may raise.
 
     Returns:
         The arrays of `Parts` by name; the nodes that stand for it, shape (k,), the numbers of the box about each, as
@@ -46,7 +45,7 @@ def large_surface(obstacle: Obstacle, step: Callable[[], None]) -> Arrays:
     def write(room: Room) -> Arrays:
         corners = np.take(obstacle.vertices, obstacle.triangles, axis=0)
         boxed = boxed_count(len(corners)) if obstacle.solid else 0
-        return _written(corners, boxed, step, room)
+        return _written(corners, boxed, room)
 
     return _kept("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
 
@@ -57,7 +56,7 @@ def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
     def write(room: Room) -> Arrays:
         corners = np.repeat(cloud.points[:, None], 3, axis=1)
         made = room(_layout(len(corners)))
-        _write_tree(corners, made, lambda: None)
+        _write_tree(corners, made)
         made["numbers"].reshape(-1, PART)[:, PART_ROUND] = cloud.radius
         made["balls"].reshape(-1, BALL_ROW)[:, RADIUS] += cloud.radius
         return made
@@ -76,7 +75,7 @@ def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: 
     return made
 
 
-def _written(corners: np.ndarray, boxed: int, step: Callable[[], None], room: Room) -> Arrays:
+def _written(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
     """The tables of triangles (t, 3, 3) in the world, with boxes about so many large nodes: all of them, or none.
 
     About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
@@ -95,7 +94,7 @@ def _written(corners: np.ndarray, boxed: int, step: Callable[[], None], room: Ro
         about.append(box_corners(corners, cluster[1]))
 
     told = (found,) if boxed else ()
-    _write_tree(corners, made, step, lambda clusters: stand_in(clusters[CLUSTER]), *told)
+    _write_tree(corners, made, lambda clusters: stand_in(clusters[CLUSTER]), *told)
     if boxed:
         write_boxes(np.concatenate(nodes), np.concatenate(about), made)
     return made
@@ -108,7 +107,6 @@ def _layout(triangles: int, boxed: int = 0) -> Layout:
 def _write_tree(
     corners: np.ndarray,
     made: Arrays,
-    step: Callable[[], None],
     more: Callable[[tuple[Cluster, ...]], None] = lambda _: None,
     boxed: Told = lambda _: None,
 ) -> None:
@@ -117,8 +115,7 @@ def _write_tree(
     `boxed` is told of nodes as by `tree_written`.
     """
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
-    clusters = tree_written(corners, balls, links, step, boxed).clusters
-    step()
+    clusters = tree_written(corners, balls, links, boxed).clusters
     together(
         lambda: write_triangles(corners, made),
         lambda: more(clusters),
