@@ -12,7 +12,8 @@ import numpy as np
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import depth_of
 from guidefield.collision.enclosure import enclosed
-from guidefield.collision.world import PairNames, World
+from guidefield.collision.pairs import PairNames
+from guidefield.collision.world import World
 from guidefield.robot.model.spaces import ModelConfiguration
 
 MOST_LOOKED_AT = 16

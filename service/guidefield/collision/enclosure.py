@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from guidefield.collision.world import PairNames, World
+from guidefield.collision.pairs import PairNames
+from guidefield.collision.world import World
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.extents import box_about
 from guidefield.kept import MISSING, Answers, kept_with

@@ -9,6 +9,9 @@ import numpy as np
 
 from guidefield.read_only import ReadOnly
 
+PairNames = tuple[str, str]
+"""Names of the bodies of a pair: a link, and a link or an obstacle."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pairs(ReadOnly):

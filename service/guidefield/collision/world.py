@@ -6,12 +6,13 @@ import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.allowed import Allowed, allowed_among
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
 from guidefield.collision.closing import Closing
 from guidefield.collision.coal_transforms import CoalTransforms
@@ -21,17 +22,14 @@ from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.collision.near_pairs import NearPairs
 from guidefield.collision.near_tables import balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
-from guidefield.collision.pairs import Pairs
-from guidefield.errors import SceneInvalid, UnknownObject
-from guidefield.kept import kept_with
+from guidefield.collision.pairs import PairNames, Pairs
+from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
-
-PairNames = tuple[str, str]
 
 TOUCHING = 1e-6
 """Pairs that balls and boxes tell to be farther apart than this don't touch [m]."""
@@ -76,7 +74,7 @@ class World:
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
         _require_other_names(group, scene)
-        return cls(group, scene, _pairs(group, scene, _allowed(group, scene, allowed_collisions)))
+        return cls(group, scene, _pairs(group, scene, allowed_among(group, scene, allowed_collisions)))
 
     def among(self, obstacles: np.ndarray) -> World:
         """The robot among some of the obstacles, ascending indices of shape (k,), with the pairs that there are."""
@@ -362,51 +360,6 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
             )
 
 
-class _Allowed(NamedTuple):
-    """What may touch: pairs of links, in either order, and by link the obstacles, by their indices."""
-
-    links: set[PairNames]
-    obstacles: dict[str, list[int]]
-
-
-def _allowed(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> _Allowed | None:
-    """What may touch; None where nothing may."""
-    pairs = list(allowed_collisions)
-    if not pairs:
-        return None
-    links, known = set(group.robot.links), _indices(scene)
-    found = _Allowed(set(), {})
-    for index, pair in enumerate(pairs):
-        first, second = pair if pair[1] in known else pair[::-1]
-        if first in links and second in known:
-            found.obstacles.setdefault(first, []).append(known[second])
-        elif first in links and second in links:
-            found.links.update(((first, second), (second, first)))
-        else:
-            _require_known(group, scene, index, pair)
-    return found
-
-
-def _require_known(group: PlanningGroup, scene: Scene, index: int, pair: PairNames) -> None:
-    """Refuse names that nobody has."""
-    for name in pair:
-        if name not in group.robot.links and name not in scene.names:
-            obstacles = [obstacle.name for obstacle in scene.obstacles]
-            raise UnknownObject(
-                f"`allowed_collisions[{index}]` names {name!r}, which is neither a link nor an obstacle;"
-                f" links: {', '.join(group.robot.links)}; obstacles: {', '.join(obstacles) or 'none'}",
-                object=name,
-                links=list(group.robot.links),
-                obstacles=obstacles,
-            )
-
-
-@kept_with
-def _indices(scene: Scene) -> dict[str, int]:
-    """Where each obstacle stands, by its name."""
-    return {one.name: index for index, one in enumerate(scene.obstacles)}
-
-
 @kept_with_alike
 def _link_names(group: PlanningGroup) -> tuple[str, ...]:
     """The link of each of the robot's bodies."""
@@ -427,7 +380,7 @@ def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
     return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
 
 
-def _pairs(group: PlanningGroup, scene: Scene, allowed: _Allowed | None) -> Pairs:
+def _pairs(group: PlanningGroup, scene: Scene, allowed: Allowed | None) -> Pairs:
     """The pairs of a group's bodies, and of those that move and obstacles, without names that are allowed to touch."""
     (own, moving), count = _own_pairs(group), len(scene.obstacles)
     if allowed is None:

@@ -6,7 +6,7 @@ import enum
 import math
 from dataclasses import dataclass, replace
 
-from guidefield.collision.world import PairNames
+from guidefield.collision.pairs import PairNames
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartPoint
