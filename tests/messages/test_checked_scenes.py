@@ -225,6 +225,49 @@ def test_arrays_of_another_kind_are_others() -> None:
     assert known.of({**given, "obstacles": [mesh | {"vertices": mesh["vertices"].copy()}]}) is not None
 
 
+def in_lists(count: int = WORTH) -> dict[str, Any]:
+    boxes = [{"type": "box", "name": f"b{k}", "size": [0.1, 0.1, 0.1], "position": [k, 0.5, 0]} for k in range(count)]
+    return {"name": "s", "obstacles": boxes, "guide_planes": []}
+
+
+def test_a_scene_in_dicts_and_lists_is_checked_once_and_a_change_is_noticed() -> None:
+    requests = [{"robot": "panda", "scene": in_lists(), "goal": {"type": "joints", "positions": {}}} for _ in range(2)]
+    made = [given_requests.checked(request) for request in requests]
+    assert made[1].scene is made[0].scene  # type: ignore[union-attr]
+    assert made[0] == codec.decode_request(codec.encode(requests[0]))  # type: ignore[arg-type]
+    known, given = CheckedScenes(2), in_lists()
+    known.keep(given, Scene("s", obstacles=crates()))
+    box = given["obstacles"][7]
+    for other in (
+        {"position": [7.0, 0.5, 0]},
+        {"position": [7, 0.5, -0.0]},
+        {"position": [7, 0.5, 0, 0]},
+        {"position": np.array([7, 0.5, 0])},
+        {"position": [7, 0.5, 2**70]},
+        {"name": "b\ud800"},
+        {"name": object()},
+        {"charge": 1.0},
+    ):
+        assert known.of({**given, "obstacles": [*given["obstacles"][:7], box | other, *given["obstacles"][8:]]}) is None
+    assert known.of({**given, "obstacles": given["obstacles"][:-1]}) is None
+    assert known.of({**given, "obstacles": [*given["obstacles"], box]}) is None
+    assert (
+        known.of(
+            {
+                **given,
+                "obstacles": [
+                    *given["obstacles"][:7],
+                    {**box, "position": (7, np.float64(0.5), 0)},
+                    *given["obstacles"][8:],
+                ],
+            }
+        )
+        is not None
+    )
+    box["size"][0] = 0.2
+    assert known.of(given) is None
+
+
 def test_a_change_of_a_stored_scene_is_never_known() -> None:
     known, given = CheckedScenes(2), in_arrays()
     known.keep(given, RequestScene(base="table", add=crates()))

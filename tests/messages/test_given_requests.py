@@ -255,7 +255,11 @@ def test_who_looks_may_end_it_at_any_time(name: str, form: str) -> None:
 
 def _again(given: Any) -> Any:
     """A request that isn't known from before."""
-    if isinstance(given, dict) or isinstance(given.scene, str):
+    if isinstance(given, dict):
+        declared = given.get("scene")
+        unknown = {**declared, "name": f"s {time.monotonic_ns()}"} if isinstance(declared, dict) else declared
+        return {**given, "scene": unknown} if "scene" in given else given
+    if isinstance(given.scene, str):
         return given
     return msgspec.structs.replace(given, scene=_renamed(given.scene))
 
@@ -341,7 +345,7 @@ def _patient(kind: Any) -> dict[str, float]:
 
 
 def test_a_fault_elsewhere_is_told_whatever_the_time() -> None:
-    given = {**asked(*boxes()), "allowed_planning_time": 1e-9, "goal": {"type": "joint"}}
+    given = _again({**asked(*boxes()), "allowed_planning_time": 1e-9, "goal": {"type": "joint"}})
     with pytest.raises(MalformedRequest, match=r"\$.goal.type"):
         read_in_time(given, time.monotonic())
     with pytest.raises(MalformedRequest, match=r"\$.allowed_planning_time"):

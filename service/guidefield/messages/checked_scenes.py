@@ -10,6 +10,7 @@ from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene
 from guidefield.messages.seen_parts import Parts, SeenParts
 from guidefield.messages.seen_payload import Payload, SeenPayload
+from guidefield.messages.seen_plain import SeenPlain
 from guidefield.messages.seen_scene import SeenScene, parts_of
 from guidefield.messages.values import Look, never
 
@@ -23,7 +24,7 @@ MOST_BYTES = 2**28
 """Of arrays, packed numbers and payloads that are kept."""
 
 
-_Seen = SeenScene | SeenParts | SeenPayload
+_Seen = SeenScene | SeenParts | SeenPlain | SeenPayload
 
 
 class _Checked(NamedTuple):
@@ -71,8 +72,9 @@ class CheckedScenes:
         """
         if not isinstance(checked, Scene) or (isinstance(checked, RequestScene) and checked.base is not None):
             return
-        seen, parts = _seen(given, look), parts_of(checked)
-        if seen is None or parts < WORTH:
+        parts = parts_of(checked)
+        seen = _seen(given, look) if parts >= WORTH else None
+        if seen is None:
             return
         kept = [_Checked(seen, make_own(checked), parts)]
         left, bytes_left = MOST_PARTS - parts, MOST_BYTES - _size(seen)
@@ -89,7 +91,9 @@ def _kinds_of(given: object) -> tuple[type[_Seen], ...]:
         return (SeenPayload,)
     if type(given) is Scene:
         return SeenScene, SeenParts
-    return (SeenParts,) if isinstance(given, dict | Scene) else ()
+    if isinstance(given, dict):
+        return SeenParts, SeenPlain
+    return (SeenParts,) if isinstance(given, Scene) else ()
 
 
 def _asked(kind: type[_Seen], given: Any) -> Any:

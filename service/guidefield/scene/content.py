@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import struct
-from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import msgspec
@@ -13,6 +11,7 @@ import numpy as np
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before
 from guidefield.messages.values import Look, never
+from guidefield.messages.written import written
 
 
 class Content(NamedTuple):
@@ -26,12 +25,6 @@ class Content(NamedTuple):
     all: bytes
     geometry: bytes = b""
 
-
-TOGETHER = 5_000
-"""So many triples or obstacles are written in some milliseconds."""
-
-_ARRAY, _MAP = (0x90, 0xDC, 0xDD), (0x80, 0xDE, 0xDF)
-"""First bytes of lists and dicts in MessagePack: of fewer than 16, the number in it, of fewer than 2^16, of more."""
 
 _GEOMETRY: dict[type[messages.Obstacle], tuple[str, ...]] = {
     messages.Mesh: ("vertices", "triangles"),
@@ -87,38 +80,7 @@ _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 def _hashed(declared: object, look: Look = never) -> bytes:
     """The hash of what is declared as MessagePack; `look` is called again and again while it is made."""
     hashed = hashlib.sha256()
-    for some in _written(declared):
+    for some in written(declared, _ENCODER.encode):
         hashed.update(some)
         look()
     return hashed.digest()
-
-
-def _written(declared: object) -> Iterator[bytes]:
-    """What is declared as MessagePack: a long list some at a time, and so those in a list or in a dict."""
-    if isinstance(declared, list) and len(declared) > TOGETHER:
-        yield _head(_ARRAY, len(declared))
-        for begin in range(0, len(declared), TOGETHER):
-            some = declared[begin : begin + TOGETHER]
-            yield _ENCODER.encode(some)[len(_head(_ARRAY, len(some))) :]
-    elif isinstance(declared, dict) and _holds_many(declared.values()):
-        yield _head(_MAP, len(declared))
-        for name, value in declared.items():
-            yield _ENCODER.encode(name)
-            yield from _written(value)
-    elif isinstance(declared, list) and _holds_many(declared):
-        yield _head(_ARRAY, len(declared))
-        for value in declared:
-            yield from _written(value)
-    else:
-        yield _ENCODER.encode(declared)
-
-
-def _holds_many(values: Iterable[object]) -> bool:
-    return any(isinstance(value, list) and len(value) > TOGETHER for value in values)
-
-
-def _head(kind: tuple[int, int, int], count: int) -> bytes:
-    """How a list or a dict of so many begins in MessagePack."""
-    if count < 16:
-        return bytes([kind[0] | count])
-    return struct.pack(">BH", kind[1], count) if count < 2**16 else struct.pack(">BI", kind[2], count)
