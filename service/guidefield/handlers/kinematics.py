@@ -176,7 +176,7 @@ def potential(
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
     if robot is None:
-        return _at_points(np.array(request.points, float).reshape(-1, 3), scene, allowance)
+        return _at_points(request.points or [], scene, allowance)
     group = _whole_group(robot, request.robot_placement)
     robot_field = RobotField(group, scene)
     energies: list[float] = []
@@ -204,15 +204,16 @@ _ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Reply]] = {
 }
 
 
-def _at_points(points: np.ndarray, scene: Scene, allowance: Allowance) -> PointPotentialReply:
-    """The field at points (n, 3), some of them at a time."""
+def _at_points(points: Sequence[Vector3], scene: Scene, allowance: Allowance) -> PointPotentialReply:
+    """The field at points, some of them at a time."""
     tables = exact(scene.tables)
     potentials: list[float] = []
     gradients: list[Vector3] = []
     windings: list[float] = []
     for begin in range(0, len(points), POINTS_AT_ONCE):
         allowance.require_more(begin, len(points))
-        field = field_at_points(tables, points[begin : begin + POINTS_AT_ONCE])
+        some = np.array(points[begin : begin + POINTS_AT_ONCE], float)
+        field = field_at_points(tables, some)
         potentials += field.potential.tolist()
         gradients += [_vector(gradient) for gradient in field.gradient]
         windings += field.winding.tolist()

@@ -6,11 +6,13 @@ before. What is given otherwise is read some at a time.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import Any
 
 import msgspec
 
+from guidefield.aside import StoppedError, wait_for_others
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, given_requests
 from guidefield.messages.codec import MAX_REQUEST_BYTES
@@ -156,4 +158,15 @@ def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None
         return head
     per_list = PER_ROW if isinstance(head, CertifyHead) else PER_LIST
     equal = per_list * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
-    return head if now + took * (LOOKS + equal / len(payload)) > began + head.allowed else None
+    return None if _is_left(took * (LOOKS + equal / len(payload)), began + head.allowed) else head
+
+
+def _is_left(seconds: float, until: float) -> bool:
+    """Whether so much time is left once nobody works beside, where it would take twice as long."""
+
+    def is_too_late() -> bool:
+        return time.monotonic() + seconds > until
+
+    with contextlib.suppress(StoppedError):
+        wait_for_others(is_too_late)
+    return not is_too_late()

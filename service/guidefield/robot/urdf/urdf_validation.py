@@ -38,12 +38,12 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     """
     root = parse(text)
     name, version = name_of(root), _version(root)
+    if (count := len(root.findall("link"))) > MAX_LINKS:
+        raise fault(root, f"the robot has {count} links, at most {MAX_LINKS} are read", limit=MAX_LINKS)
     links, joint_elements = _by_name(root, "link"), _by_name(root, "joint")
     _by_name(root, "material")
     if not links:
         raise fault(root, "a robot must have at least one <link>")
-    if len(links) > MAX_LINKS:
-        raise fault(root, f"the robot has {len(links)} links, at most {MAX_LINKS} are read", limit=MAX_LINKS)
     warnings: list[str] = []
     joints = {key: check_joint(element, links, version, warnings) for key, element in joint_elements.items()}
     mimics = check_mimics(joint_elements, joints, warnings)

@@ -41,7 +41,8 @@ def parse(text: str) -> Element:
         RobotInvalid: if the text is too long, isn't XML, has a DOCTYPE, is an unexpanded xacro file or isn't a <robot>.
     """
     root = root_of(text, "URDF")
-    _settle_namespaces(root)
+    if "xmlns" in text or "xacro" in text:  # else there are none
+        _settle_namespaces(root)
     if root.tag != "robot":
         raise fault(root, f"the root element of a URDF must be <robot>, it is <{root.tag}>")
     return root
