@@ -584,6 +584,11 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
     return asked if isinstance(asked, Reply) else _default().answer(asked, record_to=place, came=came)
 
 
+def _wait_for_others(is_too_late: Callable[[], bool]) -> None:
+    with contextlib.suppress(StoppedError):
+        wait_for_others(is_too_late)
+
+
 def _read(request: bytes | dict[str, Any] | requests.Request, began: float) -> requests.Request | Reply:
     """A request in any form, checked; the reply that says so where its time is up before, by `time.monotonic()` [s].
 
@@ -596,7 +601,7 @@ def _read(request: bytes | dict[str, Any] | requests.Request, began: float) -> r
     of_many = is_of_many(request)
     with waiting_collector() if of_many else contextlib.nullcontext():
         try:
-            return read_in_time(request, began, of_many)
+            return read_in_time(request, began, of_many, _wait_for_others)
         except TooLongToRead as late:
             head = late.head
     from guidefield.handlers.unbegun import time_up_reading, timed_out_reading

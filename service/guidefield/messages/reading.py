@@ -6,13 +6,12 @@ before. What is given otherwise is read some at a time.
 
 from __future__ import annotations
 
-import contextlib
 import time
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
-from guidefield.aside import StoppedError, wait_for_others
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, given_requests
 from guidefield.messages.codec import MAX_REQUEST_BYTES
@@ -63,6 +62,10 @@ _WORK = {kind.__struct_config__.tag for kind in KinematicsRequest.__args__}
 _HEADS = msgspec.json.Decoder(_Heads)
 
 
+Wait = Callable[[Callable[[], bool]], None]
+"""Waits for something, or until what it is given says that it is too late."""
+
+
 class TooLongToRead(Exception):
     """A request can't be read within the time that it allows; `head` is what it says of that."""
 
@@ -71,19 +74,25 @@ class TooLongToRead(Exception):
         self.head = head
 
 
-def read_in_time(request: bytes | dict[str, Any] | Request, began: float, of_many: bool | None = None) -> Request:
+def read_in_time(
+    request: bytes | dict[str, Any] | Request,
+    began: float,
+    of_many: bool | None = None,
+    wait: Wait = lambda _: None,
+) -> Request:
     """A request in any of its forms; a Struct, which no decoder has seen, is checked.
 
     Args:
         request: The request.
         began: When its time began, on the clock of `time.monotonic` [s].
         of_many: Whether it `is_of_many`, where that is known.
+        wait: As `too_long_to_read` takes it.
 
     Raises:
         TooLongToRead: if its time was up before it was read, or is certain to be.
         RequestTooLarge, MalformedRequest: as in `codec.decode_request`.
     """
-    if (late := too_long_to_read(request, began)) is not None:
+    if (late := too_long_to_read(request, began, wait)) is not None:
         raise TooLongToRead(late)
     of_many = is_of_many(request) if of_many is None else of_many
     large = of_many and isinstance(request, dict | msgspec.Struct)
@@ -126,12 +135,13 @@ def is_of_many(payload: object) -> bool:
     return given_requests.is_large(payload)
 
 
-def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None:
+def too_long_to_read(payload: object, began: float, wait: Wait = lambda _: None) -> RunHead | WorkHead | None:
     """The head of a JSON request that can't be read within the time that it allows; else None.
 
     Args:
         payload: The request in any form.
         began: When its time began, on the clock of `time.monotonic` [s].
+        wait: Waits until nobody works beside in this process, or it is too late.
     """
     if not isinstance(payload, bytes) or not LARGE <= len(payload) <= MAX_REQUEST_BYTES:
         return None
@@ -158,15 +168,14 @@ def too_long_to_read(payload: object, began: float) -> RunHead | WorkHead | None
         return head
     per_list = PER_ROW if isinstance(head, CertifyHead) else PER_LIST
     equal = per_list * payload.count(b"[") + PER_OBJECT * payload.count(b"{")
-    return None if _is_left(took * (LOOKS + equal / len(payload)), began + head.allowed) else head
+    return None if _is_left(took * (LOOKS + equal / len(payload)), began + head.allowed, wait) else head
 
 
-def _is_left(seconds: float, until: float) -> bool:
+def _is_left(seconds: float, until: float, wait: Wait) -> bool:
     """Whether so much time is left once nobody works beside, where it would take twice as long."""
 
     def is_too_late() -> bool:
         return time.monotonic() + seconds > until
 
-    with contextlib.suppress(StoppedError):
-        wait_for_others(is_too_late)
+    wait(is_too_late)
     return not is_too_late()
