@@ -59,17 +59,26 @@ class SeenScene:
         if len(bodies) != len(self._bodies):
             return False
         try:
-            for index, (one, known) in enumerate(zip(bodies, self._bodies, strict=True)):
-                if index % TOGETHER == 0:
-                    look()
-                if index in self._lists:
-                    if not (one is known or _rest_of(one) == _rest_of(known)) or not self._has_lists(index, one, look):
+            for begin in range(0, len(bodies), TOGETHER):
+                look()
+                end = begin + TOGETHER
+                if not self._lists:  # the same objects are told so in nanoseconds
+                    if bodies[begin:end] != self._bodies[begin:end]:
                         return False
-                elif not (one is known or one == known):
+                elif not all(
+                    self._is_like(index, bodies[index], look) for index in range(begin, min(end, len(bodies)))
+                ):
                     return False
         except (TypeError, ValueError):  # there are arrays in it, which can't be compared so
             return False
         return True
+
+    def _is_like(self, index: int, one: Any, look: Look) -> bool:
+        """Whether an obstacle or guide plane is that with this index."""
+        known = self._bodies[index]
+        if index not in self._lists:
+            return one is known or bool(one == known)
+        return (one is known or _rest_of(one) == _rest_of(known)) and self._has_lists(index, one, look)
 
     def _has_lists(self, index: int, body: Any, look: Look) -> bool:
         """Whether the lists of an obstacle or guide plane hold what those did of the one with this index."""
