@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.errors import MalformedRequest
+from guidefield.errors import MalformedRequest, RequestTooLarge
 from guidefield.messages import codec, given_requests, known_payloads
 from guidefield.messages.checked_scenes import WORTH, CheckedScenes
 from guidefield.messages.codec import Encoding
@@ -322,6 +322,15 @@ def test_a_scene_is_known_wherever_it_stands_and_nowhere_else(seed: int, monkeyp
         except msgspec.DecodeError:
             expected = False
         assert known_payloads._KNOWN.of(Payload(payload, Encoding.JSON)) is (first if expected else None)
+
+
+def test_a_payload_that_is_too_large_is_refused_whatever_it_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(known_payloads, "_KNOWN", CheckedScenes(2))
+    whole = codec.encode(PlanRequest("panda", in_messages(in_arrays(10_000)), JointsGoal({"panda_joint1": 0.8})))
+    known_payloads.read_new(whole)
+    monkeypatch.setattr(codec, "MAX_REQUEST_BYTES", len(whole) - 1)
+    with pytest.raises(RequestTooLarge):
+        known_payloads.read_again(whole)
 
 
 def test_a_payload_that_is_cut_off_is_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:

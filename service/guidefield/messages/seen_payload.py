@@ -45,7 +45,11 @@ class Payload:
 
         Where these stand somewhere in it, all else is read with a mark in their place, which nobody can guess: where
         that turns out to be the scene, they are, and needn't be looked through.
+
+        Raises:
+            RequestTooLarge: if it is too long to be looked at.
         """
+        require_readable(len(self.data))
         written = memoryview(scene)
         at = self.data.find(bytes(written[:_BEGIN])) if type(self.data) is bytes else -1
         if at >= 0 and self.data.startswith(written, at):
