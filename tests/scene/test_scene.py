@@ -1,5 +1,8 @@
 """The scene as a whole: its field is the sum of its obstacles' fields."""
 
+import gc
+import weakref
+
 import msgspec
 import numpy as np
 import pinocchio as pin
@@ -8,6 +11,7 @@ import pytest
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
+from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
 from tests.scene.solids import box_mesh, l_prism, mesh_message
 
@@ -127,3 +131,19 @@ def test_a_fault_names_its_place_in_the_scene():
     with pytest.raises(SceneInvalid) as caught:
         build(messages.Scene(name="s", guide_planes=[plane]))
     assert caught.value.details["guide_plane"] == "GP"
+
+
+@pytest.mark.parametrize("trajectory", [None, messages.ObstacleTrajectory([0.0, 1.0], [Placement(), Placement()])])
+def test_a_scene_goes_with_its_last_user(trajectory: messages.ObstacleTrajectory | None) -> None:
+    """Of a million points that move each scene kept 1.6 GB until the collector came by."""
+    box = messages.Box(name="box", size=(0.1, 0.1, 0.1), trajectory=trajectory)
+    scene = build(messages.Scene("s", obstacles=[box]))
+    held = scene.at(0.5)
+    assert [one.resting.moves for one in (scene, held)] == [False, False]
+    gone = [weakref.ref(one) for one in (scene, held)]
+    gc.disable()
+    try:
+        del scene, held
+        assert [one() for one in gone] == [None, None]
+    finally:
+        gc.enable()

@@ -86,11 +86,13 @@ class Scene:
     def _others(self) -> Iterator[Obstacle]:
         return map(self.obstacles.__getitem__, self.others)
 
-    @cached_property
+    @property
     def resting(self) -> Scene:
         """The scene without the obstacles that move."""
-        if not self.moves:
-            return self
+        return self._resting if self.moves else self  # which isn't kept in itself: it goes with its last user
+
+    @cached_property
+    def _resting(self) -> Scene:
         return self.of([index for index, one in enumerate(self.obstacles) if one.motion is None])
 
     def at(self, time: float) -> Scene:
