@@ -422,6 +422,12 @@ class Judge:
             [pin.computeDistance(self.geometry, self._scratch, p).min_distance for p in range(len(self.pairs))]
         )
 
+    def touches_at(self, values: Values) -> bool:
+        """Tell whether a pair is in contact, or one inside the other, at values of one row, at rest and time 0."""
+        self._stand(self.configurations(values)[0], self._frames(np.zeros(1))[0])
+        touching = (pin.computeCollision(self.geometry, self._scratch, pair) for pair in range(len(self.pairs)))
+        return any(touching) or self._enclosed() is not None
+
     def towards_first(self, pair: int) -> np.ndarray:
         """The unit vector (3,) from the second body of a pair to the first where they are closest, in the world."""
         result = pin.computeDistance(self.geometry, self._scratch, pair)
