@@ -100,15 +100,17 @@ class MotionBound(ReadOnly):
 
     def axis_distances(self, jacobians: np.ndarray, centres: np.ndarray) -> np.ndarray:
         """The same of each body from every axis, whether that moves it or not, shape (s, r, nv of the model) [m]."""
-        # about the middle of the robot, where differences of squares lose the least
+        # |v + w x c|^2 about the middle of the robot, where rounding is least
         middle = centres.mean(axis=1, keepdims=True)
-        w = jacobians[:, 3:]
-        v = jacobians[:, :3] + cross(w, middle.swapaxes(1, 2))
-        c = centres - middle
-        # |v + w x c|^2
-        squared = (v * v).sum(axis=1)[:, None] + 2.0 * (c @ cross(v, w)) - (c @ w) ** 2
-        squared += (c * c).sum(axis=2)[:, :, None] * (w * w).sum(axis=1)[:, None]
-        distances: np.ndarray = np.sqrt(np.maximum(squared, 0.0) @ self.centred) + self.radii
+        w = jacobians[:, None, 3:]
+        v = jacobians[:, None, :3] + cross(jacobians[:, 3:], middle.swapaxes(1, 2))[:, None]
+        c = (centres - middle)[..., None]
+        rates = [
+            v[:, :, i] + w[:, :, j] * c[:, :, k] - w[:, :, k] * c[:, :, j]
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+        ]
+        squared = np.square(rates).sum(axis=0)
+        distances: np.ndarray = np.sqrt(squared @ self.centred) + self.radii
         return distances
 
 

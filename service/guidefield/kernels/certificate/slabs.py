@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 
+from guidefield.kernels.certificate.discs import unit_across
 from guidefield.kernels.certificate.simplex import POINTS, nearest_in
 from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.kernels.jit.no_refcount import lane_uncounted
@@ -57,13 +58,11 @@ def _farthest_of_body(robot: CertifiedRobot, b: int, place: Floats, across: Floa
         if along > farthest:
             at, farthest = k, along
     cx, cy, cz = corners[at, 0], corners[at, 1], corners[at, 2]
-    axis = robot.disc_axes[b]
-    along = x * axis[0] + y * axis[1] + z * axis[2]
-    x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
-    out = math.sqrt(x * x + y * y + z * z)
-    if robot.discs[b] > 0.0 and out > 0.0:
-        out = robot.discs[b] / out
-        cx, cy, cz = cx + out * x, cy + out * y, cz + out * z
+    disc = robot.discs[b]
+    if disc > 0.0:
+        axis = robot.disc_axes[b]
+        x, y, z = unit_across(x, y, z, axis[0], axis[1], axis[2])
+        cx, cy, cz = cx + disc * x, cy + disc * y, cz + disc * z
     for i in range(3):
         found[i] = place[4 * i] * cx + place[4 * i + 1] * cy + place[4 * i + 2] * cz + place[4 * i + 3]
 
@@ -78,9 +77,10 @@ def _farthest_of_obstacle(obstacles: CertifiedObstacles, o: int, across: Floats,
     cx = middles[0] + math.copysign(cores[0], x)
     cy = middles[1] + math.copysign(cores[1], y)
     cz = middles[2] + math.copysign(cores[2], z)
-    out = math.sqrt(x * x + y * y)
-    if obstacles.discs[o] > 0.0 and out > 0.0:
-        cx, cy = cx + obstacles.discs[o] / out * x, cy + obstacles.discs[o] / out * y
+    disc = obstacles.discs[o]
+    if disc > 0.0:
+        x, y, _ = unit_across(x, y, z, 0.0, 0.0, 1.0)
+        cx, cy = cx + disc * x, cy + disc * y
     for i in range(3):
         found[i] = axes[3 * i] * cx + axes[3 * i + 1] * cy + axes[3 * i + 2] * cz
 

@@ -57,6 +57,7 @@ from guidefield.kernels.jit.signatures import (
     lane_part,
     lane_step,
 )
+from guidefield.kernels.linalg.vectors import unit_in_plane
 from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
 
@@ -130,8 +131,8 @@ def support(
         else:
             pz = math.copysign(numbers[at + HALF_LENGTH], z)
             if kind == CYLINDER:
-                scale = numbers[at + DISC] / max(math.sqrt(x * x + y * y), 1e-300)
-                px, py = x * scale, y * scale
+                ux, uy = unit_in_plane(x, y)
+                px, py = numbers[at + DISC] * ux, numbers[at + DISC] * uy
     return (
         work[pose] * px + work[pose + 1] * py + work[pose + 2] * pz + work[pose + 3],
         work[pose + 4] * px + work[pose + 5] * py + work[pose + 6] * pz + work[pose + 7],

@@ -83,7 +83,7 @@ def _box_about(kind: int, row: Floats, boxes: Floats32, place: int) -> None:
             if kind == CAPSULE:
                 reach += row[ROUND]
             elif kind == CYLINDER:
-                reach += row[ROUND] * math.sqrt(max(1.0 - row[NORMAL + k] * row[NORMAL + k], 0.0))
+                reach += row[ROUND] * math.sqrt(row[k] * row[k] + row[3 + k] * row[3 + k])
             low, high = row[CENTRE + k] - reach, row[CENTRE + k] + reach
         boxes[place + LANES * k], boxes[place + LANES * (3 + k)] = low, high
 

@@ -454,8 +454,8 @@ def _above(
         least = min(least, point[0] * dx + point[1] * dy + point[2] * dz)
     if solids.disc[k] > 0.0:
         axis = solids.axis[k]
-        along = axis[0] * dx + axis[1] * dy + axis[2] * dz
-        least -= solids.disc[k] * math.sqrt(max(0.0, dx * dx + dy * dy + dz * dz - along * along))
+        ux, uy, uz = axis[1] * dz - axis[2] * dy, axis[2] * dx - axis[0] * dz, axis[0] * dy - axis[1] * dx
+        least -= solids.disc[k] * math.sqrt(ux * ux + uy * uy + uz * uz)
     gap = base + least - solids.rounding[k]
     return gap, gap
 

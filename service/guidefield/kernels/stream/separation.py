@@ -46,6 +46,31 @@ ROUNDS = 24
 CONVERGED = 1e-6
 """Where the bounds from both sides are as close, no direction is much better [m]."""
 
+PARALLEL = 2e-15
+"""A direction whose part across an axis is no larger than this share of it is parallel to the axis."""
+
+
+@lane_part
+def _unit_across(
+    x: float, y: float, z: float, axis_x: float, axis_y: float, axis_z: float
+) -> tuple[float, float, float]:
+    """The unit vector across a unit axis that is nearest to a direction; 0 if they are parallel up to rounding.
+
+    What one projection leaves of a nearly parallel direction can point along the axis, so the direction is projected
+    twice. `kernels.certificate.discs` does the same; both judges share no code.
+    """
+    size = max(abs(x), abs(y), abs(z))
+    if not size > 0.0:
+        return 0.0, 0.0, 0.0
+    x, y, z = x / size, y / size, z / size
+    for _ in range(2):
+        along = x * axis_x + y * axis_y + z * axis_z
+        x, y, z = x - along * axis_x, y - along * axis_y, z - along * axis_z
+    across = math.sqrt(x * x + y * y + z * z)
+    if across <= PARALLEL:
+        return 0.0, 0.0, 0.0
+    return x / across, y / across, z / across
+
 
 @lane_part
 def _furthest(solids: Solids, k: int, pose: Floats, x: float, y: float, z: float, out: Floats) -> None:
@@ -72,14 +97,8 @@ def _furthest(solids: Solids, k: int, pose: Floats, x: float, y: float, z: float
     px, py, pz = points[best, 0], points[best, 1], points[best, 2]
     disc = solids.disc[k]
     if disc > 0.0:
-        ax, ay, az = solids.axis[k, 0], solids.axis[k, 1], solids.axis[k, 2]
-        along = ax * dx + ay * dy + az * dz
-        ux, uy, uz = dx - along * ax, dy - along * ay, dz - along * az
-        length = math.sqrt(ux * ux + uy * uy + uz * uz)
-        if length > 1e-12:
-            px += disc / length * ux
-            py += disc / length * uy
-            pz += disc / length * uz
+        ux, uy, uz = _unit_across(dx, dy, dz, solids.axis[k, 0], solids.axis[k, 1], solids.axis[k, 2])
+        px, py, pz = px + disc * ux, py + disc * uy, pz + disc * uz
     out[0] = pose[0] * px + pose[1] * py + pose[2] * pz + pose[3]
     out[1] = pose[4] * px + pose[5] * py + pose[6] * pz + pose[7]
     out[2] = pose[8] * px + pose[9] * py + pose[10] * pz + pose[11]

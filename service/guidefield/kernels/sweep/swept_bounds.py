@@ -22,7 +22,7 @@ from guidefield.kernels.kinematics.forward_kinematics import (
     JointTable,
     motion_subspaces,
 )
-from guidefield.kernels.kinematics.poses import moved_by
+from guidefield.kernels.kinematics.poses import moved_by, turned_by
 
 FIRST_END, SECOND_END, RADIUS, CAPSULE = 0, 3, 6, 7
 """Columns of a capsule: the ends of its axis (3 each) and its radius [m]; then how many columns there are."""
@@ -88,11 +88,9 @@ def _lever(robot: SweptRobot, joint: int, world: Floats, end: Floats) -> float:
         x, y, z = robot.joints.axes[joint, 0], robot.joints.axes[joint, 1], robot.joints.axes[joint, 2]
         if kind == PLANAR:
             x, y, z = 0.0, 0.0, 1.0
-        along = 0.0
-        along += dx * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z)
-        along += dy * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z)
-        along += dz * (T[2, 0] * x + T[2, 1] * y + T[2, 2] * z)
-        square = max(square - along * along, 0.0)
+        u, v, w = turned_by(T, x, y, z)
+        x, y, z = dy * w - dz * v, dz * u - dx * w, dx * v - dy * u
+        square = x * x + y * y + z * z
     return math.sqrt(square)
 
 

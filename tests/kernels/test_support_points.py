@@ -1,0 +1,278 @@
+"""A support point is on the body, and no other point of the body is farther: in every kernel that has one.
+
+Directions are parallel and orthogonal to a body's axes, a few units in the last place away from these, and random; any
+length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import coal
+import numba
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.convex_parts import PartsTable
+from guidefield.kernels.certificate import slabs
+from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
+from guidefield.kernels.collide.gjk import reach_along, support
+from guidefield.kernels.collide.gjk_scratch import WORK
+from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_from_primitive
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.simd.vector import load, store
+from guidefield.kernels.stream import separation
+from guidefield.kernels.stream.separation import Solids
+
+SHARE = 1e-13
+"""What a point may be off a body, or short of the farthest one, of the body's size."""
+
+SINGLE = 1e-6
+"""The same in kernels that know corners in single precision."""
+
+KINDS = ("cylinder", "cylinder", "cylinder", "ball", "capsule", "box")
+
+
+class Body(NamedTuple):
+    """A body at the origin: what `half` and `radius` say of its kind [m], and how it is turned, shape (3, 3)."""
+
+    kind: str
+    half: np.ndarray
+    radius: float
+    rotation: np.ndarray
+
+    @property
+    def core(self) -> tuple[np.ndarray, float, float]:
+        """Half extents (3,) of a box, a disc's radius about its last axis, and a ball's: the body is their sum [m]."""
+        if self.kind == "box":
+            return self.half, 0.0, 0.0
+        along = np.array([0.0, 0.0, 0.0 if self.kind == "ball" else self.half[2]])
+        return along, *((self.radius, 0.0) if self.kind == "cylinder" else (0.0, self.radius))
+
+    @property
+    def size(self) -> float:
+        """The radius of a ball about it [m]."""
+        half, disc, ball = self.core
+        return float(np.linalg.norm(half)) + disc + ball
+
+    @property
+    def shape(self) -> Any:
+        """Coal's shape."""
+        if self.kind == "box":
+            return coal.Box(*(2.0 * self.half))
+        if self.kind == "ball":
+            return coal.Sphere(self.radius)
+        return {"cylinder": coal.Cylinder, "capsule": coal.Capsule}[self.kind](self.radius, 2.0 * self.half[2])
+
+    def check(self, direction: np.ndarray, point: np.ndarray, rounded: bool, share: float) -> None:
+        """Judge a support point (3,) of the body, or of what is inside its rounding, in the frame of the world [m]."""
+        half, disc, ball = self.core
+        ball = ball if rounded else 0.0
+        local, along = self.rotation.T @ point, self.rotation.T @ (direction / np.abs(direction).max())
+        along /= np.linalg.norm(along)
+        off = share * self.size
+        beyond = np.abs(local) - half
+        if disc > 0.0:
+            beyond[0] = np.hypot(local[0], local[1]) - disc
+            beyond[1] = 0.0
+        assert np.linalg.norm(np.maximum(beyond, 0.0)) <= ball + off, "the point is on the body"
+        farthest = np.abs(along) @ half + disc * np.hypot(along[0], along[1]) + ball
+        assert local @ along >= farthest - off, "no other point is farther"
+
+
+@st.composite
+def rotations(draw: st.DrawFn) -> np.ndarray:
+    """Rotations (3, 3): none, by multiples of pi/2 as sums of angles have them, and any."""
+    if draw(st.booleans()):
+        angles = [draw(st.integers(-4, 4)) * (np.pi / 2.0) for _ in range(3)]
+        return pin.rpy.rpyToMatrix(*angles)
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    return pin.rpy.rpyToMatrix(*rng.uniform(-4.0, 4.0, 3))
+
+
+@st.composite
+def bodies(draw: st.DrawFn) -> Body:
+    sizes = [draw(st.sampled_from((1e-4, 0.02, 0.033, 0.5, 3.0))) for _ in range(4)]
+    return Body(draw(st.sampled_from(KINDS)), np.array(sizes[:3]), sizes[3], draw(rotations()))
+
+
+@st.composite
+def directions(draw: st.DrawFn, body: Body, scales: st.SearchStrategy[float]) -> np.ndarray:
+    """A direction (3,) of the world."""
+    axes = body.rotation.T
+    kind = draw(st.sampled_from(("along", "along", "along", "across", "diagonal", "any")))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    if kind == "along":
+        direction = draw(st.sampled_from((-1.0, 1.0))) * axes[draw(st.sampled_from((2, 2, 2, 2, 0, 1)))]
+    elif kind == "across":
+        turn = rng.uniform(0.0, 2.0 * np.pi)
+        direction = np.cos(turn) * axes[0] + np.sin(turn) * axes[1]
+    else:
+        direction = rng.normal(size=3) if kind == "any" else np.sign(rng.normal(size=3)) @ axes
+    away = draw(st.sampled_from((0.0, 0.0, 0.0, 0.0, 1e-16, 1e-15, 1e-12, 1e-9)))
+    direction = direction + away * rng.normal(size=3)
+    for k in range(3):
+        for _ in range(draw(st.integers(0, 3))):
+            direction[k] = np.nextafter(direction[k], rng.choice([-np.inf, np.inf]))
+    return direction / np.linalg.norm(direction) * draw(scales)
+
+
+def compiled(part: Any) -> Callable[..., Any]:
+    """A part of a kernel that Python can call, compiled as there."""
+    return numba.njit(fastmath={"contract"}, error_model="numpy")(part.py_func)
+
+
+_OF_BODY, _OF_OBSTACLE = compiled(slabs._farthest_of_body), compiled(slabs._farthest_of_obstacle)
+_FURTHEST = compiled(separation._furthest)
+
+
+def _with_zeros(kind: type, widths: dict[str, Any], **known: Any) -> Any:
+    """A table of which only what is known is asked for."""
+    return kind(**{name: known.get(name, widths.get(name, np.zeros(1))) for name in kind._fields})
+
+
+def of_certified_body(body: Body, direction: np.ndarray, sign: float) -> np.ndarray:
+    """The certificate's, of a robot's body."""
+    half, disc, ball = body.core
+    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    robot = _with_zeros(
+        CertifiedRobot,
+        {},
+        corners=np.ascontiguousarray((signs * half) @ body.rotation.T),
+        corners_from=np.array([0, 8]),
+        disc_axes=np.ascontiguousarray(body.rotation[:, 2:].T),
+        discs=np.array([disc]),
+        rounded=np.array([ball]),
+    )
+    found = np.empty(3)
+    _OF_BODY(robot, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), sign * direction, sign, found)
+    return found
+
+
+def of_placed_body(body: Body, direction: np.ndarray, sign: float) -> np.ndarray:
+    """The same where the joint that carries it is turned, not it in the joint's frame."""
+    half, disc, ball = body.core
+    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    robot = _with_zeros(
+        CertifiedRobot,
+        {},
+        corners=signs * half,
+        corners_from=np.array([0, 8]),
+        disc_axes=np.array([[0.0, 0.0, 1.0]]),
+        discs=np.array([disc]),
+        rounded=np.array([ball]),
+    )
+    found = np.empty(3)
+    _OF_BODY(robot, 0, np.c_[body.rotation, np.zeros(3)].ravel(), sign * direction, sign, found)
+    return found
+
+
+def of_certified_obstacle(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
+    """The certificate's, of an obstacle: against a direction."""
+    half, disc, _ball = body.core
+    obstacles = _with_zeros(
+        CertifiedObstacles,
+        {"children": 1},
+        axes=np.ascontiguousarray(body.rotation.reshape(1, 9)),
+        cores=half[None].copy(),
+        middles=np.zeros((1, 3)),
+        discs=np.array([disc]),
+    )
+    found = np.empty(3)
+    _OF_OBSTACLE(obstacles, 0, -direction, found)
+    return found
+
+
+def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
+    """That of the judge of streams."""
+    half, disc, ball = body.core
+    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    solids = Solids(
+        first=np.array([0]),
+        counts=np.array([8]),
+        points=np.ascontiguousarray((signs * half) @ body.rotation.T),
+        disc=np.array([disc]),
+        axis=np.ascontiguousarray(body.rotation[:, 2:].T),
+        rounding=np.array([ball]),
+        balls=np.zeros((1, 4)),
+    )
+    found = np.empty(3)
+    _FURTHEST(solids, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), *direction, found)
+    return found
+
+
+CERTIFIED = [of_certified_body, of_placed_body, of_certified_obstacle, of_streamed_body]
+
+
+@pytest.mark.parametrize("support_point", CERTIFIED)
+@settings(deadline=None, max_examples=200)
+@given(data=st.data(), body=bodies(), sign=st.sampled_from((-1.0, 1.0)))
+def test_judges_find_the_support_point(support_point: Any, data: Any, body: Body, sign: float) -> None:
+    direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-150, 1e-9, 1e9, 1e150))))
+    body.check(direction, support_point(body, direction, sign), False, SHARE)
+
+
+@numba.njit(error_model="numpy")
+def _support(parts, pose, direction, work, out):
+    parts, work = pointers(parts), pointers(work)
+    for k in range(12):
+        work[k] = pose[k]
+    x, y, z = direction[0], direction[1], direction[2]
+    out[0], out[1], out[2] = support(parts.shapes, parts.numbers, parts.vertices, 0, work, 0, x, y, z)
+
+
+@numba.njit(error_model="numpy")
+def _reach(parts, direction, work):
+    parts, work = pointers(parts), pointers(work)
+    return reach_along(parts, 0, work, direction[0], direction[1], direction[2])
+
+
+@settings(deadline=None, max_examples=300)
+@given(data=st.data(), body=bodies())
+def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
+    direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-250, 1e-9, 1e9, 1e150))))
+    table, found = PartsTable(), np.empty(3)
+    table.add_shape(body.shape, pin.SE3.Identity())
+    _support(table.tables(), np.c_[body.rotation, np.zeros(3)].ravel(), direction, np.zeros(WORK), found)
+    body.check(direction, found, False, SINGLE if body.kind == "box" else SHARE)
+
+
+@settings(deadline=None, max_examples=200)
+@given(data=st.data(), body=bodies())
+def test_a_part_reaches_as_far_as_the_body(data: Any, body: Body) -> None:
+    direction = data.draw(directions(body, st.just(1.0)))
+    table = PartsTable()
+    table.add_shape(body.shape, pin.SE3(body.rotation, np.zeros(3)))
+    (half, disc, ball), along = body.core, body.rotation.T @ direction
+    farthest = np.abs(along) @ half + disc * np.hypot(along[0], along[1]) + ball
+    reach = _reach(table.tables(), direction, np.zeros(WORK))
+    assert reach == pytest.approx(farthest, abs=(SINGLE if body.kind == "box" else SHARE) * body.size)
+
+
+@numba.njit
+def _away(kind, row, points, out):
+    row, points, out = pointers(row), pointers(points), pointers(out)
+    x, y, z = load(points, 0), load(points, 16), load(points, 32)
+    for k, one in enumerate(away_from_primitive(kind, row, 0, x, y, z)):
+        store(out, 16 * k, one)
+
+
+@settings(deadline=None, max_examples=200)
+@given(data=st.data(), body=bodies())
+def test_in_lanes_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data: Any, body: Body) -> None:
+    kind = {"box": BOX, "cylinder": CYLINDER}.get(body.kind, CAPSULE)
+    half, disc, ball = body.core
+    row = np.array([*body.rotation.T.ravel(), 0.0, 0.0, 0.0, *half, disc + ball], np.float32)
+    scales = st.sampled_from((1.0, 1.0 + 1e-7, 1.5, 10.0))
+    points = np.array([data.draw(directions(body, scales)) * body.size for _ in range(4)] * 4, np.float32).T
+    out = np.empty(64, np.float32)
+    _away(kind, row, np.ascontiguousarray(points).ravel(), out)
+    axes, reach = out.reshape(4, 16)[:3].astype(float), out[48:].astype(float)
+    rotation = row[:9].reshape(3, 3).astype(float)
+    for k in range(16):
+        along = rotation @ axes[:, k]
+        farthest = np.abs(along) @ half + disc * np.hypot(along[0], along[1]) + ball * np.linalg.norm(axes[:, k])
+        assert reach[k] >= farthest - 4.0 * SINGLE * np.linalg.norm(axes[:, k]) * body.size
