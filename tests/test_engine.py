@@ -23,7 +23,7 @@ from guidefield.messages import given_requests, requests
 from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.stores.runs import RunStore
+from guidefield.stores.recordings import Recordings
 from guidefield.stores.scenes import SceneStore
 from tests.replies import plan_reply
 
@@ -40,7 +40,7 @@ def engine() -> Engine:
 
 @pytest.fixture
 def keeping(tmp_path: Path) -> Engine:
-    return Engine("cell", runs=RunStore(tmp_path / "runs"), scenes=SceneStore(tmp_path / "scenes"))
+    return Engine("cell", recordings=Recordings(tmp_path / "recordings"), scenes=SceneStore(tmp_path / "scenes"))
 
 
 def _potential(scene: str | Scene, *points: tuple[float, float, float]) -> requests.Potential:
@@ -325,15 +325,13 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return asked
 
 
-def test_a_run_is_kept_with_its_recording(keeping: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:
+def test_a_run_is_recorded(keeping: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:
     received = time.monotonic()
     reply = keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"), received=received)
     assert reply.recording == "guidefield/cell/runs/r1/recording"
     assert planned[0]["received"] == received
     assert received <= planned[0]["began"] <= time.monotonic()
-    kept = keeping.answer(requests.ReadRun("r1"))
-    assert kept.reply == reply
-    assert (tmp_path / "runs" / "r1" / "recording.rrd").read_bytes() == b"recording"
+    assert (tmp_path / "recordings" / "r1.rrd").read_bytes() == b"recording"
     assert _Recorder.finished == [reply.recording]
 
 
@@ -342,52 +340,13 @@ def test_a_run_without_a_name_gets_one(keeping: Engine, planned: list[dict[str, 
     assert first.run_id != second.run_id
 
 
-def test_a_name_is_used_once(keeping: Engine, planned: list[dict[str, Any]]) -> None:
-    named = msgspec.structs.replace(PLAN, run_id="r1")
-    reply = keeping.answer(named)
-    assert keeping.answer(named) == reply  # asked again, perhaps because the answer got lost
-    assert len(planned) == 1
-    with pytest.raises(MalformedRequest, match="'r1' is taken"):
-        keeping.answer(msgspec.structs.replace(named, seed=named.seed + 1))
-
-
-def test_what_ended_a_run_is_told_again(keeping: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_args: object, **_options: object) -> None:
-        raise RuntimeError("a bug")
-
-    monkeypatch.setattr("guidefield.handlers.plan.answer_plan", broken)
-    for _ in range(2):
-        with pytest.raises(InternalFailure, match="RuntimeError: a bug"):
-            keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
-
-
-def test_runs_are_filtered(keeping: Engine, planned: list[dict[str, Any]]) -> None:
+def test_an_engine_keeps_no_run(keeping: Engine, planned: list[dict[str, Any]]) -> None:
+    """That is for the service, whose one process writes."""
     keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
-    now = time.time()
-    for filters, names in (
-        ({}, ["r1"]),
-        ({"status": "SUCCESS", "robot": "panda", "since": now - 60}, ["r1"]),
-        ({"status": "TIMED_OUT"}, []),
-        ({"robot": "ur5"}, []),
-        ({"since": now + 60}, []),
-    ):
-        listed = keeping.answer(requests.ReadRuns(**filters))
-        assert [run.run_id for run in listed.runs] == names
-
-
-def test_an_ill_posed_request_leaves_no_run(keeping: Engine) -> None:
-    with pytest.raises(RobotInvalid):
-        keeping.answer(msgspec.structs.replace(PLAN, robot="r2d2", run_id="r1"))
-    with pytest.raises(UnknownObject):
-        keeping.answer(requests.ReadRun("r1"))
-
-
-def test_a_bug_while_planning_ends_the_run_with_an_error(keeping: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.handlers.plan.answer_plan", lambda *_a, **_k: 1 / 0)
-    with pytest.raises(InternalFailure):
-        keeping.answer(msgspec.structs.replace(PLAN, run_id="r1"))
-    kept = keeping.answer(requests.ReadRun("r1"))
-    assert kept.error.name == "FAILURE"
+    assert keeping.answer(requests.ReadRuns()).runs == []
+    for asked in (requests.ReadRun("r1"), requests.DeleteRun("r1")):
+        with pytest.raises(UnknownObject, match="no run 'r1'"):
+            keeping.answer(asked)
 
 
 def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
@@ -400,26 +359,14 @@ def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
 
 
 def test_a_recording_that_is_too_large_is_dropped(
-    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+    keeping: Engine, planned: list[dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("guidefield.run.LARGEST_RECORDING", len(b"recording") - 1)
     reply = keeping.answer(msgspec.structs.replace(PLAN, run_id="large"))
     assert reply.recording is None
     assert any("at most 8 are kept" in warning for warning in reply.warnings)
     with pytest.raises(UnknownObject, match="no recording"):
-        keeping._runs.recording("large")
-
-
-def test_a_disk_that_refuses_a_run_does_not_stop_the_plan(
-    keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def no_space_left(*_args: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(RunStore, "begin", no_space_left)
-    reply = keeping.answer(PLAN)
-    assert reply.status.name == "SUCCESS"
-    assert any("the run is not kept" in warning for warning in reply.warnings)
+        Recordings(tmp_path / "recordings").find("large")
 
 
 def test_a_recording_goes_where_the_caller_says(engine: Engine, planned: list[dict[str, Any]], tmp_path: Path) -> None:

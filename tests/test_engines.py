@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,10 @@ from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import StreamOpen, StreamUpdate
 from guidefield.stores import by_user
 from guidefield.stores.by_user import StoresByUser
+from guidefield.stores.runs import RunDatabase
 from guidefield.stores.shared import Kind
 from guidefield.stream.journal import Journal
+from tests.kept_runs import begin
 
 URDF = """<robot name="{}"><link name="a"/>
   <link name="b"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
@@ -27,14 +30,16 @@ REQUEST = requests.PlanRequest(robot="ur5", scene="table", goal=requests.JointsG
 
 
 @pytest.fixture
-def engines(tmp_path: Path) -> Engines:
-    engines = Engines("cell", StoresByUser(tmp_path))
+def engines(tmp_path: Path) -> Iterator[Engines]:
+    database = RunDatabase(tmp_path)
+    engines = Engines("cell", StoresByUser(tmp_path, database=database))
     for user, radius in (("alice", 0.1), ("bob", 0.2), (PLAIN, 0.3)):
         ball = Scene("ball", obstacles=[Sphere(name="s", radius=radius, position=(0.0, 0.0, 1.0))])
         engines.answer(user, user, requests.StoreScene("ball", ball))
         engines.answer(user, user, requests.StoreRobot("mine", requests.RobotFiles(URDF.format(user))))
-        engines.stores.of(user).runs.begin(f"{user}-run", REQUEST)
-    return engines
+        begin(database, f"{user}-run", REQUEST, user)
+    yield engines
+    database.close()
 
 
 def _radius(engines: Engines, user: str, scene: str) -> float:

@@ -14,7 +14,7 @@ from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.kept import MOST, kept_with
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.stores.runs import RunStore
+from guidefield.stores.recordings import Recordings
 
 
 class Thing:
@@ -95,7 +95,7 @@ def test_what_fails_is_asked_again() -> None:
 )
 def test_a_request_leaves_no_planning_group_or_world(request_: Any, tmp_path: Path) -> None:
     """Their models hold megabytes that Python doesn't count: left to its collector, they pile up."""
-    engine = Engine(runs=RunStore(tmp_path))
+    engine = Engine(recordings=Recordings(tmp_path))
     gc.collect()
     before = _alive()
     gc.disable()
@@ -105,7 +105,7 @@ def test_a_request_leaves_no_planning_group_or_world(request_: Any, tmp_path: Pa
     finally:
         gc.enable()
     if "type" not in (request_ if isinstance(request_, dict) else {}):
-        assert len(list(tmp_path.glob("*/recording.rrd"))) == 1
+        assert len(list(tmp_path.glob("*.rrd"))) == 1
 
 
 def _alive() -> list[object]:

@@ -39,17 +39,16 @@ from guidefield.messages.replies import (
     RobotReply,
     RobotsReply,
     RobotSummary,
-    RunsReply,
     SceneReply,
     ScenesReply,
-    error_reply,
 )
 from guidefield.messages.scene import Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
-from guidefield.run import Owe, Run, answered_before
+from guidefield.run import Owe, Run
+from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
@@ -129,7 +128,8 @@ class Engine:
 
     Args:
         instance: Name of the service it answers for, with the user if it is one's; part of the key of a recording.
-        runs: Where runs are kept.
+        runs: Where runs are read that a service keeps.
+        recordings: Where recordings of runs go that aren't sent elsewhere; None: nowhere.
         scenes: Where scenes are read and kept.
         robots: Where clients' robots are kept.
         local_files: Whether a request may name a URDF file.
@@ -143,6 +143,7 @@ class Engine:
         instance: str = "local",
         *,
         runs: Runs | None = None,
+        recordings: Recordings | None = None,
         scenes: Scenes | None = None,
         robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
@@ -154,6 +155,7 @@ class Engine:
         self._loaded = loaded or Loaded(tuple(packages))
         self._lend = lend
         self._runs: Runs = NoRuns() if runs is None else runs
+        self._recordings = recordings
         self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files
@@ -170,7 +172,7 @@ class Engine:
             requests.StoreScene: self._store_scene,
             requests.ChangeScene: self._change_scene,
             requests.DeleteScene: self._delete_scene,
-            requests.ReadRuns: self._read_runs,
+            requests.ReadRuns: self._runs.list,
             requests.ReadRun: lambda request: self._runs.read(request.run_id),
             requests.DeleteRun: self._delete_run,
             requests.ReadInfo: self._info,
@@ -324,7 +326,7 @@ class Engine:
         asking: _Asking,
         answered: Callable[[Run, float], _R],
     ) -> _R:
-        """The reply of a run, kept with its request and recording; that of before, where the same is asked for again.
+        """The reply of a run, with its recording.
 
         Args:
             request: What is asked.
@@ -332,28 +334,19 @@ class Engine:
             asking: How it is asked.
             answered: Answers it, given the run and when its work began, by `time.monotonic()` [s].
         """
-        if (before := answered_before(self._runs, request)) is not None:
-            return cast(_R, before)
         run_id = request.run_id or uuid.uuid4().hex
         key = f"guidefield/{self._instance}/runs/{run_id}/recording"
         watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressTold(run_id, received, watcher)
-        run = Run(run_id, request, self._runs, record_to, key, progress, asking.later)
+        run = Run(run_id, request, self._recordings, record_to, key, progress, asking.later)
         try:
-            try:
-                return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
-            except StoppedError as stopped:
-                from guidefield.handlers.unbegun import stopped_loading
+            return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
+        except StoppedError as stopped:
+            from guidefield.handlers.unbegun import stopped_loading
 
-                waited = time.monotonic() - received
-                reply = stopped_loading(run_id, request, str(stopped), run.cancelled(), waited)
-                return run.end(cast(_R, reply))
-        except GuidefieldError:
-            run.refuse()
-            raise
-        except Exception as error:
-            run.fail(error_reply(unforeseen(error)))
-            raise
+            waited = time.monotonic() - received
+            reply = stopped_loading(run_id, request, str(stopped), run.cancelled(), waited)
+            return run.end(cast(_R, reply))
 
     def motion_of(self, request: requests.CertifyRequest) -> Motion:
         """The motion that a certify request is about, for the file that the referee reads.
@@ -451,9 +444,6 @@ class Engine:
     def _delete_scene(self, request: requests.DeleteScene) -> Done:
         self._scenes.delete(request.name)
         return Done(done=f"scene {request.name!r} is deleted")
-
-    def _read_runs(self, request: requests.ReadRuns) -> RunsReply:
-        return RunsReply(runs=[r for r in self._runs.summaries() if request.wants(r.status, r.robot, r.began)])
 
     def _delete_run(self, request: requests.DeleteRun) -> Done:
         self._runs.delete(request.run_id)

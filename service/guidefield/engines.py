@@ -5,17 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-
-import msgspec
 
 from guidefield.engine import Engine, Loaded, LocalFiles
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import requests
 from guidefield.messages.identities import PLAIN, USERS
-from guidefield.messages.replies import Done, RobotsReply, RunsReply, ScenesReply
+from guidefield.messages.replies import Done, RobotsReply, ScenesReply
 from guidefield.messages.values import Reply
 from guidefield.progress import Watcher
 from guidefield.run import LARGEST_RECORDING, Owe
@@ -83,16 +81,12 @@ class Engines:
         shared = self.stores.of(owner).shared
         if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
             self.stores.require_room(owner, size)
-        if isinstance(request, requests.MotionRequest) and request.run_id is not None:
-            shared.remove("runs", request.run_id)  # of an earlier run of that name
         reply = self.of(owner).answer(request, received=received or time.monotonic(), watcher=watcher, later=later)
-        if isinstance(request, requests.DeleteRun):
-            shared.remove("runs", request.run_id)
-        elif isinstance(request, requests.DeleteScene):
+        if isinstance(request, requests.DeleteScene):
             shared.remove("scenes", request.name)
         elif isinstance(request, requests.DeleteRobot):
             shared.remove("robots", request.name)
-        return self._with_others(asking, owner, request, reply)
+        return self._with_others(asking, owner, reply)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
         """Let everybody read what is somebody's, or nobody else any more.
@@ -102,15 +96,15 @@ class Engines:
         """
         stores = self.stores.of(owner)
         if kind == "runs":
-            stores.runs.read(name)
-        elif kind == "scenes":
-            stores.scenes.read(name)
-        elif stores.robots.find(name) is None:
-            self.of(owner).answer(requests.ReadRobot(name))
+            stores.runs.share(name, shared=shared)
+        else:
+            if kind == "scenes":
+                stores.scenes.read(name)
+            elif stores.robots.find(name) is None:
+                self.of(owner).answer(requests.ReadRobot(name))
+            (stores.shared.add if shared else stores.shared.remove)(kind, name)
         if shared:
-            stores.shared.add(kind, name)
             return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by everybody, as {f'{owner}:{name}'!r}")
-        stores.shared.remove(kind, name)
         return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by nobody else any more")
 
     def stream_recording(self, owner: str, name: str) -> bytes:
@@ -143,6 +137,7 @@ class Engines:
         return Engine(
             self._instance if user == PLAIN else f"{self._instance}/{USERS}/{user}",
             runs=stores.runs,
+            recordings=stores.recordings,
             scenes=stores.scenes,
             robots=stores.robots,
             local_files=LocalFiles.REFUSED,
@@ -156,28 +151,14 @@ class Engines:
         self.stores.require_right(asking, owner, kind, name, read_only=True)
         return self.of(owner)
 
-    def _with_others(self, asking: str, owner: str, request: requests.Request, reply: Reply) -> Reply:
+    def _with_others(self, asking: str, owner: str, reply: Reply) -> Reply:
         """A list with what others have and the one who asks may read, as ``owner:name``."""
-        if isinstance(reply, RunsReply):
-            found = [*reply.runs]
-            for other, answered in self._lists_of_others(owner, request):
-                assert isinstance(answered, RunsReply), "runs were asked for"
-                found += [
-                    msgspec.structs.replace(run, run_id=f"{other}:{run.run_id}")
-                    for run in answered.runs
-                    if self.stores.may_read(asking, other, "runs", run.run_id)
-                ]
-            return RunsReply(runs=sorted(found, key=lambda run: run.began, reverse=True))
         if isinstance(reply, ScenesReply):
             return ScenesReply(scenes=[*reply.scenes, *self._named(asking, owner, "scenes")])
         if isinstance(reply, RobotsReply):
             names = self._named(asking, owner, "robots")
             return RobotsReply(robots=[*reply.robots, *self.of(owner).summaries(names)])
         return reply
-
-    def _lists_of_others(self, owner: str, request: requests.Request) -> Iterator[tuple[str, Reply]]:
-        for other in self._others(owner):
-            yield other, self.of(other).answer(request, received=time.monotonic())
 
     def _named(self, asking: str, owner: str, kind: Kind) -> list[str]:
         """What others have stored and the one who asks may read."""

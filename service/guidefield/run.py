@@ -1,7 +1,8 @@
-"""A run while it is made: what is kept of it and where; what can't be kept becomes a warning, not a failure."""
+"""A run while it is made: its progress and its recording; a recording that can't be kept becomes a warning."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections.abc import Callable
@@ -13,10 +14,10 @@ import msgspec
 
 from guidefield.errors import UnknownObject, without_path
 from guidefield.later import Work
-from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, Timing, error_of
+from guidefield.messages.replies import CertifyReply, PlanReply, Timing
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressTold
-from guidefield.stores.runs import NoRuns, Runs, RunStore
+from guidefield.stores.recordings import Recordings
 
 if TYPE_CHECKING:
     from guidefield.handlers.recording import RecordingInPieces
@@ -39,26 +40,23 @@ _R = TypeVar("_R", PlanReply, CertifyReply)
 
 
 class Run:
-    """One run: its request kept from the beginning, its recording, and its reply or error at the end.
+    """One run, with its progress and its recording.
 
     Args:
         run_id: Its name.
         request: As it came.
-        runs: Where it is kept; a disk that refuses is not this run's end.
-        record_to: Where its recording goes, if not to `runs`.
-        recording_key: What a reply says about where the recording is, if it is kept in `runs`.
+        recordings: Where its recording goes, if anywhere.
+        record_to: Where it goes in place of that.
+        recording_key: What a reply says about where the recording is, if it is in `recordings`.
         progress: Tells somebody how far it is, if anybody listens.
-        later: Takes the writing of its recording, if that goes to `runs`; None: it is written before the reply.
-
-    Raises:
-        MalformedRequest: if the name is taken.
+        later: Takes the writing of a recording that goes to `recordings`; None: it is written before the reply.
     """
 
     def __init__(
         self,
         run_id: str,
         request: MotionRequest,
-        runs: Runs,
+        recordings: Recordings | None,
         record_to: Path | None,
         recording_key: str,
         progress: ProgressTold | None = None,
@@ -68,14 +66,9 @@ class Run:
         self._later = later
         self._progress = progress
         self._request = request
-        self._runs = runs
+        self._recordings = recordings
         self._warnings = _Warnings(run_id)
         self._recording: _Written | None = None
-        try:
-            runs.begin(run_id, request)
-        except OSError as error:
-            self._warnings.add(f"the run is not kept: {without_path(error)}")
-            self._runs = NoRuns()
         self._record_to = record_to
         self._place = recording_key if record_to is None else str(record_to)
 
@@ -132,8 +125,8 @@ class Run:
         recording: _Recording[_R] | _OwedRecording[_R] | None = None
         if (place := self._where()) is not None:
             recording = _Recording(recorder(place), place.file, self._place, self._warnings)
-            if self._later is not None and self._record_to is None and isinstance(self._runs, RunStore):
-                recording = _OwedRecording(recording, self.run_id, self._runs, self._later)
+            if self._later is not None and self._record_to is None and self._recordings is not None:
+                recording = _OwedRecording(recording, self.run_id, self._recordings, self._later)
         self._recording = recording
         if self._progress is not None:
             self._progress.be_prepared()
@@ -141,21 +134,23 @@ class Run:
 
     def _where(self) -> Place | None:
         """Where the recording goes, if there is to be one."""
-        kept_at = self._runs.recording_path(self.run_id) if self._record_to is None else self._record_to
-        if kept_at is None or self._request.recording == "off":
+        recordings = self._recordings
+        if self._request.recording == "off" or (self._record_to is None and recordings is None):
             return None
         from guidefield.recorder.bodies_file import cache_folder
         from guidefield.recorder.place import Place
 
-        # in a store the robots' meshes are kept once for all runs
-        shared = self._runs.bodies_folder() if self._record_to is None else None
-        return Place(kept_at, shared or cache_folder(), whole=shared is None)
+        if self._record_to is not None:
+            return Place(self._record_to, cache_folder(), whole=True)
+        assert recordings is not None, "a recording goes somewhere"
+        with contextlib.suppress(OSError):  # its writing tells it
+            recordings.folder.mkdir(parents=True, exist_ok=True)
+        return Place(recordings.path(self.run_id), recordings.bodies_folder, whole=False)
 
     def end(self, reply: _R, received: float | None = None) -> _R:
-        """The reply as it is sent, with where its recording is and with what could not be kept; keeps it.
+        """The reply as it is sent, with where its recording is, or why there is none.
 
-        What came after its timing was told counts as measuring, unless a recording was written meanwhile. Where the
-        disk refuses the reply, nothing is kept of the run: it would seem to be under way for ever.
+        What came after its timing was told counts as measuring, unless a recording was written meanwhile.
 
         Args:
             reply: What the run came to.
@@ -165,27 +160,8 @@ class Run:
         timing = reply.timing
         if received is not None and self._recording is None:
             timing = _until(timing, time.monotonic() - received)
-        sent = msgspec.structs.replace(
-            reply, recording=place, warnings=[*reply.warnings, *self._warnings.texts], timing=timing
-        )
-        try:
-            self._runs.finish(self.run_id, sent)
-        except OSError as error:
-            self._warnings.add(f"the run is not kept: {without_path(error)}")
-            place = place if self._record_to is not None else None
-            sent = msgspec.structs.replace(sent, recording=place, warnings=[*reply.warnings, *self._warnings.texts])
-        return sent
-
-    def refuse(self) -> None:
-        """Forget the run: its request was ill-posed."""
-        self._runs.discard(self.run_id)
-
-    def fail(self, error: ErrorReply) -> None:
-        """Keep what ended the run."""
-        try:
-            self._runs.fail(self.run_id, error)
-        except OSError:
-            _log.exception("the end of run %s is not kept", self.run_id)
+        warnings = [*reply.warnings, *self._warnings.texts]
+        return msgspec.structs.replace(reply, recording=place, warnings=warnings, timing=timing)
 
 
 def _until(timing: Timing, total: float) -> Timing:
@@ -210,42 +186,23 @@ class _Warnings:
         self.texts.append(text)
 
 
-def whole_recording(runs: Runs, run_id: str) -> bytes:
-    """The recording of a run that is kept, with its robot's meshes: one file that anybody can open.
+def whole_recording(recordings: Recordings, run_id: str) -> bytes:
+    """The recording of a run, with its robot's meshes: one file that anybody can open.
 
     Where it is still being written, this waits for it.
 
     Raises:
-        UnknownObject: if there is no such run, or it has no recording, or not yet, or a damaged one.
+        UnknownObject: if the run has no recording, or not yet, or a damaged one.
         OSError: if the disk refuses.
     """
     from guidefield.recorder.whole import self_contained
 
-    file, folder = runs.recording(run_id), runs.bodies_folder()
-    if folder is None:
-        return file.read_bytes()
+    file = recordings.find(run_id)
     try:
-        return self_contained(file, folder)
+        return self_contained(file, recordings.bodies_folder)
     except (ValueError, KeyError, RuntimeError) as error:
         _log.warning("the recording of run %s can't be read: %s", run_id, error)
         raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
-
-
-def answered_before(runs: Runs, request: MotionRequest) -> MotionReply | None:
-    """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
-
-    Raises:
-        GuidefieldError: what ended that run.
-    """
-    try:
-        kept = None if request.run_id is None else runs.read(request.run_id)
-    except UnknownObject:
-        return None
-    if kept is None or kept.request != request:
-        return None  # another run of that name is refused where it begins
-    if kept.error is not None:
-        raise error_of(kept.error)
-    return kept.reply
 
 
 @dataclass(frozen=True)
@@ -326,9 +283,9 @@ class _OwedRecording(Generic[_R]):
         written: Where the recording will be, for the reply; None until the run is finished.
     """
 
-    def __init__(self, recording: _Recording[_R], run_id: str, runs: RunStore, later: Owe) -> None:
+    def __init__(self, recording: _Recording[_R], run_id: str, recordings: Recordings, later: Owe) -> None:
         self._recording: _Recording[_R] = recording
-        self._run_id, self._runs, self._later = run_id, runs, later
+        self._run_id, self._recordings, self._later = run_id, recordings, later
         self.written: str | None = None
 
     def observe(self, event: Event) -> None:
@@ -337,14 +294,14 @@ class _OwedRecording(Generic[_R]):
 
     def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
         """Owe the recording; where not even that can be kept, write it at once."""
-        recording, runs, run_id = self._recording, self._runs, self._run_id
+        recording, recordings, run_id = self._recording, self._recordings, self._run_id
 
         def write(pause: Callable[[], None]) -> None:
             recording.finish(reply, profile, pause)
-            runs.settle_recording(run_id, None if recording.written else "; ".join(recording.faults))
+            recordings.settle(run_id, None if recording.written else "; ".join(recording.faults))
 
         try:
-            runs.owe_recording(run_id)
+            recordings.owe(run_id)
         except OSError:
             recording.finish(reply, profile)
             self.written = recording.written

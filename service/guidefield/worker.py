@@ -19,7 +19,7 @@ from guidefield.messages.replies import MotionReply, error_reply
 from guidefield.messages.requests import MotionRequest
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
-from guidefield.stores.runs import DEFAULT_RETENTION, Retention
+from guidefield.stores.runs import RunDatabase
 
 _log = logging.getLogger(__name__)
 
@@ -48,7 +48,6 @@ class EngineSetup:
         data: Folder of its runs, scenes and robots.
         log_level: How much a worker logs, to stderr.
         json_logs: Whether as JSON.
-        retention: How many runs of each user are kept.
         quotas: How much room each user has.
         packages: Folders of packages from which a robot that is sent may take meshes.
         prepare: Robots that each worker prepares for their first plan before it is ready.
@@ -58,14 +57,13 @@ class EngineSetup:
     data: Path
     log_level: int = logging.INFO
     json_logs: bool = False
-    retention: Retention = DEFAULT_RETENTION
     packages: tuple[Path, ...] = ()
     prepare: tuple[str, ...] = ()
     quotas: Quotas = DEFAULT_QUOTAS
 
-    def engines(self) -> Engines:
-        """Engines on the data folder."""
-        return Engines(self.instance, StoresByUser(self.data, self.retention, self.quotas), self.packages)
+    def engines(self, database: RunDatabase | None = None) -> Engines:
+        """Engines on the data folder; those that read runs are given their database."""
+        return Engines(self.instance, StoresByUser(self.data, self.quotas, database), self.packages)
 
     def __call__(self) -> EngineWorker:
         """In a worker process: log, and warm an engine up."""
@@ -122,6 +120,6 @@ class EngineWorker:
             later=owed.append,
         )
         if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
-            self.engines.stores.of(query.owner).runs.discard(reply.run_id)
+            self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
         return True, codec.encode(reply, query.encoding)

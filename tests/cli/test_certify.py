@@ -18,10 +18,14 @@ from guidefield.cli.motion_files import fields_of
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject
 from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.replies import PlanReply
+from guidefield.messages.requests import PlanRequest
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import load
 from guidefield.referee.verdict import Answer, Finding, Verdict
-from guidefield.stores.runs import RunStore
+from guidefield.stores.runs import RunDatabase
+from tests.kept_runs import keep
 
 PLAN = {
     "robot": "ur5", "scene": "table", "goal": {"type": "joints", "positions": {"elbow_joint": 1.2}},
@@ -34,8 +38,12 @@ HERE = ["--robot", "ur5", "--scene", "table"]
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder with a plan's run, and the plan in every kind of file beside it."""
     data = tmp_path_factory.mktemp("data")
-    engine = Engine(runs=RunStore(data / "runs"))
-    reply = engine.answer({**PLAN, "run_id": "planned", "recording": "summary"})
+    database = RunDatabase(data)
+    request = codec.convert({**PLAN, "run_id": "planned", "recording": "summary"}, PlanRequest)
+    reply = Engine(recordings=database.recordings(PLAIN)).answer(request)
+    assert isinstance(reply, PlanReply)
+    keep(database, "planned", reply, request)
+    database.close()
     for ending in ("csv", "json", "npz"):
         write_motion(run_arrays(reply), data / f"motion.{ending}")
     (data / "reply.json").write_bytes(codec.encode(reply))

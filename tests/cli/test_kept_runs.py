@@ -15,12 +15,15 @@ from typer.testing import CliRunner
 from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
 from guidefield.cli.comparison import differing, largest_step, motion_hash
+from guidefield.cli.found_run import find_plan
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.stores.runs import RunStore
+from guidefield.stores.runs import RunDatabase
+from tests.kept_runs import begin, keep
 from tests.replies import plan_reply
 
 REQUEST = PlanRequest(
@@ -35,14 +38,15 @@ REQUEST = PlanRequest(
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data")
-    store = RunStore(folder / "runs")
-    reply = Engine(runs=store).answer(msgspec.structs.replace(REQUEST, run_id="good"))
+    database = RunDatabase(folder)
+    reply = Engine().answer(msgspec.structs.replace(REQUEST, run_id="good"))
     assert isinstance(reply, PlanReply)
-    for name, path in (("moved", [[x + 0.5 for x in row] for row in reply.path]), ("same", reply.path)):
-        store.begin(name, REQUEST)
-        store.finish(name, msgspec.structs.replace(reply, run_id=name, path=path))
-    store.begin("stuck", REQUEST)
-    store.finish("stuck", plan_reply("stuck", Status.STUCK_IN_MINIMUM))
+    moved = [[x + 0.5 for x in row] for row in reply.path]
+    for name, path in (("good", reply.path), ("moved", moved), ("same", reply.path)):
+        keep(database, name, msgspec.structs.replace(reply, run_id=name, path=path), REQUEST)
+    keep(database, "stuck", Status.STUCK_IN_MINIMUM, REQUEST)
+    keep(database, "hers", reply, REQUEST, owner="alice")
+    database.close()
     return folder
 
 
@@ -63,8 +67,10 @@ def test_runs_are_listed_and_filtered(data: Path) -> None:
         said = _said(0, "runs", "list", "--data", str(data), "--json", *options)
         return {run["run_id"] for run in json.loads(said)["runs"]}
 
-    assert names() == {"good", "moved", "same", "stuck"}
+    assert names() == {"good", "moved", "same", "stuck", "alice:hers"}
     assert names("--status", "STUCK_IN_MINIMUM") == {"stuck"}
+    assert names("--text", "BY HAND") == {"stuck"}
+    assert names("--limit", "2") == {"alice:hers", "stuck"}
     assert names("--robot", "ur5") == names("--since", "2999-01-01") == set()
     assert "STUCK_IN_MINIMUM" in _said(0, "runs", "list", "--data", str(data))
     assert "must be one of SUCCESS" in _said(2, "runs", "list", "--data", str(data), "--status", "success")
@@ -75,8 +81,36 @@ def test_a_run_is_listed_with_its_whole_id_however_narrow_the_terminal(
 ) -> None:
     monkeypatch.setattr("guidefield.cli.kept_runs.out", Console(width=60))
     run_id = 32 * "f"
-    RunStore(tmp_path / "runs").begin(run_id, REQUEST)
+    database = RunDatabase(tmp_path)
+    begin(database, run_id, REQUEST)
+    database.close()
     assert run_id in _said(0, "runs", "list", "--data", str(tmp_path))
+
+
+def test_a_long_list_is_printed_page_by_page(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("guidefield.cli.kept_runs.LARGEST_PAGE", 2)
+    listed = json.loads(_said(0, "runs", "list", "--data", str(data), "--json"))
+    assert [run["run_id"] for run in listed["runs"]] == ["alice:hers", "stuck", "same", "moved", "good"]
+    assert (listed["total"], listed["next"]) == (5, None)
+    lines = _said(0, "runs", "list", "--data", str(data)).splitlines()
+    assert sum("status" in line for line in lines) == 1, "columns are named once"
+    assert sum("panda" in line for line in lines) == 5
+    lines = _said(0, "runs", "list", "--data", str(data), "--limit", "3").splitlines()
+    assert sum("panda" in line for line in lines) == 3
+
+
+def test_another_users_run_is_named_with_its_owner(data: Path, tmp_path: Path) -> None:
+    _said(0, "runs", "export", "alice:hers", str(tmp_path / "motion.json"), "--data", str(data))
+    assert json.loads((tmp_path / "motion.json").read_text())["path"]
+    with pytest.raises(UnknownObject, match="no run 'hers'"):
+        find_plan("hers", data, "local")
+
+
+def test_runs_of_the_first_version_are_taken_over_by_a_service(tmp_path: Path) -> None:
+    (tmp_path / "runs" / "r1").mkdir(parents=True)
+    done = CliRunner().invoke(app, ["runs", "list", "--data", str(tmp_path)])
+    assert isinstance(done.exception, UnknownObject)
+    assert f"`guidefield serve --data {tmp_path}` takes them over" in str(done.exception)
 
 
 def test_two_runs_are_compared(data: Path) -> None:
@@ -96,7 +130,7 @@ def test_the_sign_of_a_zero_is_a_bit() -> None:
 
 
 def test_a_motion_is_exported_to_the_last_digit(data: Path, tmp_path: Path) -> None:
-    reply = RunStore(data / "runs").read("good").reply
+    reply = RunDatabase(data).of(PLAIN).read("good").reply
     assert reply is not None
     assert reply.trajectory is not None
     for ending in ("csv", "json", "npz"):

@@ -11,6 +11,7 @@ from guidefield.messages.codec import MAX_REQUEST_BYTES
 from guidefield.messages.replies import CertifyRunReply, RunReply
 from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, Potential
 from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.store_requests import ReadRuns
 
 PLAN = PlanRequest(robot="panda", scene="table", goal=JointsGoal(positions={}))
 
@@ -71,12 +72,16 @@ def test_a_name_is_a_name_and_nothing_else(name: str) -> None:
         with pytest.raises(MalformedRequest, match="name"):
             ask(name)
     with pytest.raises(MalformedRequest, match="name"):
-        questions.runs(None, name, None)
+        questions.runs(ReadRuns(robot=name))
 
 
 def test_filters_are_parameters() -> None:
-    assert questions.runs("SUCCESS", "panda", 1.5).key == "runs?status=SUCCESS;robot=panda;since=1.5"
-    assert questions.runs(None, None, None).key == "runs"
+    assert questions.runs(ReadRuns("SUCCESS", "panda", 1.5)).key == "runs?status=SUCCESS;robot=panda;since=1.5"
+    asked = questions.runs(ReadRuns(text="a/b? 10 % = c", limit=5, after="17")).key
+    assert asked == "runs?text=a/b? 10 % = c;limit=5;after=17"
+    assert questions.runs(ReadRuns()).key == "runs"
+    with pytest.raises(MalformedRequest, match="semicolon"):
+        questions.runs(ReadRuns(text="a;b"))
 
 
 def test_a_judgement_is_asked_for_with_a_request_or_with_its_fields() -> None:

@@ -34,7 +34,7 @@ GIB = 2**30
 def test_every_look_finds_something_and_says_what_to_do(tmp_path: Path) -> None:
     found = list(examination(tmp_path))
     about = [finding.about for finding in found]
-    assert about == ["packages", "cores", "vectors", "memory", "disk", "kernels", "clock", "zenoh", "graphics"]
+    assert about == ["packages", "cores", "vectors", "memory", "disk", "runs", "kernels", "clock", "zenoh", "graphics"]
     assert all((finding.state is State.FINE) == (finding.advice == "") for finding in found)
     assert all(finding.found and "\n" not in finding.found + finding.advice for finding in found)
 

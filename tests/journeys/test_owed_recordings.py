@@ -6,7 +6,9 @@ import signal
 from pathlib import Path
 
 from guidefield import Client, JointsGoal, PlanRequest
+from guidefield.messages.identities import PLAIN
 from guidefield.recorder.reading import read_recording
+from guidefield.stores.runs import RunDatabase
 from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, running_service
 
 PLAN = PlanRequest("panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], recording="full")
@@ -25,5 +27,8 @@ def test_recordings_come_after_the_reply_and_before_the_end(tmp_path: Path) -> N
         last = client.plan(PLAN)
         service.process.send_signal(signal.SIGTERM)
         service.process.wait(ANSWERED_WITHIN)
-        (kept,) = tmp_path.rglob(f"runs/{last.run_id}")
-        assert {file.name for file in kept.iterdir()} == {"request.json", "reply.json", "recording.rrd"}
+        (kept,) = tmp_path.rglob(f"{last.run_id}.*")
+        assert kept.name == f"{last.run_id}.rrd"
+        database = RunDatabase(kept.parents[1])
+        assert database.of(PLAIN).read(last.run_id).reply == last
+        database.close()

@@ -53,7 +53,9 @@ def test_info(wire: PlainClient) -> None:
     assert info["health"] == {"state": "ready", "doing": ""}
     assert info["disk"]["total"] >= info["disk"]["free"] > 0
     assert info["own_memory"] > 10 * 2**20
-    assert {key["key"]: key for key in info["keys"]}["runs"]["parameters"].keys() == {"status", "robot", "since"}
+    assert {key["key"]: key for key in info["keys"]}["runs"]["parameters"].keys() == {
+        *("status", "robot", "since", "text", "limit", "after")
+    }
     assert wire.ask("guidefield/local/info?brief")["keys"] == []
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import tarfile
 from collections.abc import Iterator
 from functools import partial
@@ -22,14 +23,14 @@ from guidefield.cli.commands import app
 from guidefield.engine import Engine
 from guidefield.errors import SceneInvalid, Status
 from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import ErrorReply, PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.store_requests import ReadRobot, ReadScene
 from guidefield.recorder.reading import read_recording
-from guidefield.run import answered_before
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import RunStore
+from guidefield.stores.runs import RunDatabase, answered_before
 from guidefield.stores.scenes import SceneStore
 
 ARCHIVES = {path.name.removesuffix(".tar.xz"): path for path in sorted(Path(__file__).parent.glob("*.tar.xz"))}
@@ -56,9 +57,13 @@ def version(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def kept(version: str, tmp_path: Path) -> Path:
-    """What a version kept, in a folder that may be changed."""
+    """What a version kept, in folders that may be changed: `before`, and `data` as this version took it over."""
     with tarfile.open(ARCHIVES[version]) as file:
         file.extractall(tmp_path, filter="data")
+    shutil.copytree(tmp_path / "data", tmp_path / "before")
+    database = RunDatabase(tmp_path / "data")
+    database.take_over(lambda _: None)
+    database.close()
     return tmp_path
 
 
@@ -99,7 +104,7 @@ def test_the_archives_are_there() -> None:
 
 
 def test_messages_mean_what_they_meant(kept: Path) -> None:
-    data = kept / "data"
+    data = kept / "before"
     kinds = {
         "runs/*/request.json": partial(codec.decode, kind=PlanRequest),
         "runs/*/reply.json": partial(msgspec.json.decode, type=PlanReply),
@@ -134,7 +139,7 @@ def test_runs_are_compared(kept: Path) -> None:
 
 def test_motions_are_exported(kept: Path) -> None:
     for name in MOVING:
-        reply = json.loads((kept / "data" / "runs" / name / "reply.json").read_bytes())
+        reply = json.loads((kept / "before" / "runs" / name / "reply.json").read_bytes())
         _said("runs", "export", name, kept / f"{name}.json", "--data", kept / "data")
         written = json.loads((kept / f"{name}.json").read_bytes())
         assert written["path"] == reply["path"]
@@ -147,7 +152,7 @@ def test_motions_are_exported(kept: Path) -> None:
 def test_recordings_leave_the_store_whole(kept: Path) -> None:
     for name in RECORDED:
         _said("runs", "export", name, kept / f"{name}.rrd", "--data", kept / "data")
-        reply = json.loads((kept / "data" / "runs" / name / "reply.json").read_bytes())
+        reply = json.loads((kept / "before" / "runs" / name / "reply.json").read_bytes())
         recorded = read_recording(kept / f"{name}.rrd").reply
         assert list(_lost(reply, json.loads(codec.encode(recorded)))) == []
     entities = {chunk.entity_path for chunk in RrdReader(kept / "refused.rrd").stream().to_chunks()}
@@ -174,8 +179,8 @@ def test_recordings_are_arrays(kept: Path, version: str) -> None:
     assert motion.positions.shape == (len(motion.times), 4)
     assert motion.velocities.shape == motion.accelerations.shape == motion.positions.shape
     assert np.allclose(motion.positions[-1], [-0.1, 0.9, 0.5, 0.5], atol=1e-9)
-    stored = guidefield.run_arrays(kept / "data" / "runs" / "joints" / "recording.rrd")
-    reply = RunStore(kept / "data" / "runs").read("joints").reply
+    stored = guidefield.run_arrays(kept / "data" / "recordings" / "joints.rrd")
+    reply = RunDatabase(kept / "data").of(PLAIN).read("joints").reply
     assert reply is not None
     assert stored.positions.tobytes() == guidefield.run_arrays(reply).positions.tobytes()
     assert read_recording(kept / "recordings" / "alone.rrd").versions["guidefield"] == version
@@ -183,12 +188,12 @@ def test_recordings_are_arrays(kept: Path, version: str) -> None:
 
 def test_a_service_goes_on_with_them(kept: Path) -> None:
     data = kept / "data"
-    runs, robots, scenes = RunStore(data / "runs"), RobotStore(data / "robots"), SceneStore(data / "scenes")
+    runs, robots, scenes = RunDatabase(data).of(PLAIN), RobotStore(data / "robots"), SceneStore(data / "scenes")
     engine = Engine(runs=runs, robots=robots, scenes=scenes)
     assert engine.answer(ReadRobot("lift_arm")).tip
     assert {obstacle.name for obstacle in engine.answer(ReadScene("cell")).scene.obstacles} == {"post", "ball"}
     read = runs.read("joints")
-    assert answered_before(runs, read.request) == read.reply, "whose link broke asks again"
+    assert answered_before(runs, read.request, "joints") == read.reply, "whose link broke asks again"
     assert runs.read("interrupted").error is not None
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing.process
 import os
-import queue
 import signal
 import subprocess
 import sys
@@ -72,15 +71,16 @@ def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool
     assert pool.crashes == crashes
 
 
-def test_that_a_worker_dies_after_its_job_was_answered_late_is_told(pool: Pool, tmp_path: Path) -> None:
+def test_a_worker_that_dies_after_its_job_was_answered_late_is_replaced(pool: Pool, tmp_path: Path) -> None:
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
     late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
-    died: queue.Queue[WorkerCrashed] = queue.Queue()
-    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late, died=died.put))
+    begins: list[float] = []
+    job = ("prepare", f"{begun} {prepared} {done}")
+    task = pool.submit(Task(job, PATIENCE, late=late, begin=lambda: begins.append(time.monotonic())))
     assert task.result(PATIENCE) == (True, b"too late")
+    assert len(begins) == 1
     await_begun(begun)
     os.kill(int(begun.read_bytes()), signal.SIGKILL)
-    assert "died" in str(died.get(timeout=PATIENCE))
     assert _echoes(pool)
 
 

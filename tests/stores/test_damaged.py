@@ -6,21 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.engine import Engine
-from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject, WorkerCrashed
+from guidefield.errors import RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.handlers.robots import robots
-from guidefield.messages.replies import RunsReply, error_reply
-from guidefield.messages.requests import ReadRun, ReadRuns, RobotFiles
+from guidefield.messages.requests import RobotFiles
 from guidefield.messages.scene import Box, Scene
-from guidefield.messages.store_requests import UNREADABLE
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.run import whole_recording
+from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import RunStore
 from guidefield.stores.scenes import SceneStore
-from tests.replies import plan_reply
 from tests.robots import box_arm
-from tests.stores.test_runs import CRASH, REQUEST
 
 ARM = RobotFiles(urdf=box_arm("y", 2).text)
 
@@ -31,42 +26,12 @@ def _cut(file: Path) -> list[int]:
     return sorted({0, 1, 2, size - 1, size - 2, *range(3, size, max(1, size // 12))})
 
 
-def _runs(folder: Path) -> RunStore:
-    store = RunStore(folder)
-    for run_id in ("whole", "damaged"):
-        store.begin(run_id, REQUEST)
-        store.finish(run_id, plan_reply(run_id))
-    store.begin("crashed", REQUEST)
-    store.fail("crashed", CRASH)
-    return store
-
-
-@pytest.mark.parametrize(("run_id", "name"), [("damaged", "request"), ("damaged", "reply"), ("crashed", "error")])
-def test_a_damaged_run_is_listed_among_the_others_and_can_be_deleted(run_id: str, name: str, tmp_path: Path) -> None:
-    engine = Engine(runs=_runs(tmp_path / "runs"))
-    file = tmp_path / "runs" / run_id / f"{name}.json"
-    content = file.read_bytes()
-    for length in _cut(file):
-        file.write_bytes(content[:length])
-        listed = engine.answer(ReadRuns())
-        assert isinstance(listed, RunsReply)
-        lines = {run.run_id: run for run in listed.runs}
-        assert set(lines) == {"whole", "damaged", "crashed"}
-        assert lines["whole"].status == "SUCCESS"
-        assert UNREADABLE in (lines[run_id].status, lines[run_id].robot)
-        with pytest.raises(UnknownObject, match=rf"{name}\.json is damaged"):
-            engine.answer(ReadRun(run_id))
-    assert [run.run_id for run in engine.answer(ReadRuns(status=UNREADABLE)).runs] == [run_id] * (name != "request")
-    RunStore(tmp_path / "runs").delete(run_id)
-    assert run_id not in {run.run_id for run in engine.answer(ReadRuns()).runs}
-
-
 def test_a_damaged_recording_is_told(tmp_path: Path) -> None:
-    store = _runs(tmp_path / "runs")
+    recordings = Recordings(tmp_path)
     for content in (b"", b"RRF2 and nothing that follows"):
-        store.recording_path("damaged").write_bytes(content)
+        recordings.path("damaged").write_bytes(content)
         with pytest.raises(UnknownObject, match="recording of run 'damaged' is damaged"):
-            whole_recording(store, "damaged")
+            whole_recording(recordings, "damaged")
 
 
 @pytest.mark.parametrize("folder", ["names", "contents"])
@@ -115,11 +80,3 @@ def test_a_damaged_scene_is_told_and_stored_again(tmp_path: Path) -> None:
             store.read("shelf")
     store.write(scene)
     assert store.read("shelf")[0] == scene
-
-
-def test_a_sweep_passes_over_what_is_damaged(tmp_path: Path) -> None:
-    store = _runs(tmp_path / "runs")
-    (tmp_path / "runs" / "damaged" / "reply.json").write_bytes(b"{")
-    (tmp_path / "runs" / "whole" / "request.json").write_bytes(b"")
-    store.sweep(error_reply(WorkerCrashed("left behind")))
-    assert {run.status for run in store.summaries()} == {"SUCCESS", "CRASH", UNREADABLE}

@@ -1,27 +1,30 @@
-"""A disk that is really full: planning goes on, the reply says what is missing, and what is kept stays whole."""
+"""A disk that is really full: what is missing is told, and what was kept stays whole."""
 
 from __future__ import annotations
 
 import contextlib
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 
-from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
-from guidefield.errors import DiskRefused
-from guidefield.messages.replies import PlanReply
+from guidefield.errors import DiskRefused, WorkerCrashed
+from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import RobotFiles, StoreRobot, StoreScene
 from guidefield.messages.scene import Scene, Sphere
+from guidefield.messages.store_requests import ReadRuns
+from guidefield.stores import run_writer
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import RunStore
+from guidefield.stores.runs import RunDatabase
 from guidefield.stores.scenes import SceneStore
+from tests.kept_runs import begin, keep, new_run
 from tests.replies import plan_reply
 from tests.robots import box_arm
-from tests.stores.test_runs import CRASH, REQUEST
 
 ROOM = 768
 """Of the disk [KiB]: for a few requests and replies, and no more than a recording or two."""
@@ -38,31 +41,6 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(tmp_path)], check=True)
 
 
-def test_plans_go_on_when_the_disk_is_full(small_disk: Path) -> None:
-    store = RunStore(small_disk / "runs")
-    engine = Engine(runs=store)
-    request = REQUESTS["demo-guide-planes"][1]
-    warned = 0
-    for number in range(12):
-        reply = engine.answer(msgspec.structs.replace(request, run_id=f"r{number}"))
-        assert isinstance(reply, PlanReply)
-        assert reply.status.name == "SUCCESS"
-        told = [warning for warning in reply.warnings if "No space left" in warning]
-        warned += bool(told)
-        assert told or store.read(reply.run_id).reply == reply
-        assert (reply.recording is None) == any(
-            "recording was not" in warning or "run is not" in warning for warning in told
-        )
-        assert not any(str(small_disk) in warning for warning in reply.warnings), (
-            "where the files lie is nobody's business"
-        )
-    assert warned
-    for run in store.summaries():
-        assert run.status == "SUCCESS", "a run whose reply can't be kept isn't under way"
-        whole = store.read(run.run_id)
-        assert whole.request.robot == "panda"
-
-
 def _filled(disk: Path) -> Path:
     """A file that takes all the room that is left."""
     filler = disk / "filler"
@@ -72,24 +50,47 @@ def _filled(disk: Path) -> Path:
     return filler
 
 
-def test_a_run_whose_end_the_disk_refuses_is_dropped(small_disk: Path) -> None:
-    store = RunStore(small_disk / "runs")
-    for run_id in ("finished", "crashed", "swept"):
-        store.begin(run_id, REQUEST)
+def test_a_full_disk_is_told_and_what_was_kept_stays(small_disk: Path) -> None:
+    database = RunDatabase(small_disk)
+    runs = database.of(PLAIN)
+    keep(database, "before")
+    running = begin(database, "running")
+    assert runs.list(ReadRuns()).total == 2
     filler = _filled(small_disk)
-    with pytest.raises(OSError, match="No space left"):
-        store.finish("finished", plan_reply("finished"))
-    _filled(small_disk)
-    with pytest.raises(OSError, match="No space left"):
-        store.fail("crashed", CRASH)
-    _filled(small_disk)
-    assert [run.run_id for run in store.summaries()] == ["swept"]
-    store.sweep(CRASH)
+    kept = {"before"}
+    for number in range(200):  # the file has some room left inside
+        run = new_run(f"r{number}")
+        if runs.finish(run, codec.encode(plan_reply(run.run_id))).exception() is not None:
+            break
+        kept.add(run.run_id)
+    with pytest.raises(DiskRefused, match=r"^the disk refuses: No space left on device$"):
+        runs.finish(running, b" " * 100_000 + codec.encode(plan_reply("running"))).result()
+    assert {run.run_id for run in runs.list(ReadRuns()).runs} - {"running"} == kept
     filler.unlink()
-    assert store.summaries() == []
-    store.begin("finished", REQUEST)
-    store.finish("finished", plan_reply("finished"))
-    assert [run.status for run in store.summaries()] == ["SUCCESS"]
+    until = time.monotonic() + 30.0
+    while runs.has("running"):  # its end could not be kept, so it is forgotten
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    keep(database, "after")
+    assert {run.run_id for run in runs.list(ReadRuns()).runs} == {*kept, "after"}
+    assert runs.read("before").reply == plan_reply("before")
+    database.close()
+
+
+def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_writer, "RETRY_INTERVAL_S", 0.0)
+    filler = _filled(small_disk)
+    database = RunDatabase(small_disk)
+    with pytest.raises(DiskRefused, match="disk"):
+        database.sweep(error_reply(WorkerCrashed("left behind")))
+    with pytest.raises(DiskRefused, match="disk"):
+        keep(database, "r1")
+    filler.unlink()
+    keep(database, "r2")
+    assert [run.run_id for run in database.of(PLAIN).list(ReadRuns()).runs] == ["r2"]
+    database.close()
 
 
 def test_a_store_on_a_full_disk_says_so_without_a_path(small_disk: Path) -> None:

@@ -1,224 +1,442 @@
+"""Runs in a database: what was answered is there, others' is not shown, the oldest make room, and faults are told."""
+
 from __future__ import annotations
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from guidefield.errors import MalformedRequest, Status, UnknownObject, WorkerCrashed
+from guidefield.errors import DiskRefused, InvalidGoal, MalformedRequest, Status, UnknownObject, WorkerCrashed
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
-from guidefield.stores import runs
-from guidefield.stores.run_folder import RUNNING, UNREADABLE, summary
-from guidefield.stores.runs import NoRuns, Retention, RunStore
+from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
+from guidefield.stores import run_file, run_writer
+from guidefield.stores.run_file import FILE
+from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns, answered_before
+from tests.kept_runs import REQUEST, begin, fail, keep, new_run
 from tests.replies import plan_reply
 
-REQUEST = PlanRequest(robot="panda", scene="bookshelf", goal=JointsGoal({"a": 1.0}))
 CRASH = error_reply(WorkerCrashed("the process died", signal=9))
+ALL = ReadRuns()
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> RunStore:
-    return RunStore(tmp_path / "runs")
+def database(tmp_path: Path) -> Iterator[RunDatabase]:
+    kept = RunDatabase(tmp_path)
+    yield kept
+    kept.close()
 
 
-def _ended(store: RunStore, run_id: str, status: Status = Status.SUCCESS) -> None:
-    store.begin(run_id, REQUEST)
-    store.finish(run_id, plan_reply(run_id, status))
+@pytest.fixture
+def runs(database: RunDatabase) -> UserRuns:
+    return database.of(PLAIN)
 
 
-def test_a_run_is_read_back_as_it_was_kept(store: RunStore) -> None:
+def _statuses(runs: UserRuns) -> dict[str, str]:
+    return {run.run_id: run.status for run in runs.list(ALL).runs}
+
+
+def test_a_run_is_read_back_as_it_was_kept(database: RunDatabase, runs: UserRuns) -> None:
     before = time.time()
-    store.begin("r1", REQUEST)
-    running = store.read("r1")
-    assert (running.request, running.reply, running.error) == (REQUEST, None, None)
-    assert before - 1.0 < running.began < time.time() + 1.0
-    store.finish("r1", plan_reply("r1"))
-    assert store.read("r1").reply == plan_reply("r1")
+    run = begin(database, "r1")
+    running = runs.read("r1")
+    assert (running.request.goal, running.reply, running.error) == (REQUEST.goal, None, None)
+    assert before <= running.began <= time.time()
+    runs.finish(run, codec.encode(plan_reply("r1"))).result()
+    assert runs.read("r1").reply == plan_reply("r1")
+    (line,) = runs.list(ALL).runs
+    assert line.ended is not None
+    assert before <= line.began <= line.ended <= time.time()
+    assert (line.status, line.message) == ("SUCCESS", "a plan made by hand")
+    assert line.bytes == len(codec.encode(REQUEST)) + len(codec.encode(plan_reply("r1")))
 
 
-def test_the_files_are_where_the_layout_says(store: RunStore, tmp_path: Path) -> None:
-    store.begin("r1", REQUEST)
-    path = store.recording_path("r1")
-    assert path == tmp_path / "runs" / "r1" / "recording.rrd"
-    path.write_bytes(b"recording")
-    store.finish("r1", plan_reply("r1"))
-    assert sorted(file.name for file in path.parent.iterdir()) == ["recording.rrd", "reply.json", "request.json"]
-    assert store.recording("r1") == path
+@pytest.mark.parametrize("encoding", Encoding)
+def test_a_run_is_kept_in_the_encoding_that_it_came_in(encoding: Encoding, runs: UserRuns) -> None:
+    run = new_run(
+        "r1", PlanRequest(robot=UrdfText("<robot/>"), scene=Scene("inline"), goal=JointsGoal({})), PLAIN, encoding
+    )
+    runs.begin(run)
+    runs.finish(run, codec.encode(plan_reply("r1"), encoding)).result()
+    assert runs.read("r1").reply == plan_reply("r1")
+    (line,) = runs.list(ALL).runs
+    assert (line.robot, line.scene, line.status) == ("urdf", "inline", "SUCCESS")
 
 
-def test_a_run_id_is_used_once(store: RunStore) -> None:
-    store.begin("r1", REQUEST)
-    with pytest.raises(MalformedRequest, match="'r1' is taken"):
-        store.begin("r1", REQUEST)
-    assert [run.run_id for run in store.summaries()] == ["r1"]
-
-
-def test_summaries_say_how_a_run_stands(store: RunStore) -> None:
-    inline = PlanRequest(robot=UrdfText("<robot/>"), scene=Scene("inline"), goal=JointsGoal({}))
-    store.begin("running", inline)
-    _ended(store, "found")
-    _ended(store, "stuck", Status.STUCK_IN_MINIMUM)
-    store.begin("crashed", REQUEST)
-    store.fail("crashed", CRASH)
-    listed = {run.run_id: run for run in store.summaries()}
-    assert {name: run.status for name, run in listed.items()} == {
-        "running": RUNNING,
-        "found": "SUCCESS",
-        "stuck": "STUCK_IN_MINIMUM",
+def test_a_run_says_how_it_stands(database: RunDatabase, runs: UserRuns) -> None:
+    begin(database, "running")
+    keep(database, "found")
+    keep(database, "stuck", Status.STUCK_IN_MINIMUM)
+    fail(database, "crashed", CRASH)
+    fail(database, "refused", error_reply(InvalidGoal("no such joint")))
+    assert _statuses(runs) == {
         "crashed": "CRASH",
+        "stuck": "STUCK_IN_MINIMUM",
+        "found": "SUCCESS",
+        "running": RUNNING,
+    }, "what was refused leaves no run"
+    assert list(_statuses(runs)) == ["crashed", "stuck", "found", "running"], "the newest is first"
+    assert runs.read("crashed").error == CRASH
+
+
+def test_a_run_that_came_again_is_answered_as_before(database: RunDatabase, runs: UserRuns) -> None:
+    named = PlanRequest(robot="panda", scene="bookshelf", goal=REQUEST.goal, run_id="r1")
+    keep(database, "r1", request=named)
+    assert answered_before(runs, named, "r1") == plan_reply("r1")
+    with pytest.raises(MalformedRequest, match="'r1' is taken"):
+        answered_before(runs, PlanRequest(robot="ur5", scene="table", goal=REQUEST.goal, run_id="r1"), "r1")
+
+
+def test_a_list_comes_in_pages(database: RunDatabase, runs: UserRuns) -> None:
+    for number in range(7):
+        keep(database, f"r{number}", Status.SUCCESS if number % 2 else Status.TIMED_OUT)
+    pages, after = [], None
+    while True:
+        page = runs.list(ReadRuns(limit=3, after=after))
+        pages.append([run.run_id for run in page.runs])
+        assert page.total == 7
+        if (after := page.next) is None:
+            break
+        keep(database, f"later{len(pages)}")  # what comes meanwhile moves no page
+        runs.delete(f"later{len(pages)}")
+    assert pages == [["r6", "r5", "r4"], ["r3", "r2", "r1"], ["r0"]]
+    late = runs.list(ReadRuns(status="TIMED_OUT", limit=2))
+    assert ([run.run_id for run in late.runs], late.total) == (["r6", "r4"], 4)
+    runs.delete("r4")
+    assert [run.run_id for run in runs.list(ReadRuns(status="TIMED_OUT", after=late.next)).runs] == ["r2", "r0"]
+    assert runs.list(ReadRuns(after="0")).runs == []
+    assert len(runs.list(ReadRuns(after="9" * 18)).runs) == 6
+    assert runs.list(ReadRuns(limit=6)).next is None
+
+
+@pytest.mark.parametrize("after", ["", "-1", "1.5", "r1", "²", "9" * 19, "1;DROP TABLE runs", "\x00"])
+def test_what_is_no_end_of_a_list_is_refused(after: str) -> None:
+    with pytest.raises(ValueError, match="`after` must be the `next` of a list of runs"):
+        ReadRuns(after=after)
+
+
+def test_filters_are_joined_and_take_text_as_it_stands(database: RunDatabase, runs: UserRuns) -> None:
+    for number, sentence in enumerate(("100 % sure", "100 x sure", "under_line", "underXline", r"back\slash", "it's")):
+        reply = plan_reply(f"r{number}")
+        reply = msgspec.structs.replace(reply, status=msgspec.structs.replace(reply.status, message=sentence))
+        keep(database, f"r{number}", reply, PlanRequest(robot=f"robot{number % 2}", scene="s", goal=REQUEST.goal))
+    found = {
+        text: [run.run_id for run in runs.list(ReadRuns(text=text)).runs]
+        for text in ("SURE", "0 % s", "r_l", "\\s", "t's", "' OR 1 --", "nothing")
     }
-    assert (listed["running"].robot, listed["running"].scene) == ("urdf", "inline")
-    assert (listed["found"].robot, listed["found"].scene) == ("panda", "bookshelf")
-
-
-def test_a_list_reads_only_what_changed(store: RunStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store.begin("running", REQUEST)
-    _ended(store, "ended")
-    first = store.summaries()
-    read: list[str] = []
-    monkeypatch.setattr(runs, "summary", lambda folder: (read.append(folder.name), summary(folder))[1])
-    assert store.summaries() == first
-    assert read == []
-    store.fail("running", CRASH)
-    _ended(store, "another")
-    reply = tmp_path / "runs" / "ended" / "reply.json"
-    reply.write_bytes(reply.read_bytes()[:-10])
-    assert {run.run_id: run.status for run in store.summaries()} == {
-        "running": "CRASH",
-        "another": "SUCCESS",
-        "ended": UNREADABLE,
+    assert found == {
+        "SURE": ["r1", "r0"],
+        "0 % s": ["r0"],
+        "r_l": ["r2"],
+        "\\s": ["r4"],
+        "t's": ["r5"],
+        "' OR 1 --": [],
+        "nothing": [],
     }
-    assert sorted(read) == ["another", "ended", "running"]
-    store.delete("another")
-    assert store.summaries() == RunStore(tmp_path / "runs").summaries()
+    assert [run.run_id for run in runs.list(ReadRuns(text="sure", robot="robot1", status="SUCCESS")).runs] == ["r1"]
+    assert runs.list(ReadRuns(since=time.time() + 60.0)).total == 0
+    assert runs.list(ReadRuns(since=time.time() - 60.0)).total == 6
 
 
-def test_the_newest_run_is_listed_first(store: RunStore, tmp_path: Path) -> None:
-    for age, name in enumerate(("newest", "middle", "oldest")):
-        _ended(store, name)
-        os.utime(tmp_path / "runs" / name / "request.json", (1e9 - age, 1e9 - age))
-    assert [run.run_id for run in store.summaries()] == ["newest", "middle", "oldest"]
-
-
-def test_an_error_does_not_replace_a_reply(store: RunStore) -> None:
-    _ended(store, "r1")
-    store.fail("r1", CRASH)
-    assert store.read("r1").error is None
-    store.fail("never-begun", CRASH)
+def test_a_user_sees_its_own_runs_and_what_is_shared(database: RunDatabase) -> None:
+    for owner, run_id in (("alice", "r1"), ("alice", "r2"), ("bob", "r1"), (PLAIN, "r3")):
+        keep(database, run_id, owner=owner)
+    database.of("alice").share("r1", shared=True)
+    listed = {user: [run.run_id for run in database.of(user).list(ALL).runs] for user in ("alice", "bob", PLAIN)}
+    assert listed == {
+        "alice": ["r2", "r1"],
+        "bob": ["r1", "alice:r1"],
+        PLAIN: ["r3", "bob:r1", "alice:r2", "alice:r1"],
+    }
+    assert database.of("bob").list(ReadRuns(limit=1)).next is not None
+    assert database.of("bob").list(ReadRuns(limit=1)).total == 2
+    database.of("alice").share("r1", shared=False)
+    assert [run.run_id for run in database.of("bob").list(ALL).runs] == ["r1"]
+    database.of("bob").delete("r1")
+    assert database.of("alice").has("r1"), "another user's run of that name stays"
     with pytest.raises(UnknownObject):
-        store.read("never-begun")
+        database.of("bob").share("r2", shared=True)
 
 
-def test_a_refused_request_leaves_no_run(store: RunStore, tmp_path: Path) -> None:
-    store.begin("r1", REQUEST)
-    store.discard("r1")
-    assert list((tmp_path / "runs").iterdir()) == []
-
-
-@pytest.mark.parametrize("ask", [RunStore.read, RunStore.recording, RunStore.delete, NoRuns.read])
-def test_a_run_that_is_not_there_is_said_so(ask: object, store: RunStore) -> None:
-    owner = NoRuns() if ask is NoRuns.read else store
+@pytest.mark.parametrize("ask", [UserRuns.read, UserRuns.require, UserRuns.delete, NoRuns.read])
+def test_a_run_that_is_not_there_is_said_so(ask: object, database: RunDatabase, runs: UserRuns) -> None:
+    keep(database, "other")
     with pytest.raises(UnknownObject, match="no run 'nowhere'"):
-        ask(owner, "nowhere")
-
-
-def test_a_run_without_a_recording_says_so(store: RunStore) -> None:
-    _ended(store, "r1")
-    with pytest.raises(UnknownObject, match="has no recording"):
-        store.recording("r1")
+        ask(NoRuns() if ask is NoRuns.read else runs, "nowhere")
 
 
 @pytest.mark.parametrize("name", ["../r1", "..", ".r1", "a/b", ""])
-def test_no_name_leads_out_of_the_folder(name: str, store: RunStore, tmp_path: Path) -> None:
-    (tmp_path / "r1").mkdir()
-    for ask in (store.read, store.recording, store.delete):
+def test_no_name_leads_out_of_the_folder(name: str, database: RunDatabase, runs: UserRuns, tmp_path: Path) -> None:
+    keep(database, "r1")
+    (tmp_path / "r1.rrd").write_bytes(b"mine")
+    for ask in (runs.read, runs.require, runs.recordings.find, runs.delete):
         with pytest.raises(MalformedRequest):
             ask(name)
-    assert (tmp_path / "r1").exists()
+    assert (tmp_path / "r1.rrd").exists()
 
 
-def test_a_deleted_run_is_gone(store: RunStore, tmp_path: Path) -> None:
-    _ended(store, "r1")
-    store.delete("r1")
-    assert store.summaries() == []
-    assert list((tmp_path / "runs").iterdir()) == []
+def test_a_deleted_run_is_gone_with_its_recording(database: RunDatabase, runs: UserRuns, tmp_path: Path) -> None:
+    runs.recordings.folder.mkdir()
+    runs.recordings.path("r1").write_bytes(b"recording")
+    keep(database, "r1")
+    assert runs.recordings.find("r1") == tmp_path / "recordings" / "r1.rrd"
+    runs.delete("r1")
+    assert runs.list(ALL).runs == []
+    assert list((tmp_path / "recordings").iterdir()) == []
+    running = begin(database, "r2")
+    runs.list(ALL)
+    runs.delete("r2")
+    runs.finish(running, codec.encode(plan_reply("r2"))).result()
+    assert runs.list(ALL).runs == [], "what is deleted while it runs doesn't come back"
+
+
+def test_a_refused_run_leaves_nothing(database: RunDatabase, runs: UserRuns) -> None:
+    run = begin(database, "r1")
+    runs.discard(run).result()
+    assert runs.list(ALL).total == 0
+    run = begin(database, "r1")
+    assert runs.list(ALL).total == 1
+    runs.discard(run).result()
+    assert runs.list(ALL).total == 0
 
 
 def test_the_oldest_ended_runs_make_room(tmp_path: Path) -> None:
-    store = RunStore(tmp_path, Retention(runs=3))
-    store.begin("running", REQUEST)
-    for index in range(6):
-        _ended(store, f"r{index}")
-        os.utime(tmp_path / f"r{index}", (1e9 + index, 1e9 + index))
-    assert {run.run_id for run in store.summaries()} == {"running", "r3", "r4", "r5"}
+    database = RunDatabase(tmp_path, Retention(runs=3), lambda user: 10_000 if user == "alice" else None)
+    begin(database, "running")
+    for number in range(6):
+        keep(database, f"r{number}")
+    assert set(_statuses(database.of(PLAIN))) == {"running", "r3", "r4", "r5"}
+    recordings = database.of("alice").recordings
+    recordings.folder.mkdir(parents=True)
+    for number in range(3):
+        recordings.path(f"a{number}").write_bytes(bytes(4_000))
+        keep(database, f"a{number}", owner="alice")
+    assert set(_statuses(database.of("alice"))) == {"a2"}, "her quota leaves room for one with its recording"
+    assert [file.name for file in recordings.folder.iterdir()] == ["a2.rrd"]
+    recordings.path("huge").write_bytes(bytes(20_000))
+    keep(database, "huge", owner="alice")
+    assert set(_statuses(database.of("alice"))) == {"huge"}, "what was answered last is kept in any case"
+    database.close()
 
 
 def test_runs_that_are_too_old_are_dropped(tmp_path: Path) -> None:
-    store = RunStore(tmp_path, Retention(seconds=3600.0))
-    for age, run_id in ((7200.0, "old"), (1800.0, "young")):
-        _ended(store, run_id)
-        os.utime(tmp_path / run_id, (time.time() - age,) * 2)
-    store.begin("running", REQUEST)
-    os.utime(tmp_path / "running", (1e9, 1e9))
-    store.begin("next", REQUEST)
-    assert {run.run_id for run in store.summaries()} == {"young", "running", "next"}
+    database = RunDatabase(tmp_path, Retention(seconds=3600.0))
+    for run_id in ("old", "young"):
+        keep(database, run_id)
+    with sqlite3.connect(tmp_path / FILE) as db:
+        db.execute("UPDATE runs SET ended = ended - 7200 WHERE run_id = 'old'")
+    keep(database, "next")
+    assert set(_statuses(database.of(PLAIN))) == {"young", "next"}
+    database.close()
 
 
-def test_large_recordings_make_room_too(tmp_path: Path) -> None:
-    store = RunStore(tmp_path, Retention(bytes=12_000))
-    for index in range(4):
-        store.begin(f"r{index}", REQUEST)
-        store.recording_path(f"r{index}").write_bytes(b"x" * 4_000)
-        store.finish(f"r{index}", plan_reply(f"r{index}"))
-        os.utime(tmp_path / f"r{index}", (1e9 + index, 1e9 + index))
-    assert {run.run_id for run in store.summaries()} == {"r1", "r2", "r3"}
+def test_a_recording_that_comes_later_counts_once_it_is_there(
+    database: RunDatabase, runs: UserRuns, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 0.02)
+    runs.recordings.folder.mkdir()
+    runs.recordings.owe("r1")
+    keep(database, "r1")
+    size = runs.list(ALL).runs[0].bytes
+    runs.recordings.path("r1").write_bytes(bytes(5_000))
+    runs.recordings.settle("r1", None)
+    until = time.monotonic() + 30.0
+    while runs.list(ALL).runs[0].bytes != size + 5_000:
+        assert time.monotonic() < until
+        time.sleep(0.01)
 
 
-def test_a_sweep_ends_abandoned_runs_and_clears_leftovers(store: RunStore, tmp_path: Path) -> None:
-    _ended(store, "found")
-    store.begin("abandoned", REQUEST)
-    (tmp_path / "runs" / "abandoned" / ".deadbeef.draft").write_bytes(b"half")
-    (tmp_path / "runs" / ".deadbeef.draft").mkdir()
-    store.sweep(CRASH)
-    assert {run.run_id: run.status for run in store.summaries()} == {"found": "SUCCESS", "abandoned": "CRASH"}
-    assert store.read("abandoned").error == CRASH
-    assert not list((tmp_path / "runs").rglob(".*"))
+def test_changes_that_wait_share_one_commit(database: RunDatabase, runs: UserRuns) -> None:
+    commits: list[str] = []
+    holding, held = threading.Event(), threading.Event()
+
+    def hold(db: sqlite3.Connection) -> None:
+        db.set_trace_callback(lambda statement: commits.append(statement) if statement == "COMMIT" else None)
+        held.set()
+        holding.wait(30.0)
+
+    first = database.writer.submit(hold)
+    held.wait(30.0)
+    ended = [runs.finish(new_run(f"r{number}"), codec.encode(plan_reply(f"r{number}"))) for number in range(50)]
+    holding.set()
+    for future in (first, *ended):
+        future.result()
+    assert len(commits) == 2
+    assert runs.list(ALL).total == 50
+
+
+def test_a_change_that_fails_costs_no_other_one(database: RunDatabase, runs: UserRuns) -> None:
+    holding = threading.Event()
+    database.writer.submit(lambda _: holding.wait(30.0))
+
+    def fail_here(db: sqlite3.Connection) -> None:
+        db.execute("INSERT INTO runs (owner) VALUES ('half')")
+
+    before = runs.finish(new_run("before"), codec.encode(plan_reply("before")))
+    bad = database.writer.submit(fail_here)
+    after = runs.finish(new_run("after"), codec.encode(plan_reply("after")))
+    holding.set()
+    with pytest.raises(DiskRefused, match="NOT NULL"):
+        bad.result()
+    before.result()
+    after.result()
+    assert set(_statuses(runs)) == {"before", "after"}
+
+
+def test_a_sweep_ends_what_a_killed_service_left(database: RunDatabase, runs: UserRuns, tmp_path: Path) -> None:
+    keep(database, "found")
+    begin(database, "abandoned")
+    runs.list(ALL)
+    runs.recordings.folder.mkdir()
+    (runs.recordings.folder / ".abandoned.rrd.1234.draft").write_bytes(b"half")
+    database.close()
+    again = RunDatabase(tmp_path)
+    again.sweep(CRASH)
+    assert _statuses(again.of(PLAIN)) == {"abandoned": "CRASH", "found": "SUCCESS"}
+    assert again.of(PLAIN).read("abandoned").error == CRASH
+    assert list(runs.recordings.folder.iterdir()) == []
+    again.close()
 
 
 WRITER = """
 import sys
 from pathlib import Path
-from guidefield.stores.runs import RunStore
+from guidefield.messages import codec
+from guidefield.messages.identities import PLAIN
+from guidefield.stores.runs import Retention, RunDatabase
+from tests.kept_runs import begin
 from tests.replies import plan_reply
-from tests.stores.test_runs import REQUEST
 
-store = RunStore(Path(sys.argv[1]))
+database = RunDatabase(Path(sys.argv[1]), Retention(runs=100_000))
 for index in range(100_000):
-    store.begin(f"r{index}", REQUEST)
+    run = begin(database, f"r{index}")
+    database.of(PLAIN).finish(run, codec.encode(plan_reply(f"r{index}"))).result()
     print(index, flush=True)
-    store.finish(f"r{index}", plan_reply(f"r{index}"))
-    if index > 5:
-        store.delete(f"r{index - 5}")
 """
 
 
-@pytest.mark.parametrize("after", [1, 4, 11, 23])
-def test_a_kill_at_any_moment_leaves_whole_runs_only(after: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("after", [1, 4, 23, 200])
+def test_what_was_answered_survives_a_kill_at_any_moment(after: int, tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE) as writer:
         assert writer.stdout is not None
         for _ in range(after):
             assert writer.stdout.readline()
         writer.send_signal(signal.SIGKILL)
-    store = RunStore(tmp_path)
-    for run in store.summaries():
-        whole = store.read(run.run_id)
-        assert whole.request == REQUEST
-        assert whole.reply in (None, plan_reply(run.run_id))
-    store.sweep(CRASH)
-    assert all(run.status in ("SUCCESS", "CRASH") for run in store.summaries())
+        answered = after + len(writer.stdout.readlines())
+    database = RunDatabase(tmp_path)
+    database.sweep(CRASH)
+    for number in range(answered):
+        assert database.of(PLAIN).read(f"r{number}").reply == plan_reply(f"r{number}")
+    assert set(_statuses(database.of(PLAIN)).values()) <= {"SUCCESS", "CRASH"}
+    database.close()
+
+
+def test_others_read_while_it_is_written(database: RunDatabase, tmp_path: Path) -> None:
+    """As `guidefield runs` does beside a service, also where it may write nothing."""
+    keep(database, "r1")
+    reader = RunDatabase(tmp_path)
+    for number in range(2, 50):
+        assert len(reader.of(PLAIN).list(ALL).runs) == number - 1
+        keep(database, f"r{number}")
+    assert not [thread for thread in threading.enumerate() if thread in reader.writer._threads]
+    database.close()
+    assert reader.of(PLAIN).list(ALL).total == 49
+    reader.close()
+
+
+def test_a_damaged_database_is_told_and_nothing_is_lost_of_it(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_bytes(b"this is no database" * 500)
+    database = RunDatabase(tmp_path)
+    with pytest.raises(DiskRefused, match=rf"database of runs is damaged .* move {FILE} away"):
+        database.sweep(CRASH)
+    run = new_run("r1")
+    database.of(PLAIN).begin(run)
+    with pytest.raises(DiskRefused, match="damaged"):
+        database.of(PLAIN).finish(run, b"{}").result()
+    with pytest.raises(DiskRefused, match="damaged"):
+        database.of(PLAIN).list(ALL)
+    database.close()
+    assert (tmp_path / FILE).read_bytes() == b"this is no database" * 500
+
+
+def test_damage_inside_the_database_is_told_where_it_is_met(tmp_path: Path) -> None:
+    database = RunDatabase(tmp_path)
+    for number in range(300):
+        keep(database, f"r{number}")
+    database.close()
+    content = bytearray((tmp_path / FILE).read_bytes())
+    content[4096 * 8 :] = os.urandom(len(content) - 4096 * 8)
+    (tmp_path / FILE).write_bytes(content)
+    database = RunDatabase(tmp_path)
+
+    def use_all() -> None:
+        for number in range(300):
+            database.of(PLAIN).finish(new_run(f"new{number}"), codec.encode(plan_reply("x"))).result(30.0)
+            database.of(PLAIN).read(f"r{number}")
+
+    with pytest.raises(DiskRefused, match="damaged"):
+        use_all()
+    database.close()
+
+
+def test_a_damaged_document_is_told_and_can_be_deleted(database: RunDatabase, runs: UserRuns, tmp_path: Path) -> None:
+    for run_id in ("whole", "request", "reply"):
+        keep(database, run_id)
+    with sqlite3.connect(tmp_path / FILE) as db:
+        for column in ("request", "reply"):
+            cut = f"UPDATE documents SET {column} = substr({column}, 1, 30) "
+            db.execute(f"{cut} WHERE number = (SELECT number FROM runs WHERE run_id = ?)", (column,))
+    assert runs.read("whole").reply == plan_reply("whole")
+    for run_id in ("request", "reply"):
+        with pytest.raises(UnknownObject, match=rf"its {run_id} is damaged; `delete` removes it"):
+            runs.read(run_id)
+        runs.delete(run_id)
+    runs.finish(new_run("unread"), b"{").result()
+    assert _statuses(runs) == {"unread": UNREADABLE, "whole": "SUCCESS"}
+
+
+def test_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / FILE) as db:
+        db.execute("PRAGMA user_version = 2")
+    database = RunDatabase(tmp_path)
+    with pytest.raises(DiskRefused, match="tables of version 2, and this guidefield reads version 1"):
+        database.sweep(CRASH)
+    database.close()
+
+
+def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    connected = sqlite3.connect
+
+    def without_locks(address: str, *arguments: object, **options: object) -> sqlite3.Connection:
+        return connected(f"{address}&vfs=unix-none", *arguments, **options)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(run_file.sqlite3, "connect", without_locks)
+    with pytest.raises(DiskRefused, match="no locks or shared memory for a database; choose a data folder on a local"):
+        run_file.connect_writer(tmp_path / FILE)
+
+
+def test_another_program_that_holds_the_file_is_told(
+    database: RunDatabase, runs: UserRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_file, "LONGEST_LOCK_S", 0.1)
+    keep(database, "before")
+    with sqlite3.connect(tmp_path / FILE, isolation_level=None) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(DiskRefused, match=r"another program holds runs\.sqlite locked; end it"):
+            runs.finish(new_run("r1"), codec.encode(plan_reply("r1"))).result(30.0)
+        other.execute("COMMIT")
+    keep(database, "r2")
+    assert set(_statuses(runs)) == {"before", "r2"}

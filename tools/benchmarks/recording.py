@@ -24,7 +24,7 @@ from guidefield.messages import codec
 from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.recorder import Recorder
 from guidefield.run import whole_recording
-from guidefield.stores.runs import RunStore
+from guidefield.stores.recordings import Recordings
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "requests"
 CHOSEN = ("door", "seed_a_gates", "seed_b_tapered")
@@ -45,8 +45,8 @@ def timed_finish(recorder: Recorder, *about: Any) -> None:
 def measure(name: str, request: PlanRequest, repeats: int) -> None:
     """Print a line about a request."""
     with tempfile.TemporaryDirectory() as folder:
-        runs = RunStore(Path(folder) / "runs")
-        engine, spent, written = Engine(runs=runs), defaultdict(list), defaultdict(list)
+        recordings = Recordings(Path(folder) / "recordings")
+        engine, spent, written = Engine(recordings=recordings), defaultdict(list), defaultdict(list)
         for turn in range(repeats + 1):
             for level in LEVELS:
                 _written[0], began = 0.0, time.process_time()
@@ -59,7 +59,7 @@ def measure(name: str, request: PlanRequest, repeats: int) -> None:
         print(f"{name:18s} planning {1e3 * base:7.1f} ms", end="")
         for level in LEVELS[1:]:
             run_id = f"{level}-{repeats}"
-            stored, left = runs.recording(run_id).stat().st_size, len(whole_recording(runs, run_id))
+            stored, left = recordings.path(run_id).stat().st_size, len(whole_recording(recordings, run_id))
             slower, writing = 100.0 * (min(spent[level]) / base - 1.0), 1e3 * min(written[level])
             print(f" | {level}: {slower:+5.1f} %, writing {writing:5.1f} ms, {stored / 1e3:4.0f} kB stored,", end="")
             print(f" {left / 1e3:4.0f} kB outside", end="")

@@ -13,11 +13,13 @@ import typer
 
 from guidefield.cli.stream_replaying import record_stream, stream_files
 from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.messages.identities import PLAIN, checked_user
 from guidefield.messages.replies import MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
 from guidefield.run import whole_recording
 from guidefield.stores.files import default_data_folder
-from guidefield.stores.runs import RunStore
+from guidefield.stores.run_file import FILE
+from guidefield.stores.runs import RunDatabase, UserRuns
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
@@ -44,15 +46,35 @@ def data_folder(data: Path | None, name: str) -> Path:
     return default_data_folder(name) if data is None else data
 
 
-def run_store(data: Path | None, name: str) -> RunStore:
-    """The runs of a data folder; UnknownObject where there are none, so that looking leaves no folder behind."""
-    folder = data_folder(data, name) / "runs"
-    if not folder.is_dir():
-        raise UnknownObject(
-            f"no service has kept runs in {folder}; --data names another folder, and a recording's file ends with .rrd",
-            path=str(folder),
-        )
-    return RunStore(folder)
+def kept_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
+    """The runs of a user in a data folder, to read.
+
+    Raises:
+        UnknownObject: if there are none, so that looking leaves no file behind.
+    """
+    folder = data_folder(data, name)
+    if (folder / FILE).is_file():
+        return RunDatabase(folder).of(owner)
+    if (folder / "runs").is_dir():
+        told = f"the runs in {folder} were kept by guidefield 0.1; `guidefield serve --data {folder}` takes them over"
+        raise UnknownObject(told, path=str(folder))
+    raise UnknownObject(
+        f"no service has kept runs in {folder}; --data names another folder, and a recording's file ends with .rrd",
+        path=str(folder),
+    )
+
+
+def kept_run(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
+    """The runs that one is among which an argument names, and its id there; another user's is ``user:id``.
+
+    Raises:
+        UnknownObject: if no runs are kept there.
+        MalformedRequest: if nobody can be a user of that name.
+    """
+    owner, colon, own = run.partition(":")
+    if not colon:
+        return kept_runs(data, name), run
+    return kept_runs(data, name, owner if owner == PLAIN else checked_user(owner)), own
 
 
 def find_run(run: str, data: Path | None, name: str) -> FoundRun:
@@ -67,14 +89,13 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
     if run.endswith(".rrd"):
         recorded = read_recording(Path(run))
         return FoundRun(recorded.request, recorded.reply, recorded.versions)
-    store = run_store(data, name)
-    kept = store.read(run)
+    runs, run_id = kept_run(run, data, name)
+    kept = runs.read(run_id)
     if kept.reply is None:
         why = "is still under way" if kept.error is None else f"ended with an error: {kept.error.message}"
         raise UnknownObject(f"run {run!r} has no reply: it {why}", run_id=run)
-    path = store.recording_path(run)
-    recorded_too = path is not None and path.is_file()
-    return FoundRun(kept.request, kept.reply, read_recording(path).versions if path and recorded_too else {})
+    path = runs.recordings.path(run_id)
+    return FoundRun(kept.request, kept.reply, read_recording(path).versions if path.is_file() else {})
 
 
 def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
@@ -109,6 +130,8 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             file = Path(folder) / f"{files[-1].stem}.rrd"
             record_stream(files, data_folder(data, name), (), file)
         else:
-            file = Path(folder) / f"{run}.rrd"
-            file.write_bytes(whole_recording(run_store(data, name), run))
+            runs, run_id = kept_run(run, data, name)
+            file = Path(folder) / f"{run_id}.rrd"
+            runs.require(run_id)
+            file.write_bytes(whole_recording(runs.recordings, run_id))
         yield file

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -14,10 +15,10 @@ from rich.table import Table
 
 from guidefield.cli.comparison import comparison_table
 from guidefield.cli.files import writable
-from guidefield.cli.found_run import Data, RunName, Service, StreamName, find_plan, recording_file, run_store
-from guidefield.engine import Engine
-from guidefield.messages.replies import RunsReply
-from guidefield.messages.store_requests import ReadRuns
+from guidefield.cli.found_run import Data, RunName, Service, StreamName, find_plan, kept_runs, recording_file
+from guidefield.messages.replies import RunsReply, RunSummary
+from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
+from guidefield.stores.runs import UserRuns
 from guidefield.whole_file import write_whole
 
 out = Console()
@@ -32,26 +33,49 @@ def list_runs(
     status: Annotated[str | None, typer.Option(help="Only those that ended so, such as SUCCESS.")] = None,
     robot: Annotated[str | None, typer.Option(help="Only those of this robot.")] = None,
     since: Annotated[datetime | None, typer.Option(help="Only those that began at that time or later.")] = None,
+    text: Annotated[str | None, typer.Option(help="Only those with this text in their status' sentence.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="At most so many; else all.")] = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
-    """List the runs that are kept, newest first."""
+    """List the runs that are kept, newest first; also while a service runs."""
+    given = {"status": status, "robot": robot, "since": None if since is None else since.timestamp(), "text": text}
     try:
-        wanted = ReadRuns(status=status, robot=robot, since=None if since is None else since.timestamp())
-    except ValueError as error:
-        raise typer.BadParameter(str(error), param_hint="'--status'") from None
-    found = Engine(name, runs=run_store(data, name)).answer(wanted)
-    assert isinstance(found, RunsReply), "runs were asked for"
+        wanted = msgspec.convert(given, ReadRuns)
+    except msgspec.ValidationError as error:
+        raise typer.BadParameter(
+            str(error), param_hint="'--text'" if "$.text" in str(error) else "'--status'"
+        ) from None
+    pages = _pages(kept_runs(data, name), wanted, limit)
     if json:
-        typer.echo(msgspec.json.encode(found).decode())
+        first, *others = pages
+        runs = [run for page in (first, *others) for run in page.runs]
+        typer.echo(msgspec.json.encode(msgspec.structs.replace(first, runs=runs, next=None)).decode())
         return
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in found.runs), default=0))
+    for number, page in enumerate(pages):
+        out.print(_table(page.runs, headed=number == 0))
+
+
+def _pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[RunsReply]:
+    """Pages of the list of runs until its end, or until so many runs are listed."""
+    while True:
+        most = LARGEST_PAGE if limit is None else min(limit, LARGEST_PAGE)
+        page = runs.list(msgspec.structs.replace(wanted, limit=most))
+        yield page
+        limit = None if limit is None else limit - len(page.runs)
+        if page.next is None or limit == 0:
+            return
+        wanted = msgspec.structs.replace(wanted, after=page.next)
+
+
+def _table(runs: list[RunSummary], *, headed: bool) -> Table:
+    table = Table(box=box.SIMPLE_HEAD if headed else box.SIMPLE, show_header=headed)
+    table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in runs), default=0))
     for column in ("status", "robot", "scene", "began"):
         table.add_column(column, overflow="fold")
-    for run in found.runs:
+    for run in runs:
         began = datetime.fromtimestamp(run.began).astimezone().isoformat(" ", "seconds")
         table.add_row(run.run_id, run.status, run.robot, run.scene, began)
-    out.print(table)
+    return table
 
 
 @runs_app.command()

@@ -14,8 +14,10 @@ from guidefield.client.async_streams import AsyncServiceStream
 from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.run_pages import RunPages
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError
+from guidefield.messages import codec
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
@@ -29,6 +31,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
@@ -231,10 +234,21 @@ class AsyncClient:
         await self._ask(questions.delete_scene(name))
 
     async def runs(
-        self, *, status: str | None = None, robot: str | None = None, since: float | None = None
+        self,
+        *,
+        status: str | None = None,
+        robot: str | None = None,
+        since: float | None = None,
+        text: str | None = None,
+        limit: int | None = None,
+        after: str | None = None,
     ) -> RunsReply:
-        """The runs that are kept, newest first: those of a status or robot, or begun since a time [s since 1970]."""
-        return await self._ask(questions.runs(status, robot, since))
+        """The runs that are kept, newest first; the arguments are those of `Client.runs`."""
+        wanted = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
+        pages = RunPages(codec.convert(wanted, ReadRuns), limit)
+        while (question := pages.ask()) is not None:
+            pages.add(await self._ask(question))
+        return pages.reply
 
     async def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one."""

@@ -12,10 +12,12 @@ from typing import Any, Literal, Self, TypeVar, cast
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, awaited
 from guidefield.client.questions import KinematicsReply, Question
+from guidefield.client.run_pages import RunPages
 from guidefield.client.session import configured, configured_user, linked, opened, unreachable
 from guidefield.client.streams import ServiceStream
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
+from guidefield.messages import codec
 from guidefield.messages.identities import checked_user
 from guidefield.messages.replies import (
     AnyRunReply,
@@ -30,6 +32,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
 from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
+from guidefield.messages.store_requests import ReadRuns
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Placement, RootJoint
 
@@ -417,15 +420,31 @@ class Client:
         """
         self._ask(questions.delete_scene(name))
 
-    def runs(self, *, status: str | None = None, robot: str | None = None, since: float | None = None) -> RunsReply:
-        """The runs that are kept, newest first.
+    def runs(
+        self,
+        *,
+        status: str | None = None,
+        robot: str | None = None,
+        since: float | None = None,
+        text: str | None = None,
+        limit: int | None = None,
+        after: str | None = None,
+    ) -> RunsReply:
+        """The runs that are kept, newest first; as many pages as it takes.
 
         Args:
             status: Only those that ended so, by the name of a status.
             robot: Only those of a robot.
             since: Only those begun since then [s since 1970].
+            text: Only those with this text in the message of their status.
+            limit: At most so many; None: all.
+            after: Only those that follow in the list, by the `next` of an earlier reply; None: from the newest on.
         """
-        return self._ask(questions.runs(status, robot, since))
+        wanted = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
+        pages = RunPages(codec.convert(wanted, ReadRuns), limit)
+        while (question := pages.ask()) is not None:
+            pages.add(self._ask(question))
+        return pages.reply
 
     def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one.

@@ -38,6 +38,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
+from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
 from guidefield.messages.stream_requests import (
     StreamAim,
     StreamAimed,
@@ -55,6 +56,8 @@ KinematicsReply = (
 
 ANSWER_TIMEOUT = 660.0
 """How long an answer to anything but a plan is waited for; longer than the service lets a worker work [s]."""
+_NOT_ASKED = (None, LARGEST_PAGE)
+"""Values in a request for a list of runs that mean the same where they are left out."""
 PLAN_MARGIN = 90.0
 """How much longer than it may take the answer to a run is waited for; more than the service's own margin [s]."""
 
@@ -209,11 +212,17 @@ def delete_scene(name: str) -> Question[Done]:
     return _deleting(_key("scenes", name))
 
 
-def runs(status: str | None, robot: str | None, since: float | None) -> Question[RunsReply]:
-    """The runs that are kept."""
-    filters = {"status": status, "robot": robot, "since": since}
-    given = ";".join(f"{name}={_word(value)}" for name, value in filters.items() if value is not None)
-    return _reading(f"runs?{given}" if given else "runs", RunsReply)
+def runs(wanted: ReadRuns) -> Question[RunsReply]:
+    """A page of the runs that are kept.
+
+    Raises:
+        MalformedRequest: if something that is asked for can't stand in a query.
+    """
+    given = {name: value for name, value in msgspec.structs.asdict(wanted).items() if value not in _NOT_ASKED}
+    if ";" in given.get("text", ""):
+        raise MalformedRequest("`text` can't be asked for with a semicolon in it", parameter="text")
+    words = ";".join(f"{name}={value if name == 'text' else _word(value)}" for name, value in given.items())
+    return _reading(f"runs?{words}" if words else "runs", RunsReply)
 
 
 def run(run_id: str) -> Question[AnyRunReply]:

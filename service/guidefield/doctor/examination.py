@@ -13,7 +13,7 @@ from guidefield.doctor.memory import memory
 from guidefield.doctor.packages import packages
 from guidefield.doctor.processors import cores, vectors
 from guidefield.doctor.session import session
-from guidefield.doctor.storage import disk, kernels
+from guidefield.doctor.storage import disk, kernels, runs
 
 
 def examination(data: Path) -> Iterator[Finding]:
@@ -28,6 +28,7 @@ def examination(data: Path) -> Iterator[Finding]:
         "vectors": vectors,
         "memory": memory,
         "disk": partial(disk, data),
+        "runs": partial(runs, data),
         "kernels": kernels,
         "clock": clock,
         "zenoh": session,

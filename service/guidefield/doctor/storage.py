@@ -1,13 +1,16 @@
-"""The disk: room for runs, and the kernels' machine code."""
+"""The disk: room for runs, their database, and the kernels' machine code."""
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import tempfile
 from pathlib import Path
 
 from guidefield.doctor.finding import Finding, fine, remark, wrong
+from guidefield.errors import DiskRefused
 from guidefield.first_start import PLAIN, cache_parent, compiled_mark, plain_numba, processor
+from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
 
 GIB = 2**30
@@ -37,6 +40,37 @@ def room_found(free: int, data: Path) -> Finding:
     if free < DEFAULT_RETENTION.bytes:
         return remark("disk", found, f"give `guidefield serve --keep-gib {max(1, free // (2 * GIB))}`, or make room")
     return fine("disk", found)
+
+
+def runs(data: Path) -> Finding:
+    """Whether the database of runs can be written and isn't damaged.
+
+    Args:
+        data: Folder of a service's runs, scenes and robots; need not be there yet.
+    """
+    file, there = data / FILE, _there(data)
+    try:
+        with tempfile.TemporaryDirectory(prefix=".guidefield-", dir=there) as trial:
+            connect_writer(Path(trial) / FILE).close()
+    except (DiskRefused, OSError) as fault:
+        return wrong("runs", f"a database in {there} is refused: {fault}", "give `guidefield serve --data FOLDER`")
+    if not file.exists():
+        if (data / "runs").is_dir():
+            advice = "start the service: it takes them over"
+            return remark("runs", f"{data / 'runs'} has runs that guidefield 0.1 kept in folders", advice)
+        return fine("runs", f"none are kept in {data} yet; a database can be made there")
+    try:
+        with telling_faults(file), contextlib.closing(connect_reader(file)) as db:
+            looked_at = "1" if file.stat().st_size < GIB else "'runs'"  # all of a larger one takes minutes
+            (damage,) = db.execute(f"PRAGMA quick_check({looked_at})").fetchone()
+            total = "SELECT count(*), ifnull(sum(bytes + ifnull(recording, 0)), 0) FROM runs"
+            count, size = db.execute(total).fetchone()
+    except DiskRefused as fault:
+        return wrong("runs", fault.message, "until then plans go on, but no run is kept")
+    if damage != "ok":
+        advice = f'stop the service and move it away, or mend it: sqlite3 {FILE} ".recover" | sqlite3 mended.sqlite'
+        return wrong("runs", f"{file} is damaged: {damage}", advice)
+    return fine("runs", f"{count} are kept in {file}, of {size / GIB:.1f} GiB with their recordings")
 
 
 def kernels() -> Finding:

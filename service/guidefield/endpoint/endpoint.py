@@ -10,6 +10,7 @@ that whoever doesn't read holds up nobody.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 import uuid
@@ -24,6 +25,7 @@ import zenoh
 from guidefield.endpoint.allowances import Allowances
 from guidefield.endpoint.asked import Asked
 from guidefield.endpoint.condition import Condition
+from guidefield.endpoint.kept_answers import keep_answer
 from guidefield.endpoint.meter import Meter
 from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.promised import Promised, Settled
@@ -32,7 +34,7 @@ from guidefield.endpoint.streams import Streams, require_own
 from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engines import Engines
-from guidefield.errors import MalformedRequest, NotAllowed, ServerBusy, WorkerCrashed
+from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed, ServerBusy
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.handlers.unbegun import (
     cancelled_before,
@@ -47,12 +49,15 @@ from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.messages.replies import Done, Health, Identity, UserFigures, error_reply
+from guidefield.messages.replies import Done, Health, Identity, UserFigures
+from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import BACKSTOP, Answer, Deadline, Task
 from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
+from guidefield.stores.run_rows import NewRun
+from guidefield.stores.runs import RunDatabase, UserRuns, answered_before
 from guidefield.stores.shared import Kind
 from guidefield.worker import Job
 
@@ -74,6 +79,7 @@ class Endpoint:
     Args:
         instance: Name of the service.
         engines: Answer what needs no worker.
+        runs: Where runs are kept.
         pool: Answers the rest; jobs are `worker.Job`.
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.
@@ -89,6 +95,7 @@ class Endpoint:
         self,
         instance: str,
         engines: Engines,
+        runs: RunDatabase,
         pool: Pool,
         publish: Callable[[str, bytes], None],
         trace: Trace = no_trace,
@@ -100,7 +107,7 @@ class Endpoint:
         streams: Streams | None = None,
     ) -> None:
         self._instance = instance
-        self._engines = engines
+        self._engines, self._runs = engines, runs
         self._pool = pool
         self._streams = streams
         self._publish = publish
@@ -260,7 +267,9 @@ class Endpoint:
 
     def _read_files(self, read: keys.Query) -> Answer:
         if keys.is_recording(read):
-            return True, whole_recording(self._engines.stores.of(read.owner).runs, read.key[1])
+            runs = self._runs.of(read.owner)
+            runs.require(read.key[1])
+            return True, whole_recording(runs.recordings, read.key[1])
         if keys.is_sharing(read):
             kind, name = _thing(read)
             shared = self._engines.share(read.owner, kind, name, shared="unshare" not in read.parameters)
@@ -281,6 +290,8 @@ class Endpoint:
             self._hand_work_over(asked, read, received)
             return
         run_id = head.run_id or uuid.uuid4().hex
+        runs = self._runs.of(read.user)
+        run = NewRun(read.user, run_id, "certify" if read.key == ("certify",) else "plan", read.payload, read.encoding)
         task = Task(
             Job(read, received, run_id),
             head.allowed + BACKSTOP,
@@ -289,12 +300,24 @@ class Endpoint:
             asker=read.asker,
             size=size,
             hear=partial(self._tell_progress, read.user, run_id),
-            died=partial(self._fail_run, read.user, run_id),
+            begin=partial(runs.begin, run),
         )
-        cancelled = partial(_cancelled, run_id, head, read.encoding, received)
-        task = self._under_way.submit((read.user, "runs", run_id), task, cancelled, (read.encoding, read.payload))
-        task.add_done_callback(partial(self._end_run, read.user, run_id))
-        task.add_done_callback(asked.settle)
+        self._under_way.submit(
+            (read.user, "runs", run_id),
+            task,
+            cancelled=partial(_cancelled, run_id, head, read.encoding, received),
+            words=(read.encoding, read.payload),
+            answer=keep_answer(runs, run, task),
+            kept=partial(self._answered_before, read, run_id if head.run_id else None),
+        ).add_done_callback(asked.settle)
+
+    def _answered_before(self, read: keys.Query, run_id: str | None) -> Future[Answer] | None:
+        """The answer to come of a run that has ended, if there is one of that name."""
+        runs = self._runs.of(read.user)
+        with contextlib.suppress(DiskRefused):  # nothing is known of it then
+            if run_id is not None and runs.has(run_id):
+                return self._readers.submit(read.asker, partial(_answer_again, runs, run_id, read))
+        return None
 
     def _hand_work_over(self, asked: Settled, read: keys.Query, received: float) -> None:
         """Have something done that makes no run."""
@@ -312,15 +335,14 @@ class Endpoint:
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
         words = (read.key, read.encoding, read.payload)
-        task = self._under_way.submit(name, task, partial(told, cancelled_before()), words)
-        task.add_done_callback(asked.settle)
+        self._under_way.submit(name, task, partial(told, cancelled_before()), words).add_done_callback(asked.settle)
         if keys.is_scene(read):
             task.add_done_callback(partial(self._tell_change, read))
 
     def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
         """Publish how far a run is, for everybody if its user shares it."""
         self._publish(f"{base_key(self._instance, user)}/runs/{run_id}/progress", told)
-        if self._engines.stores.of(user).shared.has("runs", run_id):
+        if self._runs.of(user).is_shared(run_id):
             self._publish(f"{shared_key(self._instance)}/runs/{user}:{run_id}/progress", told)
 
     def _tell_change(self, read: keys.Query, future: Future[Answer]) -> None:
@@ -332,17 +354,6 @@ class Endpoint:
 
     def _tell_changed(self, read: keys.Query, told: SceneChanged) -> None:
         self._publish(f"{base_key(self._instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
-
-    def _end_run(self, user: str, run_id: str, future: Future[Answer]) -> None:
-        if isinstance(error := future.exception(), WorkerCrashed):
-            self._fail_run(user, run_id, error)
-
-    def _fail_run(self, user: str, run_id: str, error: WorkerCrashed) -> None:
-        """Keep how a run ended whose worker died."""
-        try:
-            self._engines.stores.of(user).runs.fail(run_id, error_reply(error))
-        except OSError:
-            _log.exception("the end of run %s is not kept", run_id)
 
 
 def _thing(read: keys.Query) -> tuple[Kind, str]:
@@ -366,6 +377,13 @@ def _kind(key: str) -> str:
     chunks = f"{key}/////".split("/")
     kind = chunks[4] if chunks[2] == USERS else chunks[2]
     return kind if kind in KINDS else "other"
+
+
+def _answer_again(runs: UserRuns, run_id: str, read: keys.Query) -> Answer:
+    """What a run was answered that has ended; MalformedRequest if its request was another one."""
+    request = keys.request_of(read)
+    assert isinstance(request, MotionRequest), "it makes a run"
+    return True, codec.encode(answered_before(runs, request, run_id), read.encoding)
 
 
 def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: float) -> Answer:

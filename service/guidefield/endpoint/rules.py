@@ -16,6 +16,7 @@ from guidefield.messages.certify_request import MOST_ROWS
 from guidefield.messages.keys import LONGEST_STORING
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
+from guidefield.messages.store_requests import LARGEST_PAGE
 from guidefield.messages.streams import MOST_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
@@ -97,6 +98,7 @@ _OF_ANSWERS = (
     _limit("unread_answers", MOST_LETTERS, "answers", "that wait for all clients; more are SERVER_BUSY"),
     _limit("unread_of_user", OF_USER, "of these", "that one user may have"),
     _limit("list_counts", LIST_COUNTS, "queries", "as which a list, or all of `info`, counts beside `per_second`"),
+    _limit("list_of_runs", LARGEST_PAGE, "runs", "on one page; `after` goes on"),
     _limit("reads", MOST_READS, "queries", "for files that wait for the disk; more are SERVER_BUSY"),
 )
 _OF_STORES = (

@@ -28,7 +28,7 @@ from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.streams import Streams
 from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.engines import Engines
-from guidefield.errors import GuidefieldError, WorkerCrashed, without_source
+from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, without_source
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
@@ -38,7 +38,7 @@ from guidefield.messages.replies import InfoReply, error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.stores.files import checked_name
-from guidefield.stores.runs import DEFAULT_RETENTION, Retention
+from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunDatabase
 from guidefield.worker import EngineSetup
 
 _log = logging.getLogger(__name__)
@@ -126,7 +126,6 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         settings.data,
         _log.getEffectiveLevel(),
         json_logs=settings.json_logs,
-        retention=settings.retention,
         packages=settings.packages,
         prepare=settings.prepare,
         quotas=settings.quotas,
@@ -134,7 +133,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     config = session_config(settings)
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
-        opened.enter_context(_alone_in(settings.data))
+        opened.enter_context(_alone_in(settings.data, announce))
         condition = Condition()
         told = _Told(condition)
         _tell_metrics(settings, told, opened)
@@ -143,10 +142,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
-        engines = setup.engines()
-        for user in (PLAIN, *engines.stores.users()):
-            stopped = WorkerCrashed("the service stopped while it worked on this run")
-            engines.stores.of(user).runs.sweep(error_reply(stopped))
+        runs = RunDatabase(settings.data, settings.retention, lambda user: settings.quotas.of(user).bytes)
+        _prepare(runs, announce)
+        engines = setup.engines(runs)
         limits = limits_of(settings.queue_limit)
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
         publish = partial(_publish, session)
@@ -155,7 +153,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         )
         known = (publish, trace, condition, settings.data, rules, settings.quotas, _has_access_control(config))
         streams = _streams(settings, setup, session)
-        endpoint = Endpoint(settings.instance, engines, pool, *known, streams)
+        endpoint = Endpoint(settings.instance, engines, runs, pool, *known, streams)
         told.figures = endpoint.figures
         for keys in (base_key(settings.instance, PLAIN), base_key(settings.instance, "*")):
             heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
@@ -164,6 +162,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", asked))
         opened.callback(endpoint.close)
+        opened.callback(runs.close)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
         offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
         opened.callback(streams.close)
@@ -350,8 +349,19 @@ def _require_no_other(session: zenoh.Session, instance: str) -> None:
         raise CannotServe(f"a service named {instance!r} is alive on this network; choose another name")
 
 
+def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
+    """Make the runs of before ready to be read; where that fails, plans go on, and no run is kept."""
+    stopped = WorkerCrashed("the service stopped while it worked on this run")
+    try:
+        runs.take_over(announce)
+        runs.sweep(error_reply(stopped))
+    except (DiskRefused, OSError) as error:
+        told = error.message if isinstance(error, DiskRefused) else f"the disk refuses: {error.strerror}"
+        announce(f"no run is kept, and each reply says so: {told}")
+
+
 @contextlib.contextmanager
-def _alone_in(data: Path) -> Iterator[None]:
+def _alone_in(data: Path, announce: Callable[[str], None]) -> Iterator[None]:
     """Hold a data folder; the system lets go of it however the process ends."""
     data.mkdir(parents=True, exist_ok=True)
     with (data / ".lock").open("w") as lock:
@@ -361,4 +371,6 @@ def _alone_in(data: Path) -> Iterator[None]:
             raise CannotServe(
                 f"a service is alive on the data folder {str(data)!r}; choose another name or folder"
             ) from None
+        except OSError as error:
+            announce(f"the data folder can't be locked ({error.strerror}): start no second service on {str(data)!r}")
         yield

@@ -6,11 +6,15 @@ import threading
 import time
 from collections import OrderedDict
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 
+from guidefield.endpoint.kept_answers import hand_on
 from guidefield.messages.identities import Asker
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Task
+from guidefield.stores.runs import taken
 
 REMEMBERED = 10.0
 """How long a cancel that arrives before its run is remembered [s]."""
@@ -25,6 +29,7 @@ class _Work:
     task: Task
     cancelled: Callable[[], Answer]
     words: object
+    answer: Future[Answer]
 
 
 class UnderWay:
@@ -41,38 +46,56 @@ class UnderWay:
         self._early: OrderedDict[Name, float] = OrderedDict()
         self._lock = threading.Lock()
 
-    def submit(self, name: Name | None, task: Task, cancelled: Callable[[], Answer], words: object) -> Task:
-        """Have something done, unless it was cancelled already, or is asked for again in the same words.
+    def submit(
+        self,
+        name: Name | None,
+        task: Task,
+        cancelled: Callable[[], Answer],
+        words: object,
+        answer: Future[Answer] | None = None,
+        kept: Callable[[], Future[Answer] | None] = lambda: None,
+    ) -> Future[Answer]:
+        """Have something done, unless it was cancelled or answered already, or is asked for again in the same words.
 
         Args:
-            name: Its name, if it has one; a second run of a name is left to the store to refuse.
+            name: Its name, if it has one.
             task: Its task.
             cancelled: What is answered if it is cancelled before it begins.
             words: What it was asked with: whose link broke may ask again, and waits for the same work.
+            answer: What follows from the task and is waited for; None: the task itself.
+            kept: Finds what was answered before under this name.
 
         Returns:
-            The task to wait for: this one, or that of the work under way.
+            The answer to wait for: this one, or that of the work under way.
 
         Raises:
+            MalformedRequest: if another run of that name is under way.
             ServerBusy: if too much waits already, or the pool is closed.
         """
-        work = _Work(task, cancelled, words)
+        work = _Work(task, cancelled, words, task if answer is None else answer)
+        is_cancelled = False
         with self._lock:
             self._forget_old()
             if name is not None:
-                if self._early.pop(name, None) is not None:
-                    task.set_result(cancelled())
-                    return task
                 known = self._named.setdefault(name, work)
                 if known is not work and known.words == words:
-                    return known.task
+                    return known.answer
+                if known is not work and name[1] == "runs":
+                    raise taken(name[2])
+                is_cancelled = self._early.pop(name, None) is not None
             self._all[task] = work
-        task.add_done_callback(lambda _: self._end(name, work))
+        work.answer.add_done_callback(lambda _: self._end(name, work))
         try:
-            return self._pool.submit(task)
-        except Exception:
-            self._end(name, work)
+            if (before := kept()) is not None:
+                before.add_done_callback(partial(hand_on, work.answer))
+            elif is_cancelled:
+                task.set_result(cancelled())
+            else:
+                self._pool.submit(task)
+        except Exception as error:  # whoever asked the same meanwhile must hear of it
+            work.answer.set_exception(error)
             raise
+        return work.answer
 
     def cancel(self, name: Name) -> str:
         """End something early; says in a sentence what that means."""

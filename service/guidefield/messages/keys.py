@@ -16,7 +16,7 @@ from guidefield.messages.kinematics_requests import DEFAULT_TIME
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneDiff
 from guidefield.messages.served import SERVED, SHARING
-from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME
+from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 
 LONGEST_STORING = 120.0
 """How long a robot or scene may take that is stored or described, the list of robots, a stream's recording [s]."""
@@ -60,7 +60,7 @@ def _allowed(asked: float, default: float) -> float:
 class PlanHead(msgspec.Struct, frozen=True):
     """What a plan request says about the run itself, read without looking at the rest."""
 
-    run_id: str | None = None
+    run_id: RunId | None = None
     allowed_planning_time: float = PLANNING_TIME
     planner: str = "auto"
     objective: str = "balanced"
@@ -75,7 +75,7 @@ class PlanHead(msgspec.Struct, frozen=True):
 class CertifyHead(msgspec.Struct, frozen=True):
     """What a certify request says about the run itself, read without looking at the rest."""
 
-    run_id: str | None = None
+    run_id: RunId | None = None
     allowed_time: float = PLANNING_TIME
 
     @property
@@ -262,10 +262,14 @@ def _runs(query: Query) -> requests.Request:
             raise ValueError
     except ValueError:
         raise MalformedRequest(f"`since` must be seconds since 1970, got {since!r}", parameter="since") from None
+    given = {name: value for name, value in query.parameters.items() if name != "since"}
     try:
-        return requests.ReadRuns(query.parameters.get("status"), query.parameters.get("robot"), began_after)
-    except ValueError as error:
-        raise MalformedRequest(str(error), parameter="status") from None
+        return msgspec.convert({**given, "since": began_after}, requests.ReadRuns, strict=False)
+    except msgspec.ValidationError as error:
+        fault, _, place = str(error).partition(" - at `$.")
+        if place:
+            fault = f"`{place} must be {fault.removeprefix('Expected ')}"
+        raise MalformedRequest(fault, parameter=fault.split("`")[1]) from None
 
 
 def _run(query: Query) -> requests.Request:
@@ -290,7 +294,7 @@ _RULES = {
     ("robots", 2): _Rule(_robot, frozenset({"delete", *SHARING}), takes_payload=True),
     ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
     ("scenes", 2): _Rule(_scene, frozenset({"delete", "version", *SHARING}), takes_payload=True),
-    ("runs", 1): _Rule(_runs, frozenset({"status", "robot", "since"})),
+    ("runs", 1): _Rule(_runs, frozenset(requests.ReadRuns.__struct_fields__)),
     ("runs", 2): _Rule(_run, frozenset({"delete", *SHARING})),
     ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
 }

@@ -102,6 +102,9 @@ class RunSummary(Reply):
         robot: Name of the robot; "urdf" where it was sent. UNREADABLE, as the scene, where the request is damaged.
         scene: Name of the scene.
         began: When [s since 1970].
+        ended: When [s since 1970]; null until then.
+        message: What the status says, in a sentence.
+        bytes: Size of request, reply and recording.
     """
 
     run_id: str
@@ -109,12 +112,23 @@ class RunSummary(Reply):
     robot: str
     scene: str
     began: float
+    ended: float | None = None
+    message: str = ""
+    bytes: int = 0
 
 
 class RunsReply(Reply):
-    """The runs that are kept, newest first."""
+    """The runs that are kept, newest first.
+
+    Attributes:
+        runs: A page of the list.
+        total: How many there are on all pages.
+        next: What to give as `after` for the next page; null: this is the last.
+    """
 
     runs: list[RunSummary]
+    total: int = 0
+    next: str | None = None
     schema: int = 1
 
 

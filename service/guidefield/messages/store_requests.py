@@ -93,15 +93,28 @@ class ReadInfo(Message, tag_field="type", tag="info"):
     """Versions, the JSON Schema of every message, counters."""
 
 
-class ReadRuns(Message, tag_field="type", tag="runs"):
-    """List the runs that are kept, newest first: those of a status or robot, or begun after a time [s since 1970].
+LARGEST_PAGE = 1_000
+"""The most runs that one list holds."""
 
-    A status is the name of one, or RUNNING, or UNREADABLE.
+
+class ReadRuns(Message, tag_field="type", tag="runs"):
+    """List the runs that are kept, newest first.
+
+    Attributes:
+        status: Only those of this status: the name of one, or RUNNING, or UNREADABLE.
+        robot: Only those of this robot.
+        since: Only those begun at this time or later [s since 1970].
+        text: Only those with this text in the message of their status; case doesn't matter for ASCII.
+        limit: At most so many.
+        after: Only those that follow in the list, by the `next` of the list so far; null: from the newest on.
     """
 
     status: str | None = None
     robot: str | None = None
     since: float | None = None
+    text: Annotated[str, msgspec.Meta(min_length=1, max_length=200)] | None = None
+    limit: Annotated[int, msgspec.Meta(ge=1, le=LARGEST_PAGE)] = LARGEST_PAGE
+    after: str | None = None
 
     def __post_init__(self) -> None:
         names = (*Status.__members__, RUNNING, UNREADABLE)
@@ -109,14 +122,8 @@ class ReadRuns(Message, tag_field="type", tag="runs"):
             raise ValueError(f"`status` must be one of {', '.join(names)}, got {self.status[:64]!r}")
         if self.since is not None and not math.isfinite(self.since):
             raise ValueError(f"`since` must be seconds since 1970, got {self.since}")
-
-    def wants(self, status: str, robot: str, began: float) -> bool:
-        """Whether a run with these is to be listed."""
-        return (
-            self.status in (None, status)
-            and self.robot in (None, robot)
-            and (self.since is None or began >= self.since)
-        )
+        if self.after is not None and not (self.after.isascii() and self.after.isdigit() and len(self.after) < 19):
+            raise ValueError(f"`after` must be the `next` of a list of runs, got {self.after[:64]!r}")
 
 
 class ReadRun(Message, tag_field="type", tag="run"):

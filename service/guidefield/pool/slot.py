@@ -206,6 +206,7 @@ class Slot:
             number = next(self._numbers)
             self._current = task, number
             self.pass_on_cancel()
+            task.begin()
             try:
                 return self._attend(task, self._pool.schedule(work, args=(number, task.job)), self._watch)
             except WorkerCrashed:
@@ -323,10 +324,8 @@ class Slot:
 
 
 def _refuse(task: Task, error: GuidefieldError) -> None:
-    if not task.done():
+    if not task.done():  # else it was answered late, and the worker went on with it
         task.set_exception(error)
-    elif isinstance(error, WorkerCrashed):  # while the worker went on with what was answered late
-        task.died(error)
 
 
 def _how(error: Exception) -> str:

@@ -24,7 +24,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
-from guidefield.errors import ServerBusy, WorkerCrashed
+from guidefield.errors import ServerBusy
 from guidefield.messages.identities import SOMEBODY, Asker
 from guidefield.pool.usage import Usage
 
@@ -57,7 +57,7 @@ def _hear_nothing(_told: bytes) -> None:
     pass
 
 
-def _die_in_silence(_error: WorkerCrashed) -> None:
+def _begin_in_silence() -> None:
     pass
 
 
@@ -72,7 +72,7 @@ class Task(Future[Answer]):
         asker: Who asks; the queue is fair between them.
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
-        died: Is called with how the worker ended that went on with it after it was answered late.
+        begin: Is called when a worker begins with it, and again when one begins anew.
 
     Attributes:
         since: When it began to wait, by `time.monotonic()` [s].
@@ -89,7 +89,7 @@ class Task(Future[Answer]):
         asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
-        died: Callable[[WorkerCrashed], None] = _die_in_silence,
+        begin: Callable[[], None] = _begin_in_silence,
     ) -> None:
         super().__init__()
         self.job = job
@@ -99,7 +99,7 @@ class Task(Future[Answer]):
         self.asker = asker
         self.size = size
         self.hear = hear
-        self.died = died
+        self.begin = begin
         self.cancelled_by_client = threading.Event()
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from guidefield.errors import NotAllowed, QuotaExceeded
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
+from guidefield.stores.files import user_folder, users_in
+from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
-from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunStore
+from guidefield.stores.runs import NoRuns, RunDatabase, Runs
 from guidefield.stores.scenes import SceneStore
 from guidefield.stores.shared import Kind, Shared
 
@@ -25,7 +27,8 @@ MOST_OPEN = 100
 class Stores:
     """What one user has."""
 
-    runs: RunStore
+    runs: Runs
+    recordings: Recordings
     scenes: SceneStore
     robots: RobotStore
     shared: Shared
@@ -38,12 +41,12 @@ class StoresByUser:
 
     Args:
         data: The folder.
-        retention: How many runs of each user are kept.
         quotas: How much room each has.
+        database: Their runs; None: this process doesn't read them.
     """
 
-    def __init__(self, data: Path, retention: Retention = DEFAULT_RETENTION, quotas: Quotas = DEFAULT_QUOTAS) -> None:
-        self._data, self._retention, self._quotas = data, retention, quotas
+    def __init__(self, data: Path, quotas: Quotas = DEFAULT_QUOTAS, database: RunDatabase | None = None) -> None:
+        self._data, self._quotas, self._database = data, quotas, database
         self._open: OrderedDict[str, Stores] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -70,12 +73,15 @@ class StoresByUser:
 
     def users(self) -> list[str]:
         """Who has stores, in alphabetical order; `PLAIN` is not among them."""
-        users = self._data / "users"
-        return sorted(folder.name for folder in users.iterdir()) if users.is_dir() else []
+        return users_in(self._data)
 
     def may_read(self, asking: str, owner: str, kind: Kind, name: str) -> bool:
         """Whether somebody may read what is another's: operators may, on the plain keys, and others what is shared."""
-        return asking in (owner, PLAIN) or Shared(self._folder(owner) / "shared").has(kind, name)
+        if asking in (owner, PLAIN):
+            return True
+        if kind == "runs":
+            return self._database is not None and self._database.of(owner).is_shared(name)
+        return Shared(self._folder(owner) / "shared").has(kind, name)
 
     def require_right(self, asking: str, owner: str, kind: Kind, name: str, *, read_only: bool) -> None:
         """Refuse what somebody may not do with what is another's.
@@ -115,15 +121,13 @@ class StoresByUser:
         folder = self._folder(user)
         if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
             raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
-        most = self.bytes_of(user)
-        kept = self._retention
-        retention = kept if most is None else replace(kept, bytes=min(most, kept.bytes))
         return Stores(
-            RunStore(folder / "runs", retention),
+            NoRuns() if self._database is None else self._database.of(user),
+            Recordings(folder / "recordings"),
             SceneStore(folder / "scenes"),
             RobotStore(folder / "robots"),
             Shared(folder / "shared"),
         )
 
     def _folder(self, user: str) -> Path:
-        return self._data if user == PLAIN else self._data / "users" / user
+        return user_folder(self._data, user)

@@ -1,4 +1,4 @@
-"""Where stores keep their files, and the names that may stand in a path."""
+"""Paths of the stores' files, and the names that may stand in them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from typing import TypeVar
 import msgspec
 
 from guidefield.errors import MalformedRequest
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN
 
 _M = TypeVar("_M", bound=msgspec.Struct)
 _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")
@@ -57,9 +59,22 @@ def read_if_any(path: Path) -> bytes | None:
         return None
 
 
-def decoded(data: bytes, kind: type[_M]) -> _M | None:
+def decoded(data: bytes, kind: type[_M], encoding: Encoding = Encoding.JSON) -> _M | None:
     """The message that a file holds; None where it is none: its end is missing, or another version wrote it."""
     try:
+        if encoding is Encoding.MSGPACK:
+            return msgspec.msgpack.decode(data, type=kind)
         return msgspec.json.decode(data, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
+
+
+def user_folder(data: Path, user: str) -> Path:
+    """The folder of what a user has in a data folder: that of `PLAIN` is the data folder itself."""
+    return data if user == PLAIN else data / "users" / user
+
+
+def users_in(data: Path) -> list[str]:
+    """The users who have something in a data folder, in alphabetical order; `PLAIN` is not among them."""
+    users = data / "users"
+    return sorted(folder.name for folder in users.iterdir()) if users.is_dir() else []

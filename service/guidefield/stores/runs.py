@@ -1,26 +1,28 @@
-"""Runs on disk: request, reply and recording of each, the oldest dropped when there are too many.
+"""Runs of all users of a data folder: requests and replies in one database, recordings as files beside it.
 
-A run's folder appears by one rename, with its request already inside, and is renamed away before it is deleted:
-whoever lists the runs sees whole ones only, also after a kill at any moment.
+A run is written when it begins, without anybody waiting for that, and when it ends, before it is answered. One process
+writes; others may read meanwhile. The oldest runs of a user make room for new ones.
 """
 
 from __future__ import annotations
 
 import contextlib
-import logging
-import os
-import shutil
+import math
+import sqlite3
 import time
-import uuid
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
 import msgspec
 
-from guidefield.errors import MalformedRequest, UnknownObject
+from guidefield.errors import DiskRefused, MalformedRequest, UnknownObject
 from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
@@ -29,31 +31,41 @@ from guidefield.messages.replies import (
     MotionReply,
     PlanReply,
     RunReply,
+    RunsReply,
     RunSummary,
-    is_certify,
+    error_of,
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.stores.files import checked_name, decoded, read_if_any
-from guidefield.stores.run_folder import ERROR, LOST, OWED, RECORDING, REPLY, REQUEST, has_ended, state, summary
-from guidefield.system import is_alive, told_apart
-from guidefield.whole_file import DRAFT, flush_folder, write_whole
+from guidefield.messages.store_requests import ReadRuns
+from guidefield.stores.earlier_runs import AT_ONCE, add_folders, earlier_folders, move_recordings
+from guidefield.stores.files import checked_name, decoded, user_folder, users_in
+from guidefield.stores.recordings import Recordings
+from guidefield.stores.run_file import FILE, Readers, checkpoint
+from guidefield.stores.run_rows import (
+    KEPT_ERRORS,
+    Ending,
+    NewRun,
+    complete,
+    drop_runs,
+    end_abandoned,
+    execute,
+    find_unended,
+    insert,
+)
+from guidefield.stores.run_writer import RunWriter
 
-LONGEST_WRITING = 60.0
-"""How long is waited for a recording that is being written [s]."""
-LOOKED_EVERY = 0.01
-"""How often it is looked for [s]."""
-
-_log = logging.getLogger(__name__)
-_M = TypeVar("_M", bound=msgspec.Struct)
+FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
+AGED_EVERY_S = 60.0
+"""Time between two searches for runs that are too old [s]."""
 
 
 @dataclass(frozen=True)
 class Retention:
-    """How much is kept before the oldest runs are dropped: so many, so large together, so old [s]."""
+    """How much of each user is kept before the oldest runs are dropped: how many, how large together, how old [s]."""
 
     runs: int = 1_000
     bytes: int = 20 * 2**30
-    seconds: float = float("inf")
+    seconds: float = math.inf
 
 
 DEFAULT_RETENTION = Retention()
@@ -62,294 +74,355 @@ DEFAULT_RETENTION = Retention()
 class NoRuns:
     """Keeps no run."""
 
-    def begin(self, run_id: str, request: MotionRequest) -> None:
-        """Keep nothing."""
-
-    def recording_path(self, run_id: str) -> Path | None:
-        """There is no place for a recording."""
-
-    def finish(self, run_id: str, reply: MotionReply) -> None:
-        """Keep nothing."""
-
-    def fail(self, run_id: str, error: ErrorReply) -> None:
-        """Keep nothing."""
-
-    def discard(self, run_id: str) -> None:
-        """Forget nothing: nothing was kept."""
-
-    def summaries(self) -> list[RunSummary]:
+    def list(self, _request: ReadRuns) -> RunsReply:
         """List none."""
-        return []
+        return RunsReply(runs=[])
 
     def read(self, run_id: str) -> AnyRunReply:
         """Raise UnknownObject."""
         raise _unknown(run_id)
-
-    def recording(self, run_id: str) -> Path:
-        """Raise UnknownObject."""
-        raise _unknown(run_id)
-
-    def bodies_folder(self) -> Path | None:
-        """There is none."""
-        return None
 
     def delete(self, run_id: str) -> None:
         """Raise UnknownObject."""
         raise _unknown(run_id)
 
+    def share(self, run_id: str, *, shared: bool) -> None:  # noqa: ARG002 - as that of `UserRuns`
+        """Raise UnknownObject."""
+        raise _unknown(run_id)
 
-class RunStore:
-    """Runs in a folder: `<id>/request.json`, `recording.rrd`, and `reply.json` or `error.json`.
 
-    A recording may come after the reply: then `recording.owed` says who is to write it, until it is there.
-
-    Several processes may share the folder. Where the disk refuses, OSError comes through.
+class RunDatabase:
+    """The runs of all users.
 
     Args:
-        folder: Made if it isn't there.
-        retention: How much is kept.
+        data: The data folder.
+        retention: How much of each user is kept.
+        bytes_of: What a user's quota says of it [bytes]; None: nothing.
     """
 
-    def __init__(self, folder: Path, retention: Retention = DEFAULT_RETENTION) -> None:
-        self._folder = folder
-        self._retention = retention
-        self._summaries: dict[str, tuple[object, RunSummary]] = {}
-        folder.mkdir(parents=True, exist_ok=True)
+    def __init__(
+        self,
+        data: Path,
+        retention: Retention = DEFAULT_RETENTION,
+        bytes_of: Callable[[str], int | None] = lambda _: None,
+    ) -> None:
+        self._data, self._retention, self._bytes_of = data, retention, bytes_of
+        self.readers = Readers(data / FILE)
+        self.writer = RunWriter(data / FILE, self._keep_up)
+        self._owed: set[tuple[str, str]] = set()
+        self._unended: set[tuple[str, str]] = set()
+        self._aged = time.monotonic()
 
-    def begin(self, run_id: str, request: MotionRequest) -> None:
-        """Keep the request of a run that begins; the oldest runs make room for it.
+    def of(self, owner: str) -> UserRuns:
+        """The runs of a user."""
+        return UserRuns(self, owner)
 
-        Raises:
-            MalformedRequest: if there is a run of that name already.
-        """
-        final = self._folder / checked_name(run_id, "run_id")
-        self._make_room()
-        draft = self._folder / f".{uuid.uuid4().hex}{DRAFT}"
-        draft.mkdir()
-        try:
-            write_whole(draft / REQUEST, codec.encode(request))
-            draft.rename(final)
-        except OSError:
-            shutil.rmtree(draft, ignore_errors=True)
-            if final.exists():
-                raise MalformedRequest(
-                    f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id
-                ) from None
-            raise
-        with self._dropping(final):
-            flush_folder(self._folder)
-
-    def recording_path(self, run_id: str) -> Path | None:
-        """Where its recording is to be written, at once and whole."""
-        return self._folder / run_id / RECORDING
-
-    def finish(self, run_id: str, reply: MotionReply) -> None:
-        """Keep the reply; its recording is there already, or owed.
-
-        Raises:
-            OSError: if the disk refuses; then the run is dropped, or it would seem to be under way for ever.
-        """
-        folder = self._folder / run_id
-        with self._dropping(folder):
-            write_whole(folder / REPLY, codec.encode(reply))
-
-    def fail(self, run_id: str, error: ErrorReply) -> None:
-        """Keep the error that ended a run; nothing is done where there is no such run, or it has its reply.
-
-        Raises:
-            OSError: if the disk refuses; then the run is dropped.
-        """
-        folder = self._folder / checked_name(run_id, "run_id")
-        if folder.is_dir() and not (folder / REPLY).exists():
-            with self._dropping(folder):
-                for leftover in folder.glob(".*"):
-                    leftover.unlink(missing_ok=True)
-                write_whole(folder / ERROR, codec.encode(error))
-
-    def discard(self, run_id: str) -> None:
-        """Forget a run whose request was refused."""
-        self._drop(self._folder / run_id)
+    def recordings(self, owner: str) -> Recordings:
+        """The recordings of a user."""
+        return Recordings(user_folder(self._data, owner) / "recordings")
 
     def sweep(self, error: ErrorReply) -> None:
-        """Clear away what a killed process left behind, and end the runs that it was working on with `error`.
+        """End the runs that a killed service was working on with `error`, and look for recordings that it owed.
 
-        Only for who holds the folder alone: a living process' runs would be ended too.
+        Raises:
+            DiskRefused: if the database can't be read or written.
         """
-        for leftover in self._folder.glob(".*"):
-            shutil.rmtree(leftover, ignore_errors=True)
-        for folder in self._folders():
-            if not has_ended(folder):
-                try:
-                    self.fail(folder.name, error)
-                except OSError as refusal:
-                    _log.warning("run %s, left behind, is dropped: %s", folder.name, refusal)
+        self.writer.submit(partial(end_abandoned, error)).result()
+        with self.readers.reading() as db:
+            owed = db.execute("SELECT owner, run_id FROM runs WHERE recording IS NULL").fetchall()
+            users = [owner for (owner,) in db.execute("SELECT owner FROM usage")]
+        self._owed.update(owed)
+        for user in users:
+            self.recordings(user).sweep()
 
-    def summaries(self) -> list[RunSummary]:
-        """The runs that are kept, newest first; of those that did not change since the last time no file is read."""
-        known = self._summaries
-        told: dict[str, tuple[object, RunSummary]] = {}
-        for folder in self._folders():
-            before, now = known.get(folder.name), state(folder)
-            run = before[1] if before is not None and before[0] == now else summary(folder)
-            if run is not None:
-                told[folder.name] = now, run
-        self._summaries = told
-        return sorted((run for _, run in told.values()), key=lambda run: run.began, reverse=True)
+    def take_over(self, tell: Callable[[str], None]) -> None:
+        """Take over the runs that guidefield 0.1 kept in folders.
+
+        Args:
+            tell: Is told how far it is.
+
+        Raises:
+            DiskRefused: if the database can't be written; OSError, if a folder can't be read.
+        """
+        for owner in (PLAIN, *users_in(self._data)):
+            own = user_folder(self._data, owner)
+            folders, shared = earlier_folders(own / "runs"), own / "shared" / "runs"
+            for begin in range(0, len(folders), AT_ONCE):
+                tell(f"the runs of guidefield 0.1 are taken over into a database: {begin} of {len(folders)}")
+                chunk = folders[begin : begin + AT_ONCE]
+                self.writer.submit(partial(add_folders, owner, chunk, shared)).result()
+                checkpoint(self._data / FILE)
+                move_recordings(chunk, self.recordings(owner), shared)
+            with contextlib.suppress(OSError):  # something else is in it, or it isn't there
+                (own / "runs").rmdir()
+
+    def close(self) -> None:
+        """Write what waits to be written, and close the file."""
+        self.readers.close()  # the last connection empties the log, which one for reading can't
+        self.writer.close()
+
+    def look_for(self, owner: str, run_id: str) -> int | None:
+        """The size of a recording [bytes]; None: it is being written, and its size will be noted."""
+        size = self.recordings(owner).size(run_id)
+        if size is None:
+            self._owed.add((owner, run_id))
+        return size
+
+    def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
+        """Drop the oldest runs of a user that are too many, too large or too old.
+
+        Args:
+            owner: The user.
+            newest: Number of the run that is kept in any case.
+            db: The database, in a transaction.
+        """
+        most, quota, too_old = self._retention, self._bytes_of(owner), time.time() - self._retention.seconds
+        most_bytes = most.bytes if quota is None else min(quota, most.bytes)
+        runs, size = db.execute("SELECT runs, bytes FROM usage WHERE owner = ?", (owner,)).fetchone() or (0, 0)
+        dropped = []
+        oldest = "SELECT number, run_id, bytes + ifnull(recording, 0), ended FROM runs "
+        for number, run_id, taken, ended in db.execute(
+            f"{oldest} WHERE owner = ? AND ended IS NOT NULL ORDER BY ended, number", (owner,)
+        ):
+            if number == newest or (runs <= most.runs and size <= most_bytes and ended >= too_old):
+                break
+            dropped.append((number, run_id))
+            runs, size = runs - 1, size - taken
+        drop_runs(self.recordings(owner), dropped, db)
+
+    def forget_unended(self, name: tuple[str, str], done: Future[Any]) -> None:
+        """Remember to forget a run, by owner and id, whose end could not be kept: it would seem to be under way."""
+        (self._unended.discard if done.exception() is None else self._unended.add)(name)
+
+    def _keep_up(self) -> None:
+        """Forget runs that are to be forgotten, note the sizes of recordings that were owed, drop what is too old."""
+        for name in tuple(self._unended):
+            forgotten = self.writer.submit(partial(execute, FORGET, name))
+            forgotten.add_done_callback(partial(self.forget_unended, name))
+        for owner, run_id in tuple(self._owed):
+            size = self.recordings(owner).size(run_id)
+            if size is not None:
+                note = "UPDATE runs SET recording = ? WHERE owner = ? AND run_id = ?"
+                self.writer.submit(partial(execute, note, (size, owner, run_id)), urgent=False)
+                self._owed.discard((owner, run_id))
+        if self._retention.seconds < math.inf and time.monotonic() - self._aged > AGED_EVERY_S:
+            self._aged = time.monotonic()
+            with self.readers.reading() as db:
+                owners = db.execute("SELECT owner FROM usage").fetchall()
+            for (owner,) in owners:
+                self.writer.submit(partial(self.make_room, owner, None), urgent=False)
+
+
+class UserRuns:
+    """The runs of one user, and what this one may see of others' in a list.
+
+    Args:
+        database: Of all users.
+        owner: The user.
+    """
+
+    def __init__(self, database: RunDatabase, owner: str) -> None:
+        self._database, self._owner = database, owner
+        self._writer, self._readers = database.writer, database.readers
+        self.recordings = database.recordings(owner)
+
+    def begin(self, run: NewRun) -> None:
+        """Keep that a run begins; nobody waits for it."""
+        run.began = run.began or time.time()
+        if run.begun is None:
+            run.begun = self._writer.submit(partial(insert, run), urgent=False, size=len(run.request))
+
+    def finish(self, run: NewRun, reply: bytes) -> Future[None]:
+        """Keep the reply of a run.
+
+        Returns:
+            Done once it is kept; DiskRefused where the disk refuses.
+        """
+        return self._end(run, reply=reply)
+
+    def fail(self, run: NewRun, error: ErrorReply) -> Future[Any]:
+        """Keep the error that ended a run, unless it was the request's fault: then nothing is kept."""
+        return self._end(run, error=codec.encode(error)) if error.name in KEPT_ERRORS else self.discard(run)
+
+    def discard(self, run: NewRun) -> Future[Any]:
+        """Forget a run that has begun."""
+        if run.begun is None or run.begun.cancel():
+            nothing: Future[None] = Future()
+            nothing.set_result(None)
+            return nothing
+        return self._writer.submit(partial(execute, FORGET, (run.owner, run.run_id)))
+
+    def has(self, run_id: str) -> bool:
+        """Whether there is such a run."""
+        return self._row(run_id, "1") is not None
+
+    def list(self, request: ReadRuns) -> RunsReply:
+        """The runs that are kept, newest first, with those of others that the user may see, as ``owner:id``.
+
+        Raises:
+            DiskRefused: if the database can't be read.
+        """
+        self._writer.settle()
+        after = 2**63 - 1 if request.after is None else int(request.after)
+        wanted = {
+            "status = :status": request.status,
+            "robot = :robot": request.robot,
+            "began >= :since": request.since,
+            r"message LIKE :text ESCAPE '\'": None if request.text is None else _pattern(request.text),
+        }
+        values = dict(zip(("status", "robot", "since", "text"), wanted.values(), strict=True))
+        values |= {"owner": self._owner, "after": after, "limit": request.limit + 1}
+        where = " AND ".join(clause for clause, value in wanted.items() if value is not None) or "TRUE"
+        columns = "number, owner, run_id, status, message, robot, scene, began, ended, bytes + ifnull(recording, 0)"
+        page = f"SELECT {columns} FROM runs %s AND number < :after AND {where} ORDER BY number DESC LIMIT :limit"  # noqa: S608
+        count = f"SELECT count(*) FROM runs %s AND {where}"  # noqa: S608 - ours
+        sources = ["NOT INDEXED WHERE TRUE"]
+        if self._owner != PLAIN:
+            sources = ["INDEXED BY owned WHERE owner = :owner", "INDEXED BY shared WHERE shared AND owner <> :owner"]
+        with self._readers.reading() as db:
+            rows = [row for source in sources for row in db.execute(page % source, values)]
+            total = sum(db.execute(count % source, values).fetchone()[0] for source in sources)
+        rows.sort(reverse=True)
+        following = str(rows[request.limit - 1][0]) if len(rows) > request.limit else None
+        return RunsReply(runs=[self._summary(row) for row in rows[: request.limit]], total=total, next=following)
 
     def read(self, run_id: str) -> AnyRunReply:
         """One run.
 
         Raises:
-            UnknownObject: if there is none of that name, or a file of it is damaged.
+            UnknownObject: if there is none of that name, or it is damaged.
+            DiskRefused: if the database can't be read.
         """
-        folder = self._existing(run_id)
-        try:
-            began = (folder / REQUEST).stat().st_mtime
-            request = (folder / REQUEST).read_bytes()
-        except FileNotFoundError:
-            raise _unknown(run_id) from None
-        reply, error = read_if_any(folder / REPLY), read_if_any(folder / ERROR)
-        ended = None if error is None else _whole(run_id, ERROR, error, ErrorReply)
-        if is_certify(request):
-            return CertifyRunReply(
-                run_id=run_id,
-                began=began,
-                request=_whole(run_id, REQUEST, request, CertifyRequest),
-                reply=None if reply is None else _whole(run_id, REPLY, reply, CertifyReply),
-                error=ended,
-            )
-        return RunReply(
-            run_id=run_id,
-            began=began,
-            request=_whole(run_id, REQUEST, request, PlanRequest),
-            reply=None if reply is None else _whole(run_id, REPLY, reply, PlanReply),
-            error=ended,
-        )
+        self._writer.settle()
+        row = self._row(run_id, "kind, began, encoding, request, reply, error", "JOIN documents USING (number)")
+        if row is None:
+            raise _unknown(run_id)
+        kind, began, encoding, request, reply, error = row
+        written = Encoding(encoding)
+        ended = None if error is None else _whole(run_id, "error", error, ErrorReply, Encoding.JSON)
+        asked = _whole(run_id, "request", request, CertifyRequest if kind == "certify" else PlanRequest, written)
+        asked = msgspec.structs.replace(asked, run_id=run_id)
+        if kind == "certify":
+            judged = None if reply is None else _whole(run_id, "reply", reply, CertifyReply, written)
+            return CertifyRunReply(run_id=run_id, began=began, request=asked, reply=judged, error=ended)
+        planned = None if reply is None else _whole(run_id, "reply", reply, PlanReply, written)
+        return RunReply(run_id=run_id, began=began, request=asked, reply=planned, error=ended)
 
-    def recording(self, run_id: str) -> Path:
-        """The file of one run's recording, without its robot's meshes; waits while it is being written.
-
-        Raises:
-            UnknownObject: if there is no such run, or it has no recording, or not yet, or it was lost.
-        """
-        folder, until = self._existing(run_id), time.monotonic() + LONGEST_WRITING
-        while (owed := read_if_any(folder / OWED)) is not None and time.monotonic() < until:
-            if not is_alive(owed.decode()):
-                if (folder / OWED).exists():
-                    raise UnknownObject(
-                        f"the recording of run {run_id!r} is lost: the process that wrote it ended; `guidefield replay"
-                        f" {run_id}` plans it again",
-                        run_id=run_id,
-                    )
-                break  # it was done just before it ended
-            time.sleep(LOOKED_EVERY)
-        recording = folder / RECORDING
-        if recording.exists():
-            return recording
-        lost = read_if_any(folder / LOST)
-        why = "" if lost is None else f": {lost.decode()}"
-        raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
-
-    def owe_recording(self, run_id: str) -> None:
-        """Say that this process will write a run's recording after the reply.
-
-        Raises:
-            OSError: if the disk refuses.
-        """
-        write_whole(self._folder / run_id / OWED, told_apart(os.getpid()).encode(), durable=False)
-
-    def settle_recording(self, run_id: str, fault: str | None) -> None:
-        """Say that a recording that was owed is there, or why it won't be; of a run that is gone nothing is said."""
-        folder = self._folder / run_id
-        with contextlib.suppress(OSError):
-            if fault is not None:
-                write_whole(folder / LOST, fault.encode(), durable=False)
-            (folder / OWED).unlink(missing_ok=True)
-
-    def bodies_folder(self) -> Path | None:
-        """Where the meshes of robots are kept: beside the folder of the runs."""
-        return self._folder.with_name(f"{self._folder.name}-robots")
+    def require(self, run_id: str) -> None:
+        """Raise UnknownObject if there is no run of that name."""
+        if not self.has(run_id):
+            self._writer.settle()
+            if not self.has(run_id):
+                raise _unknown(run_id)
 
     def delete(self, run_id: str) -> None:
         """Forget one run.
 
         Raises:
             UnknownObject: if there is none of that name.
+            DiskRefused: if the database can't be written.
         """
-        self._drop(self._existing(run_id))
+        checked_name(run_id, "run_id")
 
-    def _existing(self, run_id: str) -> Path:
-        folder = self._folder / checked_name(run_id, "run_id")
-        if not folder.is_dir():
+        def drop(db: sqlite3.Connection) -> None:
+            rows = db.execute("SELECT number, run_id FROM runs WHERE (owner, run_id) = (?, ?)", (self._owner, run_id))
+            found = rows.fetchall()
+            if not found:
+                raise _unknown(run_id)
+            drop_runs(self.recordings, found, db)
+
+        self._writer.submit(drop).result()
+
+    def share(self, run_id: str, *, shared: bool) -> None:
+        """Let every user read a run, or no other user any more.
+
+        Raises:
+            UnknownObject: if there is none of that name.
+            DiskRefused: if the database can't be written.
+        """
+        share = "UPDATE runs SET shared = ? WHERE (owner, run_id) = (?, ?)"
+        if not self._writer.submit(partial(execute, share, (shared, self._owner, run_id))).result():
             raise _unknown(run_id)
-        return folder
 
-    def _folders(self) -> list[Path]:
-        with os.scandir(self._folder) as entries:
-            return [Path(entry.path) for entry in entries if not entry.name.startswith(".") and entry.is_dir()]
+    def is_shared(self, run_id: str) -> bool:
+        """Whether every user may read a run."""
+        with contextlib.suppress(DiskRefused):
+            return self._row(run_id, "shared") == (1,)
+        return False
 
-    def _drop(self, folder: Path) -> None:
-        grave = self._folder / f".{uuid.uuid4().hex}.old"
-        try:
-            folder.rename(grave)
-        except FileNotFoundError:  # another process dropped it first
-            return
-        shutil.rmtree(grave, ignore_errors=True)
+    def _row(self, run_id: str, columns: str, joined: str = "") -> tuple[Any, ...] | None:
+        """Columns of a run; None if there is none of that name."""
+        checked_name(run_id, "run_id")
+        with self._readers.reading() as db:
+            found: tuple[Any, ...] | None = db.execute(
+                f"SELECT {columns} FROM runs {joined} WHERE (owner, run_id) = (?, ?)",  # noqa: S608 - ours
+                (self._owner, run_id),
+            ).fetchone()
+        return found
 
-    @contextlib.contextmanager
-    def _dropping(self, folder: Path) -> Iterator[None]:
-        """Drop a run if the disk refuses what the block writes of it; a full disk still lets go of files."""
-        try:
-            yield
-        except OSError:
-            self._drop(folder)
-            raise
+    def _end(self, run: NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[None]:
+        """Write the row of a run that has ended, in place of that of its beginning."""
+        begun = run.begun if run.begun is not None and not run.begun.cancel() else None
 
-    def _make_room(self) -> None:
-        """Drop ended runs that are too old, and the oldest until one more fits."""
-        kept = (_extent(folder) for folder in self._folders() if has_ended(folder))
-        ended = sorted((extent for extent in kept if extent is not None), key=lambda extent: extent.ended)
-        count, size = len(ended), sum(extent.bytes for extent in ended)
-        too_old = time.time() - self._retention.seconds
-        for extent in ended:
-            if count < self._retention.runs and size < self._retention.bytes and extent.ended >= too_old:
-                return
-            self._drop(extent.folder)
-            count, size = count - 1, size - extent.bytes
+        def end(db: sqlite3.Connection) -> None:
+            number = find_unended(run, db)
+            if number is None:
+                if begun is not None and begun.exception() is None:
+                    return  # it was deleted while it ran
+                number = insert(run, db)
+            recording = self._database.look_for(run.owner, run.run_id)
+            complete(number, run, Ending(time.time(), reply, error), recording, db)
+            self._database.make_room(run.owner, number, db)
 
+        done = self._writer.submit(end, size=len(run.request) + len(reply or b""))
+        done.add_done_callback(partial(self._database.forget_unended, (run.owner, run.run_id)))
+        return done
 
-Runs = NoRuns | RunStore
-"""What an engine keeps runs in; a run is named by its id."""
-
-
-@dataclass(frozen=True)
-class _Extent:
-    """When an ended run ended, and how much room it takes."""
-
-    folder: Path
-    ended: float
-    bytes: int
+    def _summary(self, row: tuple[Any, ...]) -> RunSummary:
+        _, owner, run_id, status, message, robot, scene, began, ended, size = row
+        name = run_id if owner == self._owner else f"{owner}:{run_id}"
+        return RunSummary(name, status, robot, scene, began, ended=ended, message=message, bytes=size)
 
 
-def _extent(folder: Path) -> _Extent | None:
-    try:
-        return _Extent(folder, folder.stat().st_mtime, sum(file.stat().st_size for file in folder.iterdir()))
-    except FileNotFoundError:  # dropped meanwhile, by another process
-        return None
+Runs = NoRuns | UserRuns
+"""Where an engine reads runs."""
 
 
-def _whole(run_id: str, file: str, data: bytes, kind: type[_M]) -> _M:
-    """The message that a file of a run holds.
+def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> MotionReply:
+    """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
 
     Raises:
-        UnknownObject: if it holds none.
+        MalformedRequest: if the run of that name is another one.
+        GuidefieldError: what ended that run.
     """
-    message = decoded(data, kind)
+    kept = runs.read(run_id)
+    if kept.request != request or (kept.error is None and kept.reply is None):
+        raise taken(run_id)
+    if kept.error is not None:
+        raise error_of(kept.error)
+    assert kept.reply is not None, "a run ends with a reply or an error"
+    return kept.reply
+
+
+def taken(run_id: str) -> MalformedRequest:
+    """What is told of a name that another run has."""
+    return MalformedRequest(f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id)
+
+
+def _whole(run_id: str, document: str, data: bytes, kind: type[Any], encoding: Encoding) -> Any:
+    """A message of a run; UnknownObject if it can't be read."""
+    message = decoded(data, kind, encoding)
     if message is None:
-        raise UnknownObject(
-            f"run {run_id!r} can't be read: its {file} is damaged; `delete` removes it", run_id=run_id, file=file
-        )
+        told = f"run {run_id!r} can't be read: its {document} is damaged; `delete` removes it"
+        raise UnknownObject(told, run_id=run_id, document=document)
     return message
+
+
+def _pattern(text: str) -> str:
+    """Text as a pattern of LIKE that finds it anywhere."""
+    for special in "\\%_":
+        text = text.replace(special, f"\\{special}")
+    return f"%{text}%"
 
 
 def _unknown(run_id: str) -> UnknownObject:

@@ -1,4 +1,4 @@
-"""What a user shares: others may read it."""
+"""Marks of the robots and scenes that a user shares: others may read them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,42 @@
+"""A list of runs that is asked for page by page."""
+
+from __future__ import annotations
+
+import msgspec
+
+from guidefield.client.questions import Question, runs
+from guidefield.messages.replies import RunsReply
+from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
+
+
+class RunPages:
+    """Pages of a list of runs, joined to one.
+
+    Args:
+        wanted: What is listed; its `limit` plays no part.
+        limit: At most so many runs; None: all.
+    """
+
+    def __init__(self, wanted: ReadRuns, limit: int | None) -> None:
+        self._wanted, self._rest = wanted, limit
+        self.joined: RunsReply | None = None
+
+    def ask(self) -> Question[RunsReply] | None:
+        """The question for the next page; None: the list is whole."""
+        if self.joined is not None and (self._rest == 0 or self.joined.next is None):
+            return None
+        limit = LARGEST_PAGE if self._rest is None else min(self._rest, LARGEST_PAGE)
+        after = self._wanted.after if self.joined is None else self.joined.next
+        return runs(msgspec.structs.replace(self._wanted, limit=limit, after=after))
+
+    def add(self, page: RunsReply) -> None:
+        """Take the next page."""
+        before = [] if self.joined is None else self.joined.runs
+        self.joined = msgspec.structs.replace(page, runs=[*before, *page.runs])
+        self._rest = None if self._rest is None else self._rest - len(page.runs)
+
+    @property
+    def reply(self) -> RunsReply:
+        """All that was listed."""
+        assert self.joined is not None, "at least one page is asked for"
+        return self.joined

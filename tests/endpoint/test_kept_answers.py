@@ -1,0 +1,102 @@
+"""An answer is given once its run is kept; where it can't be, the reply says so, and is given all the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from guidefield.endpoint.kept_answers import keep_answer
+from guidefield.errors import GuidefieldError, InvalidGoal, ServerBusy, WorkerCrashed
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.replies import PlanReply, error_reply
+from guidefield.messages.store_requests import ReadRuns
+from guidefield.pool.waiting import Answer
+from guidefield.stores.run_file import FILE
+from guidefield.stores.runs import RunDatabase
+from tests.kept_runs import REQUEST, new_run
+from tests.replies import plan_reply
+
+KEY = "guidefield/local/runs/r1/recording"
+PATIENCE = 30.0
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Iterator[RunDatabase]:
+    kept = RunDatabase(tmp_path)
+    kept.recordings(PLAIN).folder.mkdir()
+    kept.recordings(PLAIN).path("r1").write_bytes(b"recorded")
+    yield kept
+    kept.close()
+
+
+def _answer(
+    database: RunDatabase, outcome: Answer | GuidefieldError, encoding: Encoding = Encoding.JSON, *, begun: bool = True
+) -> Answer:
+    """What is answered where a worker comes to an outcome."""
+    runs, run = database.of(PLAIN), new_run("r1", REQUEST, PLAIN, encoding)
+    task: Future[Answer] = Future()
+    answer = keep_answer(runs, run, task)
+    if begun:
+        runs.begin(run)
+        runs.list(ReadRuns())
+    if isinstance(outcome, GuidefieldError):
+        task.set_exception(outcome)
+    else:
+        task.set_result(outcome)
+    return answer.result(PATIENCE)
+
+
+@pytest.mark.parametrize("begun", [True, False])
+@pytest.mark.parametrize("encoding", Encoding)
+def test_what_is_answered_is_kept_before(
+    encoding: Encoding, begun: bool, database: RunDatabase, tmp_path: Path
+) -> None:
+    reply = msgspec.structs.replace(plan_reply("r1"), recording=KEY)
+    sent = True, codec.encode(reply, encoding)
+    assert _answer(database, sent, encoding, begun=begun) == sent
+    reader = RunDatabase(tmp_path)
+    assert reader.of(PLAIN).read("r1").reply == reply
+    reader.close()
+
+
+def test_an_error_that_is_not_the_requests_fault_is_kept(database: RunDatabase) -> None:
+    crash = WorkerCrashed("it took too much memory", mebibytes=4)
+    with pytest.raises(WorkerCrashed):
+        _answer(database, crash)
+    assert database.of(PLAIN).read("r1").error == error_reply(crash)
+
+
+def test_a_refusal_leaves_no_run(database: RunDatabase) -> None:
+    refusal = False, codec.encode(error_reply(InvalidGoal("no such joint")))
+    assert _answer(database, refusal) == refusal
+    assert database.of(PLAIN).list(ReadRuns()).runs == []
+    with pytest.raises(ServerBusy):
+        _answer(database, ServerBusy("the queue is full"))
+    assert database.of(PLAIN).list(ReadRuns()).runs == []
+
+
+@pytest.mark.parametrize("encoding", Encoding)
+def test_a_run_that_cannot_be_kept_is_answered_with_a_warning(encoding: Encoding, tmp_path: Path) -> None:
+    (tmp_path / FILE).write_bytes(b"no database" * 1000)
+    database = RunDatabase(tmp_path)
+    recordings = database.recordings(PLAIN)
+    recordings.folder.mkdir()
+    recordings.path("r1").write_bytes(b"recorded")
+    reply = msgspec.structs.replace(plan_reply("r1"), recording=KEY, warnings=["the first"])
+    is_reply, payload = _answer(database, (True, codec.encode(reply, encoding)), encoding, begun=False)
+    told = codec.decode(payload, PlanReply, encoding)
+    assert is_reply
+    assert told.warnings[0] == "the first"
+    assert told.warnings[1].startswith("the run is not kept: the database of runs is damaged")
+    assert told == msgspec.structs.replace(reply, recording=None, warnings=told.warnings)
+    assert str(tmp_path) not in told.warnings[1]
+    assert list(recordings.folder.iterdir()) == [], "a recording without its run is nobody's"
+    with pytest.raises(WorkerCrashed):
+        _answer(database, WorkerCrashed("it died"), begun=False)
+    database.close()

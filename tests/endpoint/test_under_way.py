@@ -1,0 +1,93 @@
+"""Runs under way: a name is one run's, who asks again waits for the same answer, and nobody waits for ever."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from guidefield.endpoint.under_way import UnderWay
+from guidefield.errors import MalformedRequest, ServerBusy
+from guidefield.pool.waiting import Answer, Task
+
+NAME = ("plain", "runs", "r1")
+PREEMPTED = True, b"preempted"
+DONE = True, b"done"
+
+
+class _Pool:
+    """Takes tasks, or refuses them; the first time it does what it is told meanwhile."""
+
+    def __init__(self, meanwhile: Any = lambda: None, *, full: bool = False) -> None:
+        self.tasks: list[Task] = []
+        self._meanwhile, self._full = meanwhile, full
+
+    def submit(self, task: Task) -> Task:
+        self.tasks.append(task)
+        self._meanwhile()
+        if self._full:
+            raise ServerBusy("the queue is full")
+        return task
+
+    def cancel(self, task: Task, answer: Any) -> None:
+        task.set_result(answer())
+
+
+def _ask(under_way: UnderWay, words: str = "words", kept: Any = lambda: None) -> tuple[Future[Answer], Future[Answer]]:
+    """What is waited for, and what comes to the answer once it is kept."""
+    answer: Future[Answer] = Future()
+    return under_way.submit(NAME, Task("job", 1.0), lambda: PREEMPTED, words, answer, kept), answer
+
+
+def test_who_asks_again_waits_for_the_same_answer() -> None:
+    under_way = UnderWay(_Pool())  # type: ignore[arg-type]
+    first, answer = _ask(under_way)
+    again, _ = _ask(under_way)
+    with pytest.raises(MalformedRequest, match="'r1' is taken"):
+        _ask(under_way, "other words")
+    answer.set_result(DONE)
+    assert (first.result(0), again.result(0)) == (DONE, DONE)
+    after, _ = _ask(under_way, "other words")
+    assert not after.done(), "the name is free as far as it is known here"
+
+
+def test_a_run_is_under_way_until_it_is_kept() -> None:
+    pool = _Pool()
+    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    _, answer = _ask(under_way)
+    pool.tasks[0].set_result(DONE)
+    again, _ = _ask(under_way)
+    assert len(pool.tasks) == 1
+    assert not again.done()
+    answer.set_result(DONE)
+    assert again.result(0) == DONE
+
+
+def test_what_was_answered_before_is_answered_again_to_all_who_ask() -> None:
+    pool = _Pool()
+    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    before: Future[Answer] = Future()
+    first, _ = _ask(under_way, kept=lambda: before)
+    again, _ = _ask(under_way)
+    before.set_result(DONE)
+    assert (first.result(0), again.result(0), pool.tasks) == (DONE, DONE, [])
+
+
+def test_who_asks_again_hears_that_the_first_was_refused() -> None:
+    joined: list[Future[Answer]] = []
+    pool = _Pool(lambda: joined.append(_ask(under_way)[0]), full=True)
+    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    with pytest.raises(ServerBusy):
+        _ask(under_way)
+    with pytest.raises(ServerBusy):
+        joined[0].result(0)
+
+
+def test_a_cancel_that_comes_first_ends_the_run_before_it_begins() -> None:
+    pool = _Pool()
+    under_way = UnderWay(pool)  # type: ignore[arg-type]
+    assert "if it arrives within" in under_way.cancel(NAME)
+    task = Task("job", 1.0)
+    under_way.submit(NAME, task, lambda: PREEMPTED, "words", Future())
+    assert (task.result(0), pool.tasks) == (PREEMPTED, [])
