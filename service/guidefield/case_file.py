@@ -21,9 +21,10 @@ from guidefield.kept import kept_with
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
 from guidefield.messages.values import Placement
+from guidefield.robot.mesh_files.reading import companions, read_mesh
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import JointKind, RobotModel
-from guidefield.robot.model.shapes import hull, triangulation
+from guidefield.robot.model.shapes import hull
 from guidefield.robot.urdf import xml
 from guidefield.scene import obstacle
 from guidefield.scene.mesh import mesh_surface
@@ -150,11 +151,13 @@ def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
     root, files = xml.parse(robot.source.urdf_text), {}
     for visual in list(root.iter("visual")):
         visual.getparent().remove(visual)
-    for number, mesh in enumerate(root.iter("mesh")):
+    folders: dict[str, str] = {}
+    for mesh in root.iter("mesh"):
         path = Path(mesh.get("filename"))
-        name = f"{number}_{path.name}"
-        files[name] = base64.b64encode(path.read_bytes()).decode()
-        mesh.set("filename", name)
+        folder = folders.setdefault(str(path), f"{len(folders)}")
+        for name in (path.name, *companions(path)):
+            files[f"{folder}/{name}"] = base64.b64encode((path.parent / name).read_bytes()).decode()
+        mesh.set("filename", f"{folder}/{path.name}")
     return {
         "urdf": etree.tostring(root, encoding="unicode"),
         "root_joint": robot.source.root_joint,
@@ -216,10 +219,8 @@ def _parts_of_links(robot: RobotModel) -> dict[str, Any]:
     parts = {}
     for shape in robot.geometry.geometryObjects:
         if shape.meshPath and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):  # what is held has no path
-            mesh = shape.geometry
-            if isinstance(mesh, coal.Convex):
-                mesh = coal.MeshLoader(coal.BV_OBBRSS).load(shape.meshPath, shape.meshScale)
-            parts[shape.name] = _hulls(shape.geometry) | _shell(*triangulation(mesh))
+            mesh = read_mesh(Path(shape.meshPath), shape.meshScale)
+            parts[shape.name] = _hulls(shape.geometry) | _shell(mesh.vertices, mesh.triangles)
     return parts
 
 

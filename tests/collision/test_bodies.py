@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from guidefield.collision.bodies import bounding_ball, joint_placements, parts_of
-from guidefield.scene.facets import bvh
+from guidefield.geometry.bvh import bvh
 from tests.collision.listed import are_signed
 from tests.collision.scenery import panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances

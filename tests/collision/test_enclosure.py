@@ -10,11 +10,11 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.geometry import cache
+from guidefield.geometry.bvh import bvh
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
 from guidefield.robot.group.alike import Alike
-from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, group, grouped, rest
 from tests.scene.solids import box_mesh, l_prism, mesh_message, room

@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.clearance import clearance_at
+from guidefield.geometry.bvh import bvh
 from guidefield.messages import scene as messages
 from guidefield.robot.group.alike import Alike
-from guidefield.scene.facets import bvh
 from tests.collision.scenery import box, panda_in, world_of
 from tests.robots import box_arm, group, grouped, random_configuration, rest
 

@@ -10,6 +10,7 @@ import msgspec
 
 from guidefield.aside import Spent, StoppedError, done_aside
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
+from guidefield.geometry.bvh import bvh
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
@@ -19,7 +20,6 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
 from guidefield.scene.content import content_of
-from guidefield.scene.facets import bvh
 from guidefield.scene.points import are_many, count_of
 from guidefield.scene.scene import Scene
 

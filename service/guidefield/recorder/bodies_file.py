@@ -26,6 +26,7 @@ from guidefield.recorder.chunks import entity, still
 from guidefield.recorder.meshes_file import UNREADABLE, read_chunks, read_meshes
 from guidefield.recorder.surface import Surface
 from guidefield.recorder.writing import encode_recording
+from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel
 from guidefield.whole_file import DRAFT, write_whole
 
@@ -122,7 +123,14 @@ def _fingerprint(robot: RobotModel) -> str:
     """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
     source = robot.source.urdf_text.encode()
     digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {spheres.known(robot)} ".encode() + source)
-    for module in (__file__, bodies.__file__, spheres.__file__, surface.__file__, visuals.__file__):
+    for module in (
+        __file__,
+        bodies.__file__,
+        mesh_files.__file__,
+        spheres.__file__,
+        surface.__file__,
+        visuals.__file__,
+    ):
         digest.update(Path(module).read_bytes())
     for element in etree.fromstring(source).iter("mesh"):
         path = Path(element.get("filename"))

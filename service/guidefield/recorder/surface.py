@@ -13,6 +13,9 @@ import trimesh
 
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.convex import FlatError, convex_hull
+from guidefield.geometry.surfaces import area_of
+from guidefield.robot.mesh_files import reading as mesh_files
+from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.model.shapes import triangulation
 
 CREASE = np.radians(40.0)
@@ -29,6 +32,9 @@ SKETCH_VERTICES = 32
 
 SIDES = 48
 """Sides of a drawn cylinder."""
+
+SAME_EXTENT, SAME_AREA = 1e-3, 0.05
+"""Two readings of a file are the same if they differ by at most these shares: polygons may be cut differently."""
 
 TEXTURE_SIZE = 512
 """Longest side of a texture, in pixels."""
@@ -126,8 +132,10 @@ def sketch(surface: Surface) -> Surface:
 def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> Surface | bytes:
     """Read a mesh file of any kind with its colours.
 
+    Its triangles are those that our reader of mesh files has; trimesh adds colours where it reads the same.
+
     Args:
-        path: `.dae`, `.stl`, `.obj`, `.glb` or any other file that trimesh reads.
+        path: `.dae`, `.stl`, `.obj`, `.glb` or any other kind of mesh file.
         scale: Factors along its axes, shape (3,).
         override: RGBA that replaces the file's colours, shape (4,); None keeps them.
 
@@ -137,11 +145,15 @@ def read_mesh(path: Path, scale: np.ndarray, override: Sequence[int] | None) -> 
     Raises:
         ValueError: if there is nothing to draw in it.
     """
+    try:
+        plain = mesh_files.read_mesh(path, scale)
+    except MeshFault as fault:
+        raise ValueError(f"{path.name} {fault}") from None
     meshes = _file_meshes(path)
-    if not meshes:
-        return _read_plainly(path, scale).colored(GREY if override is None else override)
     for mesh in meshes:
-        mesh.apply_scale(scale)
+        mesh.apply_scale(scale * mesh_files.unit_of(path))
+    if not _same_extent(meshes, plain):
+        return shaded(plain.vertices, plain.triangles).colored(GREY if override is None else override)
     if override is None and any(_texture(mesh) is not None for mesh in meshes):
         return _as_glb(meshes)
     return joined([_colored(mesh, override) for mesh in meshes])
@@ -151,21 +163,21 @@ def _file_meshes(path: Path) -> list[trimesh.Trimesh]:
     """The meshes of a file, each where the file has it; none where trimesh can't make sense of it."""
     try:
         parts = trimesh.load_scene(path).dump()
-    except (KeyError, IndexError, AttributeError, TypeError, ValueError):  # what its readers raise for odd files
+    except (KeyError, IndexError, AttributeError, TypeError, ValueError, ImportError):  # of its readers, for odd files
         return []
     return [mesh for mesh in parts if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces)]
 
 
-def _read_plainly(path: Path, scale: np.ndarray) -> Surface:
-    """The bare triangles of a file, by the reader that reads it for collisions.
-
-    Raises:
-        ValueError: if there are none.
-    """
-    vertices, triangles = triangulation(coal.MeshLoader().load(str(path), scale))
-    if not len(triangles):
-        raise ValueError(f"{path.name} has no triangles")
-    return shaded(vertices, triangles)
+def _same_extent(meshes: list[trimesh.Trimesh], plain: mesh_files.FileMesh) -> bool:
+    """Check that meshes have the area and the box of what our reader has."""
+    if not meshes:
+        return False
+    boxes = np.array([mesh.bounds for mesh in meshes])
+    box = np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
+    ours = np.array([plain.vertices.min(axis=0), plain.vertices.max(axis=0)])
+    area, wanted = sum(float(mesh.area) for mesh in meshes), area_of(plain.vertices[plain.triangles])
+    size = float(np.abs(ours).max())
+    return bool(np.abs(box - ours).max() <= SAME_EXTENT * size and abs(area - wanted) <= SAME_AREA * wanted)
 
 
 def _as_glb(meshes: list[trimesh.Trimesh]) -> bytes:

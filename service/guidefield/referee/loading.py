@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import itertools
 import json
 import lzma
@@ -16,7 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint, Screw
-from guidefield.referee.shapes import NO_TRIANGLES, Shape, hull, placement_of, shape, shape_of
+from guidefield.referee.meshes import UnreadableMesh, read
+from guidefield.referee.shapes import NO_TRIANGLES, Shape, hull, placement_of, shape, shape_of, snapped, surface
 
 FORMAT = "guidefield cases 1"
 
@@ -100,16 +102,15 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
         for joint in root.iter("joint")
         for law in joint.findall("mimic")
     }
-    with tempfile.TemporaryDirectory() as folder:
-        for number, mesh in enumerate(root.iter("mesh")):
-            name = mesh.get("filename", "")
-            path = Path(folder) / f"{number}{Path(name).suffix}"
-            path.write_bytes(base64.b64decode(told["mesh_files"][name]))
-            mesh.set("filename", str(path))
-        text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
-        model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
-        geometry = pin.GeometryModel()
-        pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+    meshes = _meshes(root, told.get("mesh_files", {}))
+    text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
+    model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
+    geometry = pin.GeometryModel()
+    pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+    for one in geometry.geometryObjects:
+        if one.name in meshes:
+            corners = meshes[one.name].reshape(-1, 3)
+            one.geometry = surface(corners, np.arange(len(corners)).reshape(-1, 3))
     base = placement_of(told.get("placement", {}))
     for i in range(1, model.njoints):
         if model.parents[i] == 0:
@@ -118,6 +119,43 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
         if one.parentJoint == 0:
             one.placement = base * one.placement
     return model, geometry, laws
+
+
+def _meshes(root: Any, files: Told) -> dict[str, np.ndarray]:
+    """Triangles (t, 3, 3) [m] of each collision shape that is a mesh, by its name; in the URDF a ball replaces it."""
+    names, found = [*files], {}
+    contents = tuple(base64.b64decode(files[name]) for name in names)
+    for link in root.iter("link"):
+        for number, collision in enumerate(link.findall("collision")):
+            geometry = collision.find("geometry")
+            for mesh in [] if geometry is None else geometry.findall("mesh"):
+                scale = np.array(mesh.get("scale", "1 1 1").split(), float)
+                name = mesh.get("filename", "")
+                if name not in files:
+                    raise UnusableFile(f"`mesh_files` has no {name!r}")
+                folder = name.partition("/")[0] + "/"
+                used = [k for k, other in enumerate(names) if other == name or other.startswith(folder)]
+                triangles = scale * _triangles(name, tuple(names[k] for k in used), tuple(contents[k] for k in used))
+                found[f"{link.get('name')}_{number}"] = triangles[:, ::-1] if scale.prod() < 0.0 else triangles
+                geometry.remove(mesh)
+                ElementTree.SubElement(geometry, "sphere", radius="1")
+    return found
+
+
+@functools.lru_cache(maxsize=64)
+def _triangles(name: str, names: tuple[str, ...], contents: tuple[bytes, ...]) -> np.ndarray:
+    """Triangles (t, 3, 3) of a mesh file, among files that it may name."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder, one) for one in names]
+        for path, content in zip(paths, contents, strict=True):
+            if not path.resolve().is_relative_to(Path(folder).resolve()):
+                raise UnusableFile(f"`mesh_files` has {path.name!r} outside its folder")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
+        try:
+            return read(Path(folder, name))
+        except UnreadableMesh as error:
+            raise UnusableFile(f"mesh {name!r}: {error}") from None
 
 
 def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
@@ -198,7 +236,8 @@ def _body(name: str, joint: int, placement: Any, one: Shape, parts: Told, *, obs
     told = parts.get(more.pop("key", name), {})
     shell = NO_TRIANGLES
     if "shell" in told:
-        shell = np.array(told["shell"]["vertices"], float)[np.array(told["shell"]["triangles"], int)] + 0.0
+        points = np.array(told["shell"]["vertices"], float) + 0.0
+        shell = (points if obstacle else snapped(points, one.triangles))[np.array(told["shell"]["triangles"], int)]
     return Body(
         name=name,
         joint=joint,

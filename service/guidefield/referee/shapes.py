@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,9 @@ import pinocchio as pin
 
 SPECK = 1e-9
 """Side of the triangle that stands for a point, and its share of how far points are from the origin [m]."""
+
+SINGLE = 1e-6
+"""What may come of a number in single precision, as a share of the largest one of a mesh or of a metre."""
 
 NO_TRIANGLES = np.empty((0, 3, 3))
 
@@ -138,6 +142,26 @@ def first_of_each_piece(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarr
         labels = labels[labels]
     pieces: np.ndarray = first[np.unique(labels[corners])]
     return pieces
+
+
+def snapped(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Points (n, 3), each at the nearest corner of triangles (t, 3, 3) if it is there but for single precision.
+
+    Who wrote the file has read a mesh in double precision, and Assimp reads it in single.
+    """
+    corners = np.unique(triangles.reshape(-1, 3), axis=0)
+    near = SINGLE * (1.0 + float(np.abs(corners).max(initial=0.0)))
+    cells: dict[tuple[int, ...], list[np.ndarray]] = {}
+    for corner, cell in zip(corners, np.floor(corners / (2.0 * near)).astype(int).tolist(), strict=True):
+        cells.setdefault(tuple(cell), []).append(corner)
+    found = points.copy()
+    for k, (x, y, z) in enumerate(np.round(points / (2.0 * near)).astype(int).tolist()):
+        around = itertools.product((x - 1, x), (y - 1, y), (z - 1, z))
+        close = [corner for cell in around for corner in cells.get(cell, ())]
+        nearest = min(close, key=lambda corner: float(np.abs(corner - points[k]).max()), default=points[k])
+        if np.abs(nearest - points[k]).max() <= near:
+            found[k] = nearest
+    return found
 
 
 def ears(corners: np.ndarray) -> np.ndarray:

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
 
-import coal
 import numpy as np
 
+from guidefield.geometry.bvh import bvh
 from guidefield.geometry.cache import made_in_place
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.entries import Arrays, Room, in_memory
@@ -26,22 +26,6 @@ PATCH = 8192
 
 Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 """Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface."""
-
-
-def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """Triangles as a Coal tree of oriented boxes: surfaces only, no inside.
-
-    Args:
-        vertices: Shape (v, 3) [m], in the shape's frame.
-        triangles: Indices of vertices, shape (t, 3).
-    """
-    tree = coal.BVHModelOBBRSS()
-    tree.beginModel(len(triangles), len(vertices))
-    tree.addVertices(np.ascontiguousarray(vertices, float))
-    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
-    tree.endModel()
-    tree.computeLocalAABB()
-    return tree
 
 
 class Facets:

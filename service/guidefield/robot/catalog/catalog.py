@@ -20,6 +20,8 @@ from guidefield.robot.catalog.kept_lines import lines_of
 from guidefield.robot.catalog.library import entries
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.catalog.summary import summarize_sent
+from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.reading import companions
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
@@ -158,9 +160,16 @@ def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str
     """Files whose change makes another robot: those of one that is named by its file, with its meshes."""
     if not isinstance(reference, UrdfFile):
         return []
-    meshes = etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")
-    named = [reference.path, reference.srdf_path, *(mesh.get("filename") for mesh in meshes)]
+    meshes = [mesh.get("filename") for mesh in etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")]
+    named = [reference.path, reference.srdf_path, *meshes, *(one for mesh in meshes for one in _companions(Path(mesh)))]
     return list({str(Path(name).expanduser().absolute()) for name in named if name})
+
+
+def _companions(mesh: Path) -> list[str]:
+    try:
+        return [str(mesh.parent / name) for name in companions(mesh)]
+    except MeshFault:  # of a visual, which is told where it is drawn
+        return []
 
 
 def _stamp(file: str) -> _Stamp | None:

@@ -13,12 +13,13 @@ from guidefield.errors import RobotInvalid
 from guidefield.robot.model import followers, pairs, rest, shapes
 from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
+from guidefield.robot.model.collision_shapes import put_meshes, read_meshes
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.groups import resolve_groups
-from guidefield.robot.model.mesh_files import check_vertices, written_plainly
 from guidefield.robot.model.mimic_limits import narrowed
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
 from guidefield.robot.urdf import srdf
+from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.native_stderr import captured_stderr
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
@@ -32,9 +33,6 @@ TIME_TO_SPEED = 0.5
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 """No joint is planned for further than this from its zero [rad or m]: limits beyond stand for none, and a motion of
 millions of turns could not be judged."""
-
-MISLEADING = "Hint: the mesh directory may be wrong."
-"""What Coal adds to the reason why a mesh can't be read: the file was found before."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
@@ -65,14 +63,15 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     facts = check_urdf(source.urdf_text, resolver)
     described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
     source = dataclasses.replace(source, urdf_text=facts.text)
-    model, geometry = _parse(name, source, facts.meshes)
+    warnings = list(facts.warnings)
+    model, geometry = _parse(name, source, facts, warnings)
     check_geometry_complete(facts, geometry, model)
     model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
     if not geometry.ngeoms:
         raise RobotInvalid(
             f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
         )
-    warnings = [*facts.warnings, *srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])]
+    warnings += srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])
     choices = shapes.settle(model, geometry, facts.meshes, warnings)
     laws = followers.laws(facts)
     joints = tuple(_joint(model, index, laws, card, warnings) for index in range(1, model.njoints))
@@ -104,25 +103,19 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     )
 
 
-def _parse(name: str, source: RobotSource, meshes: Mapping[str, str]) -> tuple[Any, Any]:
-    """Pinocchio's model and collision geometry; its stated reason becomes ours, mesh files named as in the URDF."""
+def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry, meshes read by our reader; its stated reason becomes ours."""
     root = ROOT_JOINTS[source.root_joint]
-    with written_plainly(source.urdf_text) as (text, copied), captured_stderr() as stderr:
+    text, meshes = read_meshes(facts, warnings)
+    with captured_stderr() as stderr:
         try:
             model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
             geometry = pin.GeometryModel()
             pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
         except (ValueError, RuntimeError) as error:
             reason = stderr.reason() or " ".join(str(error).partition("message: ")[2].split()) or str(error)
-            for copy, path in copied.items():
-                reason = reason.replace(copy, path)
-            for path, uri in meshes.items():
-                reason = reason.replace(path, repr(uri))
-            reason = reason.removesuffix(MISLEADING).rstrip()
             raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
-    for shape in geometry.geometryObjects:
-        shape.meshPath = copied.get(shape.meshPath, shape.meshPath)
-    check_vertices(model, geometry, meshes)
+    put_meshes(geometry, meshes)
     return model, geometry
 
 

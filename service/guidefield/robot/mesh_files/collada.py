@@ -1,0 +1,368 @@
+"""COLLADA files: the geometry of the visual scene, instances at their nodes, in metres by the file's unit.
+
+The axis that is said to be up isn't turned, as in RViz and MoveIt: a URDF places the file's own frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import Triangles, check_indices, floats, integers
+from guidefield.robot.mesh_files.placed import Collected
+from guidefield.robot.mesh_files.polygons import triangulate, triangulate_with_holes
+
+Element = Any
+"""An element of lxml, for which there are no types."""
+
+WITHOUT_FACES = ("lines", "linestrips")
+"""Primitives that have no area."""
+_STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
+
+
+def read_collada(content: bytes) -> Triangles:
+    """Read a COLLADA file. Skins are read as the mesh in its bind pose, lines are left out.
+
+    Raises:
+        MeshFault: if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no
+            mesh.
+    """
+    document = _Document(_root(content))
+    collected = Collected()
+    for geometry, placement in document.instances(collected.visit):
+        collected.add(document.mesh(geometry), placement)
+    vertices, triangles = collected.triangles()
+    unit = collada_unit(document.root)
+    return (vertices if unit == 1.0 else vertices * unit), triangles
+
+
+def read_unit(content: bytes) -> float:
+    """Return the length of a COLLADA file's unit [m].
+
+    Raises:
+        MeshFault: if the file isn't COLLADA, or the unit isn't positive.
+    """
+    return collada_unit(_root(content))
+
+
+def collada_unit(root: Element) -> float:
+    """Return the length of a document's unit [m]; 1 where it states none.
+
+    Raises:
+        MeshFault: if it isn't a positive number.
+    """
+    asset = _child(root, "asset")
+    unit = None if asset is None else _child(asset, "unit")
+    stated = "1" if unit is None else unit.get("meter", "1")
+    try:
+        length = float(stated)
+    except ValueError:
+        length = math.nan
+    if not 0.0 < length < math.inf:
+        raise MeshFault(f"has <unit meter={stated!r}>, which must be a positive number")
+    return length
+
+
+def _root(content: bytes) -> Element:
+    try:
+        root = etree.fromstring(content, etree.XMLParser(**_STRICT))
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise MeshFault(f"is not XML: {error}") from None
+    if _tag(root) != "COLLADA":
+        raise MeshFault(f"is no COLLADA file: its root element is <{_tag(root)}>")
+    return root
+
+
+class _Document:
+    """A COLLADA document and the meshes that were read of it."""
+
+    def __init__(self, root: Element) -> None:
+        self.root = root
+        self._named = {element.get("id"): element for element in root.iter(etree.Element) if element.get("id")}
+        self._meshes: dict[Element, Triangles] = {}
+        self._sources: dict[Element, np.ndarray] = {}
+
+    def instances(self, visit: Callable[[int], None]) -> Iterator[tuple[Element, np.ndarray]]:
+        """Yield each `<geometry>` of the scene with its placement, shape (4, 4); `visit` gets each node's depth."""
+        pending = [(node, np.eye(4), 0) for node in reversed(_children(self._visual_scene(), "node"))]
+        while pending:
+            node, above, depth = pending.pop()
+            visit(depth)
+            placement, below = above @ _placement(node), []
+            for child in node:
+                match _tag(child):
+                    case "instance_geometry":
+                        yield self._target(child, "geometry"), placement
+                    case "instance_controller":
+                        yield self._skinned(self._target(child, "controller"), placement)
+                    case "instance_node":
+                        below.append((self._target(child, "node"), placement, depth + 1))
+                    case "node":
+                        below.append((child, placement, depth + 1))
+            pending += reversed(below)
+
+    def mesh(self, geometry: Element) -> Triangles:
+        """Return the triangles of a `<geometry>`, all its primitives."""
+        if geometry not in self._meshes:
+            mesh = _child(geometry, "mesh")
+            if mesh is None:
+                kinds = ", ".join(f"<{_tag(child)}>" for child in geometry if _tag(child) not in ("asset", "extra"))
+                raise MeshFault(f"has the geometry {geometry.get('id')!r} of {kinds or 'nothing'}, which is no mesh")
+            collected = Collected()
+            for primitive in mesh:
+                if read := PRIMITIVES.get(_tag(primitive)):
+                    vertices, outlines = self._positions(primitive)
+                    if vertices is not None:
+                        triangles = read(primitive, vertices, outlines)
+                        check_indices(triangles.reshape(-1), len(vertices))
+                        collected.add((vertices, triangles), np.eye(4))
+            self._meshes[geometry] = collected.triangles()
+        return self._meshes[geometry]
+
+    def _visual_scene(self) -> Element:
+        scene = _child(self.root, "scene")
+        instance = None if scene is None else _child(scene, "instance_visual_scene")
+        if instance is not None:
+            return self._target(instance, "visual_scene")
+        scenes = [
+            one
+            for library in _children(self.root, "library_visual_scenes")
+            for one in _children(library, "visual_scene")
+        ]
+        if len(scenes) != 1:
+            raise MeshFault(f"has no <scene>, and {len(scenes)} visual scenes to choose from")
+        return scenes[0]
+
+    def _skinned(self, controller: Element, placement: np.ndarray) -> tuple[Element, np.ndarray]:
+        """The geometry that a controller deforms, as it was bound."""
+        seen = set()
+        while _tag(controller) == "controller" and controller not in seen:
+            seen.add(controller)
+            deformer = next((child for child in controller if _tag(child) in ("skin", "morph")), None)
+            if deformer is None:
+                raise MeshFault(f"has the controller {controller.get('id')!r} without <skin> or <morph>")
+            bound = _child(deformer, "bind_shape_matrix")
+            placement = placement if bound is None else placement @ _matrix(bound)
+            controller = self._target(deformer, "geometry", "controller", attribute="source")
+        return controller, placement
+
+    def _positions(self, primitive: Element) -> tuple[np.ndarray | None, Callable[[Element], np.ndarray]]:
+        """The vertices (v, 3) of a primitive, and how the indices of a `<p>` are those of vertices."""
+        inputs = _children(primitive, "input")
+        stride = max((int(one.get("offset", "0")) for one in inputs), default=0) + 1
+        for one in inputs:
+            source, offset = one, int(one.get("offset", "0"))
+            if one.get("semantic") == "VERTEX":
+                vertices = self._target(one, "vertices", attribute="source")
+                source = next(
+                    (some for some in _children(vertices, "input") if some.get("semantic") == "POSITION"), None
+                )
+            if source is not None and source.get("semantic") == "POSITION":
+
+                def outline(p: Element, offset: int = offset) -> np.ndarray:
+                    indices = integers((p.text or "").encode(), "indices")
+                    if len(indices) % stride:
+                        raise MeshFault(
+                            f"has a <p> of {len(indices)} indices, which is no multiple of its {stride} inputs"
+                        )
+                    return indices[offset::stride]
+
+                return self._source(self._target(source, "source", attribute="source")), outline
+        if any((p.text or "").strip() for p in primitive.iter("{*}p")):
+            raise MeshFault(f"has <{_tag(primitive)}> without the positions of its vertices")
+        return None, lambda _: np.empty(0, np.int64)
+
+    def _source(self, source: Element) -> np.ndarray:
+        """The points (n, 3) of a `<source>`."""
+        if source in self._sources:
+            return self._sources[source]
+        technique = _child(source, "technique_common")
+        accessor = None if technique is None else _child(technique, "accessor")
+        array = _child(source, "float_array")
+        if accessor is not None and accessor.get("source"):
+            array = self._target(accessor, "float_array", attribute="source")
+        if array is None:
+            raise MeshFault(f"has the source {source.get('id')!r} without a <float_array>")
+        values = floats((array.text or "").encode(), "positions")
+        stride = 3 if accessor is None else int(accessor.get("stride", "1"))
+        offset = 0 if accessor is None else int(accessor.get("offset", "0"))
+        named = [] if accessor is None else [param.get("name", "").upper() for param in _children(accessor, "param")]
+        columns = [named.index(axis) for axis in "XYZ"] if {"X", "Y", "Z"} <= set(named) else [0, 1, 2]
+        if stride <= max(columns) or offset < 0:
+            raise MeshFault(f"has the source {source.get('id')!r} whose stride is {stride}, of points in space")
+        count = (len(values) - offset) // stride
+        if accessor is not None and int(accessor.get("count", str(count))) > count:
+            raise MeshFault(f"has the source {source.get('id')!r} with fewer numbers than it states")
+        points = values[offset : offset + count * stride].reshape(-1, stride)[:, columns]
+        self._sources[source] = points
+        return points
+
+    def _target(self, element: Element, *tags: str, attribute: str = "url") -> Element:
+        """The element that another refers to."""
+        reference = element.get(attribute, "").strip()
+        found = self._named.get(reference.removeprefix("#"))
+        if not reference.startswith("#") or found is None or _tag(found) not in tags:
+            raise MeshFault(f"refers to {reference!r}, which is no <{tags[0]}> of it")
+        return found
+
+
+Outline = Callable[[Element], np.ndarray]
+
+
+def _triangles(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+    corners = [outline(p) for p in _children(primitive, "p")]
+    joined = np.concatenate(corners) if corners else np.empty(0, np.int64)
+    if len(joined) % 3:
+        raise MeshFault(f"has <triangles> of {len(joined)} corners")
+    return joined.reshape(-1, 3)
+
+
+def _polylist(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
+    counts, p = _child(primitive, "vcount"), _child(primitive, "p")
+    sizes = integers(b"" if counts is None else (counts.text or "").encode(), "counts")
+    corners = np.empty(0, np.int64) if p is None else outline(p)
+    if len(corners) != sizes.sum():
+        raise MeshFault(f"has a <polylist> of {len(corners)} corners, where its <vcount> states {sizes.sum()}")
+    check_indices(corners, len(vertices))
+    return triangulate(vertices, corners, sizes)
+
+
+def _polygons(primitive: Element, vertices: np.ndarray, outline: Outline) -> np.ndarray:
+    found = [np.empty((0, 3), np.int64)]
+    for child in primitive:
+        if _tag(child) == "p":
+            rings = [outline(child)]
+        elif _tag(child) == "ph":
+            rings = [outline(ring) for ring in child if _tag(ring) in ("p", "h")]
+        else:
+            continue
+        check_indices(np.concatenate(rings), len(vertices))
+        if len(rings) == 1:
+            found.append(triangulate(vertices, rings[0], np.array([len(rings[0])])))
+        else:
+            found.append(triangulate_with_holes(vertices, rings))
+    return np.concatenate(found)
+
+
+def _fans(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+    found = [np.empty((0, 3), np.int64)]
+    for p in _children(primitive, "p"):
+        fan = outline(p)
+        found.append(np.column_stack([np.full(max(len(fan) - 2, 0), fan[0] if len(fan) else 0), fan[1:-1], fan[2:]]))
+    return np.concatenate(found)
+
+
+def _strips(primitive: Element, _vertices: np.ndarray, outline: Outline) -> np.ndarray:
+    found = [np.empty((0, 3), np.int64)]
+    for p in _children(primitive, "p"):
+        strip = outline(p)
+        rows = np.column_stack([strip[:-2], strip[1:-1], strip[2:]])
+        rows[1::2] = rows[1::2, ::-1]
+        found.append(rows)
+    return np.concatenate(found)
+
+
+PRIMITIVES: dict[str, Callable[[Element, np.ndarray, Outline], np.ndarray]] = {
+    "triangles": _triangles,
+    "polylist": _polylist,
+    "polygons": _polygons,
+    "trifans": _fans,
+    "tristrips": _strips,
+}
+"""Triangles (t, 3) by kind of primitive."""
+
+
+def _placement(node: Element) -> np.ndarray:
+    """The affine map of a node's transformations, in their order, shape (4, 4)."""
+    placement = np.eye(4)
+    for child in node:
+        if transform := TRANSFORMS.get(_tag(child)):
+            placement = placement @ transform(child)
+    return placement
+
+
+def _values(element: Element, count: int) -> np.ndarray:
+    values = floats((element.text or "").encode(), f"<{_tag(element)}>")
+    if len(values) != count or not np.isfinite(values).all():
+        raise MeshFault(f"has a <{_tag(element)}> that is not {count} finite numbers")
+    return values
+
+
+def _matrix(element: Element) -> np.ndarray:
+    return _values(element, 16).reshape(4, 4)
+
+
+def _translate(element: Element) -> np.ndarray:
+    placement = np.eye(4)
+    placement[:3, 3] = _values(element, 3)
+    return placement
+
+
+def _rotate(element: Element) -> np.ndarray:
+    *axis, degrees = _values(element, 4).tolist()
+    return _turned(np.array(axis), math.radians(degrees))
+
+
+def _turned(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rodrigues' formula."""
+    placement, length = np.eye(4), float(np.linalg.norm(axis))
+    if length > 0.0:
+        x, y, z = axis / length
+        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        placement[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross
+    return placement
+
+
+def _scale(element: Element) -> np.ndarray:
+    return np.diag([*_values(element, 3), 1.0])
+
+
+def _look_at(element: Element) -> np.ndarray:
+    eye, target, up = _values(element, 9).reshape(3, 3)
+    back = (eye - target) / np.linalg.norm(eye - target)
+    right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
+    placement = np.eye(4)
+    placement[:3] = np.column_stack([right, np.cross(back, right), back, eye])
+    return placement
+
+
+def _skew(element: Element) -> np.ndarray:
+    """RenderMan's skew: an angle, the axis that is turned, and the axis towards which it is."""
+    degrees, *axes = _values(element, 7).tolist()
+    turned, towards = np.array(axes).reshape(2, 3)
+    towards = towards / np.linalg.norm(towards)
+    along = float(turned @ towards)
+    across = turned - along * towards
+    height = float(np.linalg.norm(across))
+    moved = height * math.tan(math.radians(degrees) + math.atan2(along, height)) - along
+    placement = np.eye(4)
+    placement[:3, :3] += np.outer(moved * towards, across) / height**2
+    return placement
+
+
+TRANSFORMS: dict[str, Callable[[Element], np.ndarray]] = {
+    "lookat": _look_at,
+    "matrix": _matrix,
+    "rotate": _rotate,
+    "scale": _scale,
+    "skew": _skew,
+    "translate": _translate,
+}
+"""Affine map (4, 4) by kind of transformation."""
+
+
+def _tag(element: Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _children(element: Element, tag: str) -> list[Element]:
+    return [child for child in element if _tag(child) == tag]
+
+
+def _child(element: Element, tag: str) -> Element | None:
+    return next(iter(_children(element, tag)), None)

@@ -1,0 +1,115 @@
+"""Polygons of mesh files cut into triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mapbox_earcut
+import numpy as np
+
+AREA_TOLERANCE = 1e-9
+"""Triangles fill a simple polygon to this share of its area."""
+
+
+def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Cut polygons into triangles that turn as they do; those of fewer than three corners are left out.
+
+    A quadrilateral is cut at its reflex corner, else between its first and third corner. A larger convex polygon is a
+    fan about its first corner, another one is cut into ears; one that crosses itself is a fan.
+
+    Args:
+        vertices: Shape (v, 3).
+        corners: Vertices of all polygons, one polygon after the other, shape (c,).
+        sizes: Number of corners of each polygon, shape (p,).
+
+    Returns:
+        Triangles in the order of their polygons, shape (t, 3).
+    """
+    if len(corners) == 3 * len(sizes) and (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    starts = np.cumsum(sizes) - sizes
+    places = np.cumsum(np.maximum(sizes - 2, 0)) - np.maximum(sizes - 2, 0)
+    triangles = np.empty((int(np.maximum(sizes - 2, 0).sum()), 3), np.int64)
+    three, four = np.flatnonzero(sizes == 3), np.flatnonzero(sizes == 4)
+    triangles[places[three]] = corners[starts[three, None] + np.arange(3)]
+    halves = _halved(vertices, corners[starts[four, None] + np.arange(4)])
+    triangles[places[four]], triangles[places[four] + 1] = halves[:, 0], halves[:, 1]
+    for index in np.flatnonzero(sizes > 4).tolist():
+        polygon = corners[starts[index] : starts[index] + sizes[index]]
+        place = places[index]
+        triangles[place : place + sizes[index] - 2] = polygon[_cut(vertices[polygon])]
+    return triangles
+
+
+def triangulate_with_holes(vertices: np.ndarray, rings: Sequence[np.ndarray]) -> np.ndarray:
+    """Cut a polygon with holes into triangles that turn as its outline does.
+
+    Args:
+        vertices: Shape (v, 3).
+        rings: Vertices of the outline, then of each hole.
+
+    Returns:
+        Shape (t, 3).
+    """
+    corners = np.concatenate(rings)
+    flat, _ = _flattened(vertices[corners], len(rings[0]))
+    ears = _ears(flat, np.cumsum([len(ring) for ring in rings]))
+    found: np.ndarray = corners[ears]
+    return found
+
+
+def _halved(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Two triangles of each quadrilateral (q, 4), shape (q, 2, 3)."""
+    points = vertices[quads]
+    normal = np.cross(points[:, 2] - points[:, 0], points[:, 3] - points[:, 1])
+    behind, before = points - np.roll(points, 1, axis=1), np.roll(points, -1, axis=1) - points
+    reflex = np.einsum("qki,qi->qk", np.cross(behind, before), normal) < 0.0
+    other = reflex[:, 1] | reflex[:, 3]
+    first, second = np.where(other[:, None], [1, 2, 3], [0, 1, 2]), np.where(other[:, None], [1, 3, 0], [0, 2, 3])
+    cut: np.ndarray = np.stack([np.take_along_axis(quads, each, 1) for each in (first, second)], axis=1)
+    return cut
+
+
+def _cut(points: np.ndarray) -> np.ndarray:
+    """Triangles of one polygon (n, 3) as indices of its corners, shape (n - 2, 3)."""
+    count = len(points)
+    fan = np.column_stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)])
+    flat, area = _flattened(points, count)
+    turns = _crossed(flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat)
+    if (turns >= 0.0).all():
+        return fan
+    ears = _ears(flat, np.array([count]))
+    filled = float(np.abs(_twice_areas(flat[ears])).sum())
+    return ears if len(ears) == count - 2 and abs(filled - 2.0 * area) <= 2.0 * AREA_TOLERANCE * area else fan
+
+
+def _flattened(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
+    """Points in the plane of their first ones, the outline counter-clockwise there, and the outline's area."""
+    centred = points - points[0]
+    ring = centred[:outline]
+    normal = 0.5 * np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+    area = float(np.linalg.norm(normal))
+    if area == 0.0:
+        return centred[:, :2], 0.0
+    first = np.eye(3)[np.argmin(np.abs(normal))]
+    first = np.cross(normal / area, first)
+    first /= np.linalg.norm(first)
+    second = np.cross(normal / area, first)
+    return centred @ np.column_stack([first, second]), area
+
+
+def _ears(flat: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Triangles of a polygon in the plane, counter-clockwise, shape (t, 3); `ends` are those of its rings."""
+    found = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), ends.astype(np.uint32))
+    triangles = found.reshape(-1, 3).astype(np.int64)
+    turned: np.ndarray = np.where((_twice_areas(flat[triangles]) < 0.0)[:, None], triangles[:, ::-1], triangles)
+    return turned
+
+
+def _twice_areas(corners: np.ndarray) -> np.ndarray:
+    return _crossed(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _crossed(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    product: np.ndarray = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return product
