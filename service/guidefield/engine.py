@@ -392,7 +392,8 @@ class Engine:
         cancelled = _never if watcher is None else watcher.cancelled
         allowance = Allowance(request.allowed_time, received + request.allowed_time, cancelled)
         robot = None if request.robot is None else self._robot(request.robot)
-        reference = None if isinstance(request, requests.ForwardKinematics) else request.scene
+        kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
+        reference = request.scene if isinstance(request, kinds) else None
         try:
             scene = None if reference is None else self._scene_in_time(reference, allowance.until, cancelled)
             if scene is not None and isinstance(request, requests.Potential):

@@ -220,7 +220,7 @@ BAD_INPUT = {
         "INVALID_LINK_NAME",
         "nose",
     ),
-    "unknown kind": ("kinematics", _kinematics(type="dynamics"), "MALFORMED_REQUEST", "dynamics"),
+    "unknown kind": ("kinematics", _kinematics(type="levitation"), "MALFORMED_REQUEST", "levitation"),
     "mesh index": ("kinematics", _kinematics(scene=_scene(MESH)), "MALFORMED_REQUEST", "vertex 7"),
     "zero box": (
         "kinematics",

@@ -19,10 +19,12 @@ from guidefield.messages.replies import (
     CertifyReply,
     ClearanceReply,
     Done,
+    DynamicsReply,
     ErrorReply,
     ForwardKinematicsReply,
     InfoReply,
     InverseKinematicsReply,
+    JacobianReply,
     PlanReply,
     PointPotentialReply,
     RobotPotentialReply,
@@ -51,7 +53,13 @@ from guidefield.messages.streams import StreamGoal, StreamOpen
 from guidefield.messages.values import Reply, RootJoint
 
 KinematicsReply = (
-    ForwardKinematicsReply | InverseKinematicsReply | ClearanceReply | PointPotentialReply | RobotPotentialReply
+    ForwardKinematicsReply
+    | InverseKinematicsReply
+    | ClearanceReply
+    | PointPotentialReply
+    | RobotPotentialReply
+    | JacobianReply
+    | DynamicsReply
 )
 
 ANSWER_TIMEOUT = 660.0
@@ -416,15 +424,16 @@ def _sent(message: msgspec.Struct) -> bytes:
     return payload
 
 
+_KINEMATICS_REPLIES: dict[type, type[KinematicsReply]] = {
+    requests.ForwardKinematics: ForwardKinematicsReply,
+    requests.InverseKinematics: InverseKinematicsReply,
+    requests.Clearance: ClearanceReply,
+    requests.Jacobian: JacobianReply,
+    requests.Dynamics: DynamicsReply,
+}
+
+
 def _kinematics_reply(request: KinematicsRequest) -> type[KinematicsReply]:
-    match request:
-        case requests.ForwardKinematics():
-            return ForwardKinematicsReply
-        case requests.InverseKinematics():
-            return InverseKinematicsReply
-        case requests.Clearance():
-            return ClearanceReply
-        case requests.Potential(points=None):
-            return RobotPotentialReply
-        case requests.Potential():
-            return PointPotentialReply
+    if isinstance(request, requests.Potential):
+        return RobotPotentialReply if request.points is None else PointPotentialReply
+    return _KINEMATICS_REPLIES[type(request)]

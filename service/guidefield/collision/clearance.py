@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
@@ -15,8 +16,15 @@ from guidefield.robot.model.spaces import ModelConfiguration
 FIRST_REACH = 0.1
 """Obstacles are looked for within this of the robot first, then within twice as much [m]."""
 
+DIRECTED = 1e-9
+"""Closest points nearer to each other than this tell no direction [m]."""
+
 HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
+
+
+_Closest = tuple[float, int, Any]
+"""Distance [m], index and Coal's result of a pair."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +37,8 @@ class ClearanceAt(ReadOnly):
         witness: Their closest points, link first, shape (2, 3) [m, world]; None without such a pair.
         self_distance: Of the robot to itself [m]; infinite without such a pair.
         self_pair: The closest two links; None without such a pair.
+        pairs: Index of the closest own pair and of the closest pair with an obstacle; -1 without such a pair.
+        self_witness: As `witness`, of the closest two links.
     """
 
     obstacle_distance: float
@@ -36,6 +46,21 @@ class ClearanceAt(ReadOnly):
     witness: np.ndarray | None
     self_distance: float
     self_pair: tuple[str, str] | None
+    pairs: tuple[int, int]
+    self_witness: np.ndarray | None
+
+    @classmethod
+    def of(cls, world: World, own: _Closest | None, obstacle: _Closest | None) -> ClearanceAt:
+        """From the closest pairs of both kinds, measured where the robot stands."""
+        return cls(
+            obstacle_distance=np.inf if obstacle is None else obstacle[0],
+            obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),
+            witness=None if obstacle is None else _witness(world, obstacle[1], obstacle[2]),
+            self_distance=np.inf if own is None else own[0],
+            self_pair=None if own is None else world.pair_names(own[1]),
+            pairs=(-1 if own is None else own[1], -1 if obstacle is None else obstacle[1]),
+            self_witness=None if own is None else _witness(world, own[1], own[2]),
+        )
 
 
 def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
@@ -52,22 +77,51 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     centres = world.bodies.centres_in_world(world.joint_placements)[None]
     own = _closest(world, centres, np.arange(world.pairs.n_self))
     obstacle = _closest_obstacle(world, centres)
-    witness = None
-    if obstacle is not None:
-        witness = np.array([obstacle[2].getNearestPoint1(), obstacle[2].getNearestPoint2()])
-        between = witness[0] - witness[1]
-        rounding = sum(map(world.rounding, world.pairs.of(obstacle[1])))
-        witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
-    return ClearanceAt(
-        obstacle_distance=np.inf if obstacle is None else obstacle[0],
-        obstacle_pair=None if obstacle is None else world.pair_names(obstacle[1]),
-        witness=witness,
-        self_distance=np.inf if own is None else own[0],
-        self_pair=None if own is None else world.pair_names(own[1]),
-    )
+    return ClearanceAt.of(world, own, obstacle)
 
 
-def _closest_obstacle(world: World, centres: np.ndarray) -> tuple[float, int, Any] | None:
+def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *, own: bool) -> np.ndarray | None:
+    """Gradient of a smallest distance by the velocities of the group.
+
+    The closest points move with their bodies, and the distance grows as they part along the line between them (the
+    envelope theorem); so of distances without contact it is exact wherever the closest pair is a single one.
+
+    Args:
+        world: Robot and obstacles.
+        q: Configuration of the group's model, shape (model.nq,).
+        one: The smallest distances there.
+        own: Whether that of the robot to itself is asked about.
+
+    Returns:
+        Shape (group.nv,) [m per rad or m]; None without such a pair, and where its bodies touch exactly, or one is a
+        surface and they touch: no direction leads out then.
+    """
+    pair, witness = one.pairs[0 if own else 1], one.self_witness if own else one.witness
+    distance = one.self_distance if own else one.obstacle_distance
+    if pair < 0 or witness is None or abs(distance) < DIRECTED:
+        return None
+    normal = (witness[0] - witness[1]) / distance
+    pin.computeJointJacobians(world.model, world.data, q)
+    gradient = np.zeros(world.model.nv)
+    for body, point, along in zip(world.pairs.of(pair), witness, (normal, -normal), strict=True):
+        if body < world.pairs.links:
+            joint = world.group.geometry.geometryObjects[body].parentJoint
+            twist = pin.getJointJacobian(world.model, world.data, joint, pin.WORLD)
+            gradient += along @ twist[:3] + np.cross(point, along) @ twist[3:]
+    reduced: np.ndarray = gradient @ world.group.expand_velocity
+    return reduced
+
+
+def _witness(world: World, pair: int, result: Any) -> np.ndarray:
+    """Closest points of a pair's bodies, of Coal's result about them: the first body's first, (2, 3) [m, world]."""
+    witness = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+    between = witness[0] - witness[1]
+    rounding = sum(map(world.rounding, world.pairs.of(pair)))
+    witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
+    return witness
+
+
+def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
     """Distance, index and Coal's result of the closest pair with an obstacle: looked for within ever more around.
 
     Args:
@@ -83,7 +137,7 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> tuple[float, int, An
         reach = 2.0 * reach if closest is None else closest[0]
 
 
-def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> tuple[float, int, Any] | None:
+def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> _Closest | None:
     """Distance, index and Coal's result of the closest of some pairs (k,)."""
     closest = None
     bounds = world.near_pairs.separations(centres, np.zeros(len(pairs), int), pairs)

@@ -141,7 +141,7 @@ def chart_points(columns: Columns, rows: np.ndarray, group: PlanningGroup, field
         given = rows[:, list(at)]
         mine = slice(joint.idx_v, joint.idx_v + joint.nv)
         if joint.kind in chart.ROTATION:
-            _require_quaternions(joint, given, field)
+            require_quaternions(joint, given, field)
             points[:, mine] = _turned(joint, given, group.q_origin[joint.idx_q : joint.idx_q + joint.nq])
             continue
         if joint.kind in chart.ANGLE:
@@ -186,7 +186,8 @@ def _the_shorter_way(angles: np.ndarray) -> tuple[np.ndarray, int | None]:
     return angles + 2.0 * np.pi * np.concatenate([[0.0], np.cumsum(turns)]), int(jumps[0])
 
 
-def _require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
+def require_quaternions(joint: Joint, given: np.ndarray, field: str) -> None:
+    """Raise InvalidConfiguration unless the quaternions in a joint's columns (n, nq) have norm 1."""
     norms = np.linalg.norm(given[:, -4:], axis=1)
     if len(off := np.flatnonzero(np.abs(norms - 1.0) > QUATERNION_TOLERANCE)):
         row = int(off[0])

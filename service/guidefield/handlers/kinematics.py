@@ -8,19 +8,23 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
-import pinocchio as pin
 
+from guidefield.collector import waiting_collector
 from guidefield.collision.blocking_pairs import blocking_pairs
-from guidefield.collision.clearance import clearance_at
-from guidefield.collision.enclosure import enclosed_each
+from guidefield.collision.clearance import ClearanceAt, clearance_gradient
+from guidefield.collision.minimum.closest import ClosestPairs
 from guidefield.collision.world import World
 from guidefield.errors import InvalidConfiguration
 from guidefield.geometry.placements import se3
 from guidefield.handlers.allowance import UNLIMITED, Allowance
 from guidefield.handlers.attached import holding
+from guidefield.handlers.configurations import batches, configurations_from, model_configurations, packed, whole_group
+from guidefield.handlers.dynamics import dynamics, jacobian
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
+from guidefield.kernels.kinematics.frame_placements import FrameTable, place_frames
 from guidefield.messages import requests, scene as scene_messages
+from guidefield.messages.kinematics_replies import PackedClearance
 from guidefield.messages.replies import (
     ClearanceReply,
     ForwardKinematicsReply,
@@ -31,15 +35,19 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.values import Placement, Reply, Vector3
 from guidefield.potential import RobotField
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoints, RobotConfiguration
+from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration, RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
+
+FRAMES_TOGETHER = 1024
+"""Number of configurations at which frames are placed before the time is looked at: about a millisecond."""
 
 POINTS_AT_ONCE = 4096
 """At so many points the field is found before it is asked whether to go on."""
@@ -61,7 +69,8 @@ def answer_kinematics(
     """
     reply = _ANSWERS[type(request)](request, robot, scene, allowance)
     warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
-    return msgspec.structs.replace(reply, warnings=warnings)
+    answered: Reply = msgspec.structs.replace(reply, warnings=warnings + reply.warnings)
+    return answered
 
 
 def forward_kinematics(
@@ -76,17 +85,20 @@ def forward_kinematics(
         UnknownFrame: if the robot lacks a frame.
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
-    frames = [robot.frame_id(name) for name in request.frames]
-    T_world_root, data = (
-        se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw),
-        robot.model.createData(),
-    )
-    placements = []
-    for positions in _within(allowance, request.configurations):
-        pin.forwardKinematics(robot.model, data, configuration_from_wire(robot, positions))
-        local = [pin.updateFramePlacement(robot.model, data, frame) for frame in frames]
-        placements.append([_placement(T_world_root * T_root_frame) for T_root_frame in local])
-    return ForwardKinematicsReply(placements=placements)
+    frames = _frame_table(robot, [robot.frame_id(name) for name in request.frames])
+    root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw).homogeneous[:3]
+    configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
+    placements = np.empty((len(configurations), len(request.frames), 7))
+    for some in batches(allowance, len(configurations), FRAMES_TOGETHER):
+        place_frames(joints, frames, np.ascontiguousarray(root), configurations[some], placements[some])
+    if request.packed:
+        return ForwardKinematicsReply(placements=[], packed=packed(placements))
+    with waiting_collector():  # many small objects are made, and all are kept
+        listed = [
+            [Placement((x, y, z), (a, b, c, d)) for x, y, z, a, b, c, d in of_frames]
+            for of_frames in placements.tolist()
+        ]
+    return ForwardKinematicsReply(placements=listed)
 
 
 def inverse_kinematics(
@@ -120,6 +132,7 @@ def inverse_kinematics(
     for index, start in enumerate(starts):
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
+    closest = None if world is None else ClosestPairs(world)
     configurations, reasons = [], []
     for index, pose in enumerate(_within(allowance, request.poses)):
         result = solve(
@@ -128,7 +141,7 @@ def inverse_kinematics(
             [group.chart(group.part_of(start)) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
-            accept=None if world is None else partial(_are_free, world),
+            accept=None if closest is None else partial(_are_free, closest),
             stopped=allowance.spent,
         )
         allowance.require_more(index, len(request.poses))
@@ -150,21 +163,21 @@ def clearance(
         UnknownFrame, UnknownObject: as `inverse_kinematics`.
     """
     robot = holding(robot, request.attached_objects, scene)
-    group = _whole_group(robot, request.robot_placement)
+    group = whole_group(robot, request.robot_placement)
     world = World.build(group, scene, request.allowed_collisions)
-    found, contacts = [], []
-    for positions in _within(allowance, request.configurations):
-        q = group.expand(group.part_of(configuration_from_wire(robot, positions)))
-        found.append(clearance_at(world, q))
-        if request.contacts:
-            contacts.append([list(pair) for pair in blocking_pairs(world, [q]).counts])
-    return ClearanceReply(
-        minimum=[_finite(one.obstacle_distance) for one in found],
-        pair=[None if one.obstacle_pair is None else list(one.obstacle_pair) for one in found],
-        witness_points=[None if one.witness is None else [_vector(point) for point in one.witness] for one in found],
-        self_minimum=[_finite(one.self_distance) for one in found],
-        contacts=contacts if request.contacts else None,
-    )
+    closest, configurations = ClosestPairs(world), configurations_from(robot, request.configurations)
+    found = _Clearances(world, request.gradients, request.contacts)
+    free: list[bool] = []
+    for some in batches(allowance, len(configurations)):
+        batch = model_configurations(group, configurations[some])
+        if request.verdict:
+            free += closest.free(batch).tolist()
+            continue
+        for q, one in zip(batch, closest.clearances(batch), strict=True):
+            found.add(q, one)
+    if request.verdict:
+        return ClearanceReply(minimum=[], pair=[], witness_points=[], self_minimum=[], free=free)
+    return found.as_packed() if request.packed else found.as_lists()
 
 
 def potential(
@@ -177,13 +190,12 @@ def potential(
     """
     if robot is None:
         return _at_points(request.points or [], scene, allowance)
-    group = _whole_group(robot, request.robot_placement)
+    group = whole_group(robot, request.robot_placement)
     robot_field = RobotField(group, scene)
     energies: list[float] = []
     forces: list[list[float]] = []
     links: dict[str, LinkWrench] = {}
-    for positions in _within(allowance, request.configurations or []):
-        q = group.part_of(configuration_from_wire(robot, positions))
+    for q in _within(allowance, [*map(group.part_of, configurations_from(robot, request.configurations or []))]):
         energy = robot_field.evaluate(q)
         energies.append(energy.potential)
         forces.append((-energy.gradient).tolist())
@@ -196,11 +208,79 @@ def potential(
     )
 
 
-_ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Reply]] = {
+class _Clearances:
+    """Clearances at configurations, as they become a reply.
+
+    Args:
+        world: Robot and obstacles.
+        gradients: Whether gradients are asked for.
+        contacts: Whether pairs in contact are asked for.
+    """
+
+    def __init__(self, world: World, gradients: bool, contacts: bool) -> None:
+        self._world = world
+        self._found: list[ClearanceAt] = []
+        self._gradients: list[tuple[np.ndarray | None, np.ndarray | None]] | None = [] if gradients else None
+        self._contacts: list[list[list[str]]] | None = [] if contacts else None
+
+    def add(self, q: ModelConfiguration, one: ClearanceAt) -> None:
+        """Add the clearance at a configuration of the model, shape (model.nq,)."""
+        self._found.append(one)
+        if self._gradients is not None:
+            own, obstacle = (clearance_gradient(self._world, q, one, own=own) for own in (True, False))
+            self._gradients.append((obstacle, own))
+        if self._contacts is not None:
+            self._contacts.append([list(pair) for pair in blocking_pairs(self._world, [q]).counts])
+
+    def as_lists(self) -> ClearanceReply:
+        """The reply in lists."""
+        found = self._found
+        gradients = None if self._gradients is None else zip(*self._gradients, strict=True) if found else ([], [])
+        gradient, own = (None, None) if gradients is None else ([*map(_row, one)] for one in gradients)
+        return ClearanceReply(
+            minimum=[_finite(one.obstacle_distance) for one in found],
+            pair=[None if one.obstacle_pair is None else list(one.obstacle_pair) for one in found],
+            witness_points=[None if one.witness is None else _points(one.witness) for one in found],
+            self_minimum=[_finite(one.self_distance) for one in found],
+            contacts=self._contacts,
+            gradient=gradient,
+            self_gradient=own,
+            velocity_names=None if gradients is None else self._world.group.velocity_names,
+        )
+
+    def as_packed(self) -> ClearanceReply:
+        """The reply with its numbers packed."""
+        found, numbers = self._found, dict[tuple[str, str], int]()
+        pair = [-1 if (p := one.obstacle_pair) is None else numbers.setdefault(p, len(numbers)) for one in found]
+        nowhere, no_slope = np.full((2, 3), np.nan), np.full(self._world.group.nv, np.nan)
+        numbers_packed = PackedClearance(
+            minimum=packed(_or_nan([one.obstacle_distance for one in found])),
+            self_minimum=packed(_or_nan([one.self_distance for one in found])),
+            witness_points=packed(_rows([nowhere if one.witness is None else one.witness for one in found], (2, 3))),
+            pairs=[list(names) for names in numbers],
+            pair=packed(np.array(pair, float)),
+        )
+        if self._gradients is not None:
+            slopes = [
+                _rows([no_slope if g[k] is None else g[k] for g in self._gradients], no_slope.shape) for k in (0, 1)
+            ]
+            numbers_packed = msgspec.structs.replace(
+                numbers_packed, gradient=packed(slopes[0]), self_gradient=packed(slopes[1])
+            )
+        names = None if self._gradients is None else self._world.group.velocity_names
+        return ClearanceReply(
+            minimum=[], pair=[], witness_points=[], self_minimum=[], contacts=self._contacts, velocity_names=names,
+            packed=numbers_packed,
+        )  # fmt: skip
+
+
+_ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Any]] = {
     requests.ForwardKinematics: forward_kinematics,
     requests.InverseKinematics: inverse_kinematics,
     requests.Clearance: clearance,
     requests.Potential: potential,
+    requests.Jacobian: jacobian,
+    requests.Dynamics: dynamics,
 }
 
 
@@ -227,19 +307,9 @@ def _within(allowance: Allowance, asked: Sequence[_Asked]) -> Iterator[_Asked]:
         yield one
 
 
-def _whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
-    """All joints of a robot that don't follow another."""
-    joints = [joint.name for joint in robot.joints if joint.mimic is None]
-    return select(robot, joints, None, robot.rest, se3(placement.position, placement.quaternion_xyzw))
-
-
-def _are_free(world: World, zs: ChartPoints) -> np.ndarray:
-    """Which chart points (n, nv) touch nothing: (n,), bool."""
-    qs = [world.group.expand_from_chart(z) for z in zs]
-    free = ~np.array(world.in_collision_each(qs), bool)
-    inside = enclosed_each(world, [q for q, one in zip(qs, free, strict=True) if one])
-    free[free] = [one is None for one in inside]
-    return free
+def _are_free(closest: ClosestPairs, zs: ChartPoints) -> np.ndarray:
+    """Return which chart points (n, nv) touch nothing, and are no closer to it than 10 micrometres: (n,), bool."""
+    return closest.free(closest.world.group.expand_each(zs), confirmed=False)
 
 
 def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, field: str) -> None:
@@ -260,9 +330,34 @@ def _empty_scene() -> Scene:
     return scenes.build(scene_messages.Scene(name="empty"))
 
 
-def _placement(placement: Any) -> Placement:
-    values = pin.SE3ToXYZQUAT(placement).tolist()
-    return Placement(position=tuple(values[:3]), quaternion_xyzw=tuple(values[3:]))
+def _frame_table(robot: RobotModel, indices: Sequence[int]) -> FrameTable:
+    """Frames, by Pinocchio's indices of them."""
+    frames = [robot.model.frames[index] for index in indices]
+    table = FrameTable(
+        np.array([frame.parentJoint for frame in frames], np.int64),
+        np.array([frame.placement.homogeneous[:3] for frame in frames]).reshape(-1, 3, 4),
+    )
+    read_only(*table)
+    return table
+
+
+def _or_nan(distances: Sequence[float]) -> np.ndarray:
+    """Distances, not a number where they are infinite: there is no such pair."""
+    found = np.array(distances, float)
+    found[np.isinf(found)] = np.nan
+    return found
+
+
+def _rows(rows: Sequence[np.ndarray | None], shape: tuple[int, ...]) -> np.ndarray:
+    return np.array(rows, float).reshape(len(rows), *shape)
+
+
+def _row(values: np.ndarray | None) -> list[float] | None:
+    return None if values is None else values.tolist()
+
+
+def _points(points: np.ndarray) -> list[Vector3]:
+    return [_vector(point) for point in points]
 
 
 def _vector(values: np.ndarray) -> Vector3:

@@ -7,16 +7,37 @@ from guidefield.messages.plan_reply import Rows
 from guidefield.messages.values import Placement, Reply, Vector3
 
 
+class PackedNumbers(Reply):
+    """Numbers packed row by row.
+
+    Attributes:
+        shape: How many there are along each axis.
+        float64: Little-endian float64: bytes in MessagePack and in Python, base64 text in JSON.
+
+    Example:
+        >>> import numpy as np
+        >>> from guidefield.messages.kinematics_replies import PackedNumbers
+        >>> packed = PackedNumbers(shape=[2, 1], float64=np.array([[0.5], [1.5]]).tobytes())
+        >>> np.frombuffer(packed.float64, "<f8").reshape(packed.shape).tolist()
+        [[0.5], [1.5]]
+    """
+
+    shape: list[int]
+    float64: bytes
+
+
 class ForwardKinematicsReply(Reply):
     """Placements of frames in the world.
 
     Attributes:
-        placements: By configuration, then by frame.
+        placements: By configuration, then by frame; empty where `packed` was asked for.
+        packed: The same as positions [m] and unit quaternions (x, y, z, w), shape (configurations, frames, 7).
         warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
 
     placements: list[list[Placement]]
+    packed: PackedNumbers | None = None
     warnings: list[str] = []
     schema: int = 1
 
@@ -37,6 +58,26 @@ class InverseKinematicsReply(Reply):
     schema: int = 1
 
 
+class PackedClearance(Reply):
+    """The lists of a clearance reply, packed as `PackedNumbers`; not a number where they have null.
+
+    Attributes:
+        minimum, self_minimum: Shape (n,) [m].
+        witness_points: Shape (n, 2, 3) [m, world].
+        pairs: Every closest link and obstacle, once.
+        pair: Which of `pairs` each configuration has, shape (n,); -1 where it has none.
+        gradient, self_gradient: Shape (n, columns of `velocity_names`); null unless they were asked for.
+    """
+
+    minimum: PackedNumbers
+    self_minimum: PackedNumbers
+    witness_points: PackedNumbers
+    pairs: list[list[str]]
+    pair: PackedNumbers
+    gradient: PackedNumbers | None = None
+    self_gradient: PackedNumbers | None = None
+
+
 class ClearanceReply(Reply):
     """Clearance, by configuration: signed where both shapes are convex, else 0 in contact; null without such a pair.
 
@@ -46,6 +87,12 @@ class ClearanceReply(Reply):
         witness_points: Their closest points [m, world].
         self_minimum: Smallest distance of the robot to itself [m].
         contacts: Pairs that touch, or of which one is wholly inside the other; null unless they were asked for.
+        free: Whether nothing touches and nothing is wholly inside something else; null unless `verdict` asked for it.
+        gradient: Derivatives of `minimum` in the columns of `velocity_names` [m per rad or m]; null unless they were
+            asked for, and at configurations where there is no such pair, or its bodies touch so that none is defined.
+        self_gradient: The same of `self_minimum`.
+        velocity_names: Columns of the gradients, in the tangent space.
+        packed: What was asked to be packed, instead of the lists above.
         warnings: What was odd about the robot or the scene but harmless.
         schema: Version of this message.
     """
@@ -55,6 +102,11 @@ class ClearanceReply(Reply):
     witness_points: list[list[Vector3] | None]
     self_minimum: list[float | None]
     contacts: list[list[list[str]]] | None = None
+    free: list[bool] | None = None
+    gradient: list[list[float] | None] | None = None
+    self_gradient: list[list[float] | None] | None = None
+    velocity_names: list[str] | None = None
+    packed: PackedClearance | None = None
     warnings: list[str] = []
     schema: int = 1
 
@@ -105,5 +157,54 @@ class RobotPotentialReply(Reply):
     generalized_force: Rows
     velocity_names: list[str]
     links: dict[str, LinkWrench]
+    warnings: list[str] = []
+    schema: int = 1
+
+
+class JacobianReply(Reply):
+    """Jacobians of frames; rows are those of a twist: linear velocity first, then angular, as Pinocchio has them.
+
+    Attributes:
+        jacobian: By configuration, then by frame; six rows in the columns of `velocity_names`. Empty where `packed` was
+            asked for.
+        velocity_names: Names of the columns, in the tangent space.
+        twist: By configuration, then by frame [m/s, rad/s]; null unless velocities were given.
+        packed: The Jacobians, shape (configurations, frames, 6, columns).
+        packed_twist: The twists, shape (configurations, frames, 6).
+        warnings: What was odd about the robot or the scene but harmless.
+        schema: Version of this message.
+    """
+
+    jacobian: list[list[Rows]]
+    velocity_names: list[str]
+    twist: list[Rows] | None = None
+    packed: PackedNumbers | None = None
+    packed_twist: PackedNumbers | None = None
+    warnings: list[str] = []
+    schema: int = 1
+
+
+class DynamicsReply(Reply):
+    """Dynamics, by configuration; what wasn't asked for is null.
+
+    Attributes:
+        velocity_names: Names of the columns, in the tangent space.
+        mass: Of the whole robot and its payload [kg].
+        inverse_dynamics: Torques or forces in the columns of `velocity_names` [N m or N].
+        gravity: The same that hold the robot still.
+        mass_matrix: Symmetric, in these columns.
+        centre_of_mass: Of the robot and its payload [m, world].
+        packed: By the names of the fields above, what was asked to be packed; they are null then.
+        warnings: What was odd about the robot or the scene but harmless.
+        schema: Version of this message.
+    """
+
+    velocity_names: list[str]
+    mass: float
+    inverse_dynamics: Rows | None = None
+    gravity: Rows | None = None
+    mass_matrix: list[Rows] | None = None
+    centre_of_mass: list[Vector3] | None = None
+    packed: dict[str, PackedNumbers] | None = None
     warnings: list[str] = []
     schema: int = 1

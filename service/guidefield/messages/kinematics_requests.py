@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import sys
+from array import array
 from collections.abc import Sequence
 from itertools import chain
 from typing import Annotated, Literal
@@ -15,6 +17,7 @@ from guidefield.messages.references import RobotReference, SceneReference, settl
 from guidefield.messages.triples import TOGETHER
 from guidefield.messages.values import (
     LARGEST,
+    ORIGIN,
     AllowedTime,
     Look,
     Message,
@@ -25,6 +28,7 @@ from guidefield.messages.values import (
     Vector3,
     never,
     require_finite,
+    require_finite_number,
     require_unit_quaternion,
 )
 
@@ -39,6 +43,85 @@ MOST_STARTS = 10_000
 """Configurations from which they may be looked for."""
 MOST_POINTS = 1_000_000
 """Points that one may ask about."""
+MOST_COLUMNS = 2_000
+"""Columns that a table of configurations may have."""
+
+
+class ConfigurationTable(Message):
+    """Configurations as the rows of a table: smaller and sooner read than one object for each.
+
+    Attributes:
+        names: The columns, as `position_names` of a plan's reply has them, in any order.
+        rows: A row for each configuration [rad, m, or entries of a quaternion].
+        float64: Instead of `rows` the same numbers packed row by row: little-endian float64, as bytes in MessagePack
+            and base64 text in JSON.
+    """
+
+    names: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=MOST_COLUMNS)]
+    rows: Annotated[list[list[float]], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | None = None
+    float64: bytes | None = None
+
+    def __post_init__(self) -> None:
+        if (self.rows is None) == (self.float64 is None):
+            raise ValueError("give either `rows` or `float64`")
+        width = len(self.names)
+        if self.float64 is not None:
+            require_packed_rows("float64", self.float64, width, MOST_CONFIGURATIONS)
+        for index, row in enumerate(self.rows or ()):
+            if len(row) != width:
+                raise ValueError(f"`rows[{index}]` has {len(row)} values, but there are {width} `names`")
+            if not math.hypot(*row) <= LARGEST:
+                require_finite(f"rows[{index}]", row)
+
+
+ConfigurationBatch = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | ConfigurationTable
+
+
+JointRates = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | ConfigurationTable
+"""Velocities or accelerations of joints, in the tangent space: a number, or the list of a joint with several (planar:
+[vx, vy, wz]; spherical: [wx, wy, wz]; floating: [vx, vy, vz, wx, wy, wz]; in the moved frame)."""
+
+
+def count_of(configurations: ConfigurationBatch) -> int:
+    """Return how many configurations there are."""
+    if not isinstance(configurations, ConfigurationTable):
+        return len(configurations)
+    if configurations.float64 is not None:
+        return len(configurations.float64) // (8 * len(configurations.names))
+    return len(configurations.rows or ())
+
+
+def require_rates(field: str, rates: JointRates | None, configurations: ConfigurationBatch) -> None:
+    """Raise ValueError unless there is a finite rate for each configuration, or none at all."""
+    if rates is None:
+        return
+    if count_of(rates) != count_of(configurations):
+        raise ValueError(
+            f"`{field}` must have one for each of the {count_of(configurations)} configurations, not {count_of(rates)}"
+        )
+    require_finite_rows_of(field, rates)
+
+
+def require_packed_rows(field: str, packed: bytes, width: int, most: int) -> None:
+    """Raise ValueError unless packed float64 numbers are whole rows of a width, at most so many, and finite."""
+    if len(packed) % (8 * width):
+        raise ValueError(f"`{field}` must hold whole rows of {width} numbers ({8 * width} bytes), not {len(packed)}")
+    if len(packed) > 8 * width * most:
+        raise ValueError(f"`{field}` may hold {most} rows, got {len(packed) // (8 * width)}")
+    numbers = array("d", packed)
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    for begin in range(0, len(numbers), TOGETHER):
+        if not math.hypot(*numbers[begin : begin + TOGETHER]) <= LARGEST:
+            for index, number in enumerate(numbers[begin : begin + TOGETHER], begin):
+                row, column = divmod(index, width)
+                require_finite_number(f"{field}[{row}][{column}]", number)
+
+
+def require_finite_rows_of(field: str, configurations: ConfigurationBatch) -> None:
+    """Raise ValueError if a joint value of listed configurations isn't finite; a table has looked at its own."""
+    if not isinstance(configurations, ConfigurationTable):
+        require_finite_configurations(field, configurations)
 
 
 class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
@@ -50,20 +133,22 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
         configurations: Joints left out are at rest as the robot has it.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
+        packed: Whether the reply packs its numbers.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     robot: RobotReference
     frames: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=1_000)]
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)]
+    configurations: ConfigurationBatch
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
+    packed: bool = False
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
-        require_finite_configurations("configurations", self.configurations)
+        require_finite_rows_of("configurations", self.configurations)
 
 
 class TargetPose(Message):
@@ -133,24 +218,34 @@ class Clearance(Message, tag_field="type", tag="clearance"):
         attached_objects: What links hold; they are measured as links.
         allowed_collisions: Pairs of links and obstacles that may touch, and aren't measured.
         contacts: Whether the reply tells which pairs touch.
+        verdict: Whether only `free` is asked for, which takes a fraction of the time: the other lists are empty.
+        gradients: Whether the reply has the gradients of both distances by the joints.
+        packed: Whether the reply packs its numbers.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
     """
 
     robot: RobotReference
     scene: SceneReference
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)]
+    configurations: ConfigurationBatch
     schema: Literal[1] = 1
     robot_placement: Placement = Placement()
     attached_objects: AttachedObjects = []
     allowed_collisions: AllowedCollisions = []
     contacts: bool = False
+    verdict: bool = False
+    gradients: bool = False
+    packed: bool = False
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
         settle_scene(self)
-        require_finite_configurations("configurations", self.configurations)
+        require_finite_rows_of("configurations", self.configurations)
+        if self.verdict and (self.contacts or self.gradients):
+            raise ValueError(
+                "`verdict` asks whether configurations are free alone: leave out `contacts` and `gradients`"
+            )
 
 
 class Potential(Message, tag_field="type", tag="potential"):
@@ -172,7 +267,7 @@ class Potential(Message, tag_field="type", tag="potential"):
     points: Annotated[list[Vector3], msgspec.Meta(max_length=MOST_POINTS)] | None = None
     robot: RobotReference | None = None
     robot_placement: Placement = Placement()
-    configurations: Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATIONS)] | None = None
+    configurations: ConfigurationBatch | None = None
     request_id: RunId | None = None
     allowed_time: AllowedTime = DEFAULT_TIME
 
@@ -183,10 +278,113 @@ class Potential(Message, tag_field="type", tag="potential"):
         if by_points == by_robot or (self.robot is None) != (self.configurations is None):
             raise ValueError("give either `points`, or `robot` with `configurations`")
         require_finite_points("points", self.points or ())
-        require_finite_configurations("configurations", self.configurations or [])
+        require_finite_rows_of("configurations", self.configurations or [])
 
 
-KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential
+ReferenceFrame = Literal["local", "world", "local_world_aligned"]
+"""Where twists are expressed, as Pinocchio names it: in the frame's own axes at its origin, in the world's axes at the
+world's origin, or in the world's axes at the frame's origin."""
+
+
+class Jacobian(Message, tag_field="type", tag="jacobian"):
+    """Jacobians of frames at configurations: their twists by the velocities of the joints.
+
+    Attributes:
+        robot: The robot.
+        frames: Their names.
+        configurations: Joints left out are at rest as the robot has it.
+        schema: Version of this message.
+        robot_placement: Of the robot's root in the world.
+        reference_frame: Where twists are expressed.
+        velocities: Velocities of the joints, one for each configuration in the reply's columns [rad/s or m/s]: the
+            reply has the frames' twists, too. A joint left out stands still.
+        packed: Whether the reply packs its numbers.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
+    """
+
+    robot: RobotReference
+    frames: Annotated[list[Name], msgspec.Meta(min_length=1, max_length=1_000)]
+    configurations: ConfigurationBatch
+    schema: Literal[1] = 1
+    robot_placement: Placement = Placement()
+    reference_frame: ReferenceFrame = "local_world_aligned"
+    velocities: JointRates | None = None
+    packed: bool = False
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
+
+    def __post_init__(self) -> None:
+        require_finite_rows_of("configurations", self.configurations)
+        require_rates("velocities", self.velocities, self.configurations)
+
+
+class Payload(Message):
+    """A rigid load on a link, for dynamics.
+
+    Attributes:
+        link: The link that carries it.
+        mass: Its mass [kg].
+        centre_of_mass: In the link's frame [m].
+        inertia: Ixx, Ixy, Ixz, Iyy, Iyz, Izz about its centre of mass, in the axes of the link's frame [kg m^2].
+    """
+
+    link: Name
+    mass: Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
+    centre_of_mass: Vector3 = ORIGIN
+    inertia: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        require_finite("centre_of_mass", self.centre_of_mass)
+        require_finite("inertia", self.inertia)
+
+
+DynamicsQuantity = Literal["inverse_dynamics", "gravity", "mass_matrix", "centre_of_mass"]
+
+
+class Dynamics(Message, tag_field="type", tag="dynamics"):
+    """Rigid-body dynamics at configurations, without friction and the inertia of rotors.
+
+    Attributes:
+        robot: The robot; it needs `<inertial>` elements.
+        configurations: Joints left out are at rest as the robot has it.
+        quantities: What is asked for: "inverse_dynamics", the torques or forces that drive the joints with the given
+            velocities and accelerations; "gravity", those that hold the robot still; "mass_matrix";
+            "centre_of_mass", of the whole robot and its payload, in the world.
+        schema: Version of this message.
+        robot_placement: Of the robot's root in the world.
+        velocities: Of the joints, one for each configuration [rad/s or m/s]; null: they stand still.
+        accelerations: The same [rad/s^2 or m/s^2].
+        gravity: Acceleration of free fall [m/s^2, world].
+        payload: What links carry.
+        packed: Whether the reply packs its numbers.
+        request_id: A name by which it can be cancelled; null: none.
+        allowed_time: From the request's arrival, queue and loading included [s].
+    """
+
+    robot: RobotReference
+    configurations: ConfigurationBatch
+    quantities: Annotated[list[DynamicsQuantity], msgspec.Meta(min_length=1, max_length=4)]
+    schema: Literal[1] = 1
+    robot_placement: Placement = Placement()
+    velocities: JointRates | None = None
+    accelerations: JointRates | None = None
+    gravity: Vector3 = (0.0, 0.0, -9.81)
+    payload: Annotated[list[Payload], msgspec.Meta(max_length=1_000)] = []
+    packed: bool = False
+    request_id: RunId | None = None
+    allowed_time: AllowedTime = DEFAULT_TIME
+
+    def __post_init__(self) -> None:
+        require_finite_rows_of("configurations", self.configurations)
+        require_rates("velocities", self.velocities, self.configurations)
+        require_rates("accelerations", self.accelerations, self.configurations)
+        require_finite("gravity", self.gravity)
+        if self.accelerations is not None and "inverse_dynamics" not in self.quantities:
+            raise ValueError("`accelerations` are for `inverse_dynamics`, which `quantities` doesn't have")
+
+
+KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential | Jacobian | Dynamics
 
 
 def require_finite_points(field: str, points: Sequence[Vector3], look: Look = never) -> None:

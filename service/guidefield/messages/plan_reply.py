@@ -155,7 +155,7 @@ class Counters(Reply):
 
     Attributes:
         iterations: Of trees, descents and the optimisation.
-        potential_evaluations: Configurations at which the field on the robot was evaluated.
+        potential_evaluations: ConfigurationBatch at which the field on the robot was evaluated.
         collision_checks: Motions, and configurations of the certificate, that were judged.
     """
 

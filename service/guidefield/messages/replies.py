@@ -19,8 +19,10 @@ from guidefield.messages.certify_reply import (
 )
 from guidefield.messages.kinematics_replies import (
     ClearanceReply as ClearanceReply,
+    DynamicsReply as DynamicsReply,
     ForwardKinematicsReply as ForwardKinematicsReply,
     InverseKinematicsReply as InverseKinematicsReply,
+    JacobianReply as JacobianReply,
     LinkWrench as LinkWrench,
     PointPotentialReply as PointPotentialReply,
     RobotPotentialReply as RobotPotentialReply,
@@ -224,6 +226,8 @@ AnyReply = (
     | InverseKinematicsReply
     | ClearanceReply
     | PointPotentialReply
+    | JacobianReply
+    | DynamicsReply
     | RobotPotentialReply
     | RobotReply
     | RobotsReply

@@ -32,10 +32,16 @@ from guidefield.messages.goals import (
 )
 from guidefield.messages.kinematics_requests import (
     Clearance as Clearance,
+    ConfigurationBatch as ConfigurationBatch,
+    ConfigurationTable as ConfigurationTable,
+    Dynamics as Dynamics,
     ForwardKinematics as ForwardKinematics,
     InverseKinematics as InverseKinematics,
+    Jacobian as Jacobian,
     KinematicsRequest as KinematicsRequest,
+    Payload as Payload,
     Potential as Potential,
+    ReferenceFrame as ReferenceFrame,
     TargetPose as TargetPose,
 )
 from guidefield.messages.references import (

@@ -45,9 +45,10 @@ KEYS = (
         "kinematics",
         "answers at configurations, poses or points, one or many",
         worker="always",
-        takes=["ForwardKinematics", "InverseKinematics", "Clearance", "Potential"],
+        takes=["ForwardKinematics", "InverseKinematics", "Clearance", "Potential", "Jacobian", "Dynamics"],
         gives=[
             *("ForwardKinematicsReply", "InverseKinematicsReply", "ClearanceReply"),
+            *("JacobianReply", "DynamicsReply"),
             *("PointPotentialReply", "RobotPotentialReply"),
         ],
     ),

@@ -55,7 +55,7 @@ class StreamJudged(Reply):
         stops: When the robot stands, by the client's clock [s].
         pair: What couldn't be told apart: a link, and a link or an obstacle; null where it is proven, or undecided.
         time: Where that is [s]; null as there.
-        evaluations: Configurations at which it was judged.
+        evaluations: ConfigurationBatch at which it was judged.
     """
 
     proven: bool

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from guidefield.kernels.jit.signatures import BLOCKS, BLOCKS_OUT, MATRIX, VECTOR, VECTOR_OUT, Floats, compiled, inlined
-from guidefield.kernels.kinematics.forward_kinematics import axis_rotation
+from guidefield.kernels.kinematics.forward_kinematics import axis_rotation, quaternion_of
 from guidefield.kernels.kinematics.link_chain import CHAIN, FREE, UNIVERSAL, LinkChain, rotated
 
 
@@ -40,26 +40,6 @@ def _least_turn(a: Floats, b: Floats, rotation_out: Floats) -> None:
         axis_rotation(scale * x, scale * y, scale * z, c, s, rotation_out)
     else:
         axis_rotation(1.0, 0.0, 0.0, 1.0, 0.0, rotation_out)
-
-
-@inlined
-def _quaternion(R: Floats, q_out: Floats, at: int) -> None:
-    """Unit quaternion (x, y, z, w) of a rotation, from its largest component."""
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    if trace > 0.0:
-        s = 2.0 * math.sqrt(1.0 + trace)
-        x, y, z, w = (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s, 0.25 * s
-    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
-        s = 2.0 * math.sqrt(1.0 + R[0, 0] - R[1, 1] - R[2, 2])
-        x, y, z, w = 0.25 * s, (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s, (R[2, 1] - R[1, 2]) / s
-    elif R[1, 1] >= R[2, 2]:
-        s = 2.0 * math.sqrt(1.0 + R[1, 1] - R[0, 0] - R[2, 2])
-        x, y, z, w = (R[0, 1] + R[1, 0]) / s, 0.25 * s, (R[1, 2] + R[2, 1]) / s, (R[0, 2] - R[2, 0]) / s
-    else:
-        s = 2.0 * math.sqrt(1.0 + R[2, 2] - R[0, 0] - R[1, 1])
-        x, y, z, w = (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s, 0.25 * s, (R[1, 0] - R[0, 1]) / s
-    over = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
-    q_out[at], q_out[at + 1], q_out[at + 2], q_out[at + 3] = over * x, over * y, over * z, over * w
 
 
 @inlined
@@ -190,5 +170,5 @@ def chain_configuration(
                 q_out[at + c] = world[0, c] * wanted[0] + world[1, c] * wanted[1] + world[2, c] * wanted[2]
             at += 3
         _transposed_product(world, rotations_out[k], relative)
-        _quaternion(relative, q_out, at)
+        quaternion_of(relative, q_out, at)
     return True

@@ -94,8 +94,31 @@ def _quaternion_rotation(x: float, y: float, z: float, w: float, rotation_out: F
 
 
 @inlined
-def _compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Floats, placement_out: Floats) -> None:
-    """Product of placements: parent * fixed * (rotation, translation)."""
+def quaternion_of(R: Floats, q_out: Floats, at: int) -> None:
+    """Write the unit quaternion (x, y, z, w) of a rotation (3, 3), or of a placement (3, 4), to `q_out[at:]`.
+
+    As Eigen does: from w where that is the safe one, else from the largest of the others (Shepperd 1978).
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    if trace > 0.0:
+        s = 2.0 * math.sqrt(1.0 + trace)
+        x, y, z, w = (R[2, 1] - R[1, 2]) / s, (R[0, 2] - R[2, 0]) / s, (R[1, 0] - R[0, 1]) / s, 0.25 * s
+    elif R[0, 0] >= R[1, 1] and R[0, 0] >= R[2, 2]:
+        s = 2.0 * math.sqrt(1.0 + R[0, 0] - R[1, 1] - R[2, 2])
+        x, y, z, w = 0.25 * s, (R[0, 1] + R[1, 0]) / s, (R[0, 2] + R[2, 0]) / s, (R[2, 1] - R[1, 2]) / s
+    elif R[1, 1] >= R[2, 2]:
+        s = 2.0 * math.sqrt(1.0 + R[1, 1] - R[0, 0] - R[2, 2])
+        x, y, z, w = (R[0, 1] + R[1, 0]) / s, 0.25 * s, (R[1, 2] + R[2, 1]) / s, (R[0, 2] - R[2, 0]) / s
+    else:
+        s = 2.0 * math.sqrt(1.0 + R[2, 2] - R[0, 0] - R[1, 1])
+        x, y, z, w = (R[0, 2] + R[2, 0]) / s, (R[1, 2] + R[2, 1]) / s, 0.25 * s, (R[1, 0] - R[0, 1]) / s
+    over = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
+    q_out[at], q_out[at + 1], q_out[at + 2], q_out[at + 3] = over * x, over * y, over * z, over * w
+
+
+@inlined
+def compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Floats, placement_out: Floats) -> None:
+    """Write the product of placements: parent * fixed * (rotation, translation), shapes (3, 4), (3, 3) and (3,)."""
     for r in range(3):
         r0 = parent[r, 0] * fixed[0, 0] + parent[r, 1] * fixed[1, 0] + parent[r, 2] * fixed[2, 0]
         r1 = parent[r, 0] * fixed[0, 1] + parent[r, 1] * fixed[1, 1] + parent[r, 2] * fixed[2, 1]
@@ -146,7 +169,7 @@ def place_joints(
             for k in range(3):
                 translation[k] = q[at + k]
             _quaternion_rotation(q[at + 3], q[at + 4], q[at + 5], q[at + 6], rotation)
-        _compose(placements_out[parents[i]], placements[i], rotation, translation, placements_out[i])
+        compose(placements_out[parents[i]], placements[i], rotation, translation, placements_out[i])
 
 
 @compiled(void(INDICES, INDICES, MATRIX, BLOCKS, INDICES, VECTOR, BLOCKS_OUT))

@@ -10,7 +10,7 @@ from guidefield.kernels.kinematics.chart import place_by_chart, subspaces_by_cha
 from guidefield.kernels.kinematics.forward_kinematics import place_subspaces
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.minimum.curve_ways import write_point
-from guidefield.kernels.minimum.tables import MovingRobot
+from guidefield.kernels.minimum.tables import MovingRobot, RobotBodies
 
 TWIST = 6
 """Numbers of a twist."""
@@ -70,10 +70,16 @@ def place_at(moving: MovingRobot, time: float, place: Place, room: Room) -> None
         for j in range(room.z.shape[0]):
             value += robot.expand[i, j] * room.z[j]
         room.values[i] = value
-    poses = place.poses
-    place_by_chart(robot.joints, room.values, robot.origin, room.q, room.rotation, room.translation, poses)
+    place_by_chart(robot.joints, room.values, robot.origin, room.q, room.rotation, room.translation, place.poses)
+    place_centres(robot, place)
+
+
+@uncounted
+def place_centres(robot: RobotBodies, place: Place) -> None:
+    """Write the centres of the balls about the robot's bodies, whose joints are placed."""
     for b in range(robot.carriers.shape[0]):
-        x, y, z = moved_by(poses[robot.carriers[b]], robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
+        pose = place.poses[robot.carriers[b]]
+        x, y, z = moved_by(pose, robot.centres[b, 0], robot.centres[b, 1], robot.centres[b, 2])
         place.centres[b, 0], place.centres[b, 1], place.centres[b, 2] = x, y, z
 
 

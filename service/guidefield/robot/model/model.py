@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from guidefield.errors import UnknownFrame
+from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.joint_tables import joint_table
 from guidefield.robot.model.spaces import RobotConfiguration
 
 
@@ -187,6 +189,11 @@ class RobotModel:
             )
         self._frame_ids[name] = index
         return index
+
+    @cached_property
+    def joint_table(self) -> JointTable:
+        """The joints as kernels read them."""
+        return joint_table(self.model)
 
     @cached_property
     def _frame_ids(self) -> dict[str, int]:

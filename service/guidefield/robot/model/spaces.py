@@ -37,6 +37,9 @@ RobotConfiguration = np.ndarray[tuple[RobotAxis], np.dtype[np.float64]]
 """q of every joint of a robot, followers included, shape (robot.model.nq,) [rad, m, cosine and sine of a continuous or
 planar joint's angle, or entries of a quaternion (x, y, z, w)]."""
 
+RobotConfigurations = np.ndarray[tuple[int, RobotAxis], np.dtype[np.float64]]
+"""Several, shape (n, robot.model.nq)."""
+
 Configuration = np.ndarray[tuple[ConfigurationAxis], np.dtype[np.float64]]
 """q of a group's planned joints alone, shape (group.nq,), with the units of a `RobotConfiguration`."""
 
