@@ -5,6 +5,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import RobotInvalid, Status
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, MeshResolver, catalog_share
+from guidefield.robot.urdf.nearby_files import enclosing_folders
 
 PANDA_MESH = f"{CATALOG_PACKAGE}/robots/panda_description/meshes/collision/link0.stl"
 
@@ -82,14 +83,15 @@ def test_an_allowed_folder_may_itself_be_a_link(home):
 
 def test_a_file_reads_beside_it_and_from_its_package(home):
     urdf = home / "ws/arm/urdf/arm.urdf"
+    mesh = home / "ws/arm/meshes/a b.stl"
     alone = MeshResolver.for_file(urdf)
     assert alone.resolve("near.obj") == home / "ws/arm/urdf/near.obj"
     assert alone.resolve("file://near.obj") == home / "ws/arm/urdf/near.obj"
-    assert "outside" in refused(alone, "../meshes/a b.stl").message
-    assert "not found" in refused(alone, "package://arm/meshes/a b.stl").message
+    assert alone.resolve("../meshes/a b.stl") == mesh
+    assert alone.resolve("package://arm/meshes/a b.stl") == mesh
+    assert alone.warnings() == []
     (home / "ws/arm/package.xml").write_text("<package>\n <name> arm_description </name></package>")
     packaged = MeshResolver.for_file(urdf)
-    mesh = home / "ws/arm/meshes/a b.stl"
     for uri in (
         "../meshes/a b.stl",
         "package://arm/meshes/a b.stl",
@@ -97,8 +99,182 @@ def test_a_file_reads_beside_it_and_from_its_package(home):
         f"file://{home}/ws/arm/meshes/a%20b.stl",
     ):
         assert packaged.resolve(uri) == mesh
-    refused(packaged, "package://other/o.dae")
-    refused(packaged, "../../other/o.dae")
+    assert packaged.resolve("package://other/o.dae") == home / "ws/other/o.dae"  # it lies beside the package
+    assert packaged.warnings() == []
+    assert "outside" in refused(packaged, "../../../outside/secret.stl").message
+    assert "outside" in refused(packaged, f"{home}/outside/secret.stl").message
+
+
+def file_with(path, content="solid"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(content)
+    return path
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "package://arm_of_another_name/meshes/visual/link.stl",
+        "package://visual/link.stl",
+        "model://deep/down/visual/LINK.STL",
+        "file:///data/elsewhere/src/arm/meshes/visual/link.stl",
+        "/data/elsewhere/src/arm/visual/Link.STL",
+        "file://C:\\robots\\visual\\link.stl",
+        "../../../../visual/link.stl",
+        "visual/link.stl",
+    ],
+)
+def test_a_mesh_next_door_is_taken_by_the_longest_end_of_its_path(home, uri):
+    mesh = file_with(home / "ws/arm/meshes/visual/link.stl", "visual")
+    file_with(home / "ws/arm/meshes/collision/link.stl", "collision")
+    file_with(home / "ws/other/visual/link.stl", "of another robot, farther away")
+    resolver = MeshResolver.for_file(home / "ws/arm/urdf/arm.urdf")
+    assert resolver.resolve(uri) == mesh
+    (said,) = resolver.warnings()
+    assert repr(uri) in said
+    assert repr(str(mesh)) in said
+
+
+def test_a_mesh_of_another_robot_is_not_taken_but_its_package_is_found_deeper(home):
+    """Beside the robot's package only a path with the package's name counts; in a given folder all after the name."""
+    mesh = file_with(home / "ws/group/tool/meshes/base.stl")
+    urdf = file_with(home / "ws/arm/urdf/arm.urdf")
+    resolver = MeshResolver.for_file(urdf)
+    refused(resolver, "package://arm/meshes/base.stl")
+    refused(resolver, "package://arm/base.stl")
+    refused(resolver, "/data/elsewhere/meshes/base.stl")
+    assert resolver.resolve("package://tool/meshes/BASE.stl") == mesh
+    given = MeshResolver.for_file(urdf, [home / "ws/group/tool"])
+    assert given.resolve("package://arm/meshes/base.stl") == mesh
+    refused(given, "package://arm/meshes/visual/base.stl")
+
+
+def test_several_meshes_of_a_folder_are_one_warning(home):
+    for name in ("a.stl", "b.stl", "c.stl"):
+        file_with(home / f"ws/arm/meshes/collision/{name}")
+    resolver = MeshResolver.for_file(home / "ws/arm/urdf/arm.urdf")
+    for name in ("a.stl", "b.stl", "c.stl"):
+        resolver.resolve(f"package://collision/{name}")
+    (said,) = resolver.warnings()
+    assert "2 more" in said
+
+
+def test_different_files_are_refused_with_their_list_and_equal_ones_are_one(home):
+    first = file_with(home / "ws/arm/meshes/left/hand.stl", "hand")
+    second = file_with(home / "ws/arm/meshes/right/hand.stl", "another")
+    urdf = home / "ws/arm/urdf/arm.urdf"
+    said = refused(MeshResolver.for_file(urdf), "package://nowhere/hand.stl").message
+    assert str(first) in said
+    assert str(second) in said
+    assert "`package_dirs`" in said
+    second.write_text("hand")
+    assert MeshResolver.for_file(urdf).resolve("package://nowhere/hand.stl") == first
+    (home / "ws/arm/meshes/left/Hand.stl").write_text("a third")
+    assert MeshResolver.for_file(urdf).resolve("package://nowhere/hand.stl") == first  # letters as they are come first
+
+
+def test_a_package_is_found_by_its_manifest_and_two_of_one_name_are_told(home):
+    mesh = file_with(home / "ws/some/folder/m.stl", "one")
+    file_with(home / "ws/some/folder/package.xml", "<package><name>robot_description</name></package>")
+    urdf, uri = home / "ws/arm/urdf/arm.urdf", "package://robot_description/m.stl"
+    alone = MeshResolver.for_file(urdf)
+    assert alone.resolve(uri) == mesh
+    assert alone.warnings() == []
+    assert alone.package_folder("robot_description") == mesh.parent
+    assert alone.package_folder("nowhere") is None
+    other = file_with(home / "ws/else/m.stl", "two")
+    file_with(home / "ws/else/package.xml", "<package><name>robot_description</name></package>")
+    twice = MeshResolver.for_file(urdf)
+    found = twice.resolve(uri)
+    (said,) = twice.warnings()
+    assert "two packages are called 'robot_description'" in said
+    assert {str(found), str(other), str(mesh)} == {str(other), str(mesh)}
+    assert str(mesh) in said
+    assert str(other) in said
+
+
+def test_two_package_dirs_with_one_package_are_told(home):
+    first = file_with(home / "one/arm/meshes/x.stl", "one")
+    second = file_with(home / "two/arm/meshes/x.stl", "two")
+    dirs = [home / "one", home / "two"]
+    resolver = MeshResolver.for_file(home / "elsewhere/robot.urdf", dirs)
+    assert resolver.resolve("package://arm/meshes/x.stl") == first
+    (said,) = resolver.warnings()
+    assert str(second) in said
+    second.write_text("one")
+    equal = MeshResolver.for_file(home / "elsewhere/robot.urdf", dirs)
+    assert equal.resolve("package://arm/meshes/x.stl") == first
+    assert equal.warnings() == []
+
+
+def test_letters_case_is_no_matter_in_a_package_dir(home):
+    mesh = file_with(home / "far/arm/meshes/Link1.stl")
+    resolver = MeshResolver.for_file(home / "deep/er/robot.urdf", [home / "far"])
+    assert resolver.resolve("package://arm/meshes/link1.STL") == mesh
+    assert str(mesh) in resolver.warnings()[0]
+
+
+def test_the_search_ends_at_the_repository_the_package_and_the_home_folder(home, monkeypatch):
+    urdf = home / "user/ws/src/arm/urdf/arm.urdf"
+    folder = urdf.parent
+    folder.mkdir(parents=True)
+    assert enclosing_folders(folder) == [folder, *list(folder.parents)[:3]]
+    file_with(home / "user/ws/src/arm/package.xml", "<package/>")
+    assert enclosing_folders(folder)[-1] == home / "user/ws/src"
+    (home / "user/ws/.git").mkdir()
+    assert enclosing_folders(folder)[-1] == home / "user/ws"
+    for name, last in (("user/ws/src", "user/ws/src/arm"), ("user/ws/src/arm", "user/ws/src/arm/urdf")):
+        monkeypatch.setattr("pathlib.Path.home", lambda name=name: home / name)
+        assert enclosing_folders(folder)[-1] == home / last
+    for own in ("user/ws/src/arm/urdf", "user/ws/src/arm/urdf/below"):
+        monkeypatch.setattr("pathlib.Path.home", lambda own=own: home / own)
+        assert enclosing_folders(folder) == []
+    file_with(folder / "below" / "deep" / "m.stl")
+    refused(MeshResolver.for_file(urdf), "package://nowhere/m.stl")
+
+
+def test_a_search_that_reads_too_much_is_given_up_and_says_so(home, monkeypatch):
+    mesh = file_with(home / "ws/arm/meshes/m.stl")
+    for number in range(30):
+        file_with(home / f"ws/arm/meshes/{number}.txt")
+    urdf = home / "ws/arm/urdf/arm.urdf"
+    monkeypatch.setattr("guidefield.robot.urdf.nearby_files.MAX_ENTRIES", 20)
+    assert "too much to search" in refused(MeshResolver.for_file(urdf), "package://nowhere/m.stl").message
+    assert MeshResolver.for_file(urdf).resolve("../meshes/m.stl") == mesh
+    near = file_with(home / "ws/arm/urdf/parts/near.stl")
+    assert MeshResolver.for_file(urdf).resolve("package://nowhere/parts/near.stl") == near
+
+
+def test_the_search_follows_no_link_to_a_folder_and_none_that_leads_outside(home):
+    (home / "ws/arm/hop").symlink_to(home / "outside")
+    (home / "ws/arm/loop").symlink_to(home / "ws/arm")
+    (home / "ws/arm/package.xml").write_text("<package/>")
+    urdf = home / "ws/arm/urdf/arm.urdf"
+    assert "was not found" in refused(MeshResolver.for_file(urdf), "package://nowhere/secret.stl").message
+    (home / "ws/arm/link.stl").symlink_to(home / "outside/secret.stl")
+    assert "leads outside" in refused(MeshResolver.for_file(urdf), "package://nowhere/link.stl").message
+
+
+def test_over_the_wire_nothing_is_searched(home, monkeypatch):
+    monkeypatch.chdir(home / "ws/arm")
+    given = {"package://arm/a.stl": home / "outside/secret.stl"}
+    wire = MeshResolver.for_wire([home / "ws"], given)
+    assert wire.nearby is None
+    assert wire.enclosing == ()
+    for uri in (
+        "package://other/A.stl",
+        "package://nowhere/o.dae",
+        "package://arm/meshes/A B.stl",
+        "package://arm/o.dae",
+        "package://other/O.dae",
+        "meshes/a b.stl",
+        "../other/o.dae/../../outside/secret.stl",
+        "secret.stl",
+        "package://arm/A.stl",
+    ):
+        said = refused(wire, uri).message
+        assert str(home) not in said.replace(uri, "")
+    assert wire.warnings() == []
 
 
 def test_package_dirs_hold_packages_or_are_packages(home):

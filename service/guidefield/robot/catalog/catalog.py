@@ -128,7 +128,7 @@ class Catalog:
         path = entry.folder / entry.card.urdf
         srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
         source = RobotSource(path.read_text(), path, entry.card.root_joint)
-        robot = load(name, source, srdf, entry.card, MeshResolver.for_file(path))
+        robot = load(name, source, srdf, entry.card, MeshResolver.for_catalog(path))
         return dataclasses.replace(robot, warnings=(), remarks=robot.warnings)
 
 

@@ -36,7 +36,7 @@ def summarize(entry: Entry) -> RobotSummary:
     card, path = entry.card, entry.folder / entry.card.urdf
     described = (entry.folder / card.srdf).read_text() if card.srdf else None
     line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
-    return _summary(line, path.read_text(), described, card, MeshResolver.for_file(path))
+    return _summary(line, path.read_text(), described, card, MeshResolver.for_catalog(path))
 
 
 def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:

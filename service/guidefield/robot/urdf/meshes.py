@@ -1,10 +1,9 @@
-"""Where the mesh files of a URDF may come from: URIs to real files, confined to allowed folders."""
+"""From the mesh URIs of a URDF to real files, confined to allowed folders."""
 
 from __future__ import annotations
 
 import functools
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import distribution
@@ -12,12 +11,16 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.urdf.nearby_files import MAX_ENTRIES, NearbyFiles, enclosing_folders, levels_about, same_bytes
+from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
 
 MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Kinds of mesh files that are read."""
 
 PACKAGE_SCHEMES = ("package", "model")
 CATALOG_PACKAGE = "example-robot-data"
+MAX_LISTED = 6
+"""Files that an error lists."""
 
 SEND_IT = "send it with the robot: `meshes` of `Client.store_robot`"
 NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-dir of `guidefield robots`"
@@ -27,6 +30,21 @@ NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-
 def catalog_share() -> Path:
     """The folder that holds the package `example-robot-data`."""
     return Path(str(distribution(CATALOG_PACKAGE).locate_file("cmeel.prefix/share"))).resolve()
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A file that was taken for a mesh URI though that doesn't say so, or not clearly.
+
+    Attributes:
+        file: The file.
+        other: Another file that the URI may mean, where two packages have the same name.
+        package: That name.
+    """
+
+    file: Path
+    other: Path | None = None
+    package: str = ""
 
 
 @dataclass(frozen=True)
@@ -40,28 +58,35 @@ class MeshResolver:
         base: Folder that relative paths start from; None where there is none.
         packages: Folder of each package that is known by name; these are looked in first.
         given: Files that came with the robot, by the URIs that it has for them; these come before all others.
+        enclosing: The folders about the URDF that may hold packages too, the nearest first.
+        nearby: Files that are searched by the end of their path for what isn't where its URI says; None: no search.
         folders: Every allowed folder: those of the other attributes.
         told: What an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours.
         advice: What an error says to do about a mesh that isn't there.
+        remarks: What was found elsewhere than its URI says, or is ambiguous, by URI: for a warning.
     """
 
     package_dirs: tuple[Path, ...] = ()
     base: Path | None = None
     packages: Mapping[str, Path] = field(default_factory=dict)
     given: Mapping[str, Path] = field(default_factory=dict)
+    enclosing: tuple[Path, ...] = ()
+    nearby: NearbyFiles | None = None
     told: tuple[str, ...] | None = None
     advice: str = ""
     folders: tuple[Path, ...] = field(init=False)
+    remarks: dict[str, Remark] = field(init=False, default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
-        allowed = [*self.packages.values(), *self.package_dirs, *([] if self.base is None else [self.base])]
+        base = [] if self.base is None else [self.base]
+        allowed = [*self.packages.values(), *self.package_dirs, *base, *self.enclosing[-1:]]
         object.__setattr__(self, "folders", tuple(dict.fromkeys(_folded(folder) for folder in allowed)))
 
     @classmethod
     def for_wire(cls, package_dirs: Iterable[Path] = (), given: Mapping[str, Path] | None = None) -> MeshResolver:
         """For robots that a client sends: what came with them, example-robot-data, and folders that the service allows.
 
-        Its errors name no folder of this machine.
+        Nothing else is searched, and errors name no folder of this machine.
         """
         folders = tuple(package_dirs)
         own = ("further packages of the service",) if folders else ()
@@ -69,26 +94,43 @@ class MeshResolver:
         return cls(packages=_catalog_packages(), package_dirs=folders, given=given or {}, told=told, advice=SEND_IT)
 
     @classmethod
+    def for_catalog(cls, urdf_path: Path) -> MeshResolver:
+        """For a URDF that comes with guidefield: its package holds all that it needs."""
+        folder = urdf_path.resolve().parent
+        return cls(packages={**_catalog_packages(), **_enclosing_package(folder)}, base=folder)
+
+    @classmethod
     def for_file(cls, urdf_path: Path, package_dirs: Iterable[Path] = ()) -> MeshResolver:
         """For a URDF in a local file.
 
-        Besides what the wire allows: the URDF's folder, the package around it (the nearest folder above that has a
-        `package.xml`), and the folders of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH.
+        Besides what the wire allows: the folders about the URDF (`enclosing_folders`), the package around it, and the
+        folders of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. What isn't where its URI says is searched by the longest end
+        of its path, in the folders about the URDF and then in `package_dirs`.
         """
         folder = urdf_path.resolve().parent
-        packages = {**_catalog_packages(), **_enclosing_package(folder)}
-        dirs = (*package_dirs, *_package_dirs_of_environment())
-        return cls(packages=packages, package_dirs=dirs, base=folder, advice=NAME_ITS_FOLDER)
+        given_dirs = tuple(package_dirs)
+        enclosing = tuple(enclosing_folders(folder))
+        levels = levels_about(enclosing, [_folded(given) for given in given_dirs])
+        return cls(
+            packages={**_catalog_packages(), **_enclosing_package(folder)},
+            package_dirs=(*given_dirs, *_package_dirs_of_environment()),
+            base=folder,
+            enclosing=enclosing,
+            nearby=NearbyFiles(levels),
+            advice=NAME_ITS_FOLDER,
+        )
 
     def resolve(self, uri: str) -> Path:
-        """The file that a mesh URI means, as an absolute path without links.
+        """Return the file that a mesh URI means, as an absolute path without links.
+
+        A file that is found elsewhere than its URI says is noted in `remarks`.
 
         Args:
             uri: `package://name/…`, `model://name/…`, `file://…`, or an absolute or relative path.
 
         Raises:
-            RobotInvalid: if the URI is of another kind, the file isn't a mesh, is missing, or lies outside the allowed
-                folders; names the URI and what is allowed.
+            RobotInvalid: if the URI is of another kind, the file isn't a mesh, is missing, lies outside the allowed
+                folders, or may be any of several; names the URI and what is allowed.
         """
         if uri in self.given:
             return self.given[uri].resolve()
@@ -97,28 +139,104 @@ class MeshResolver:
         candidates = self._candidates(uri)
         inside = [path for path in candidates if _is_within(path, self.folders)]
         for path in filter(_is_file, inside):
-            real = path.resolve()
-            if _is_within(real, (folder.resolve() for folder in self.folders)):
-                return real
-            raise self._refused(uri, "is a link that leads outside what is allowed")
+            if self.nearby is not None:
+                self._compare(uri, path, inside)
+            return self._confined(uri, path)
+        found = self._search(uri)
+        if found is not None:
+            return found
         if candidates and not inside:
             raise self._refused(uri, "lies outside what is allowed", self.advice)
         raise self._refused(uri, "was not found", self.advice)
 
+    def package_folder(self, name: str) -> Path | None:
+        """Return a package's folder, by its own name or that in its `package.xml`; None if there is none."""
+        for folder in self._holders(name):
+            if folder.is_dir() and _is_within(folder.resolve(), (allowed.resolve() for allowed in self.folders)):
+                return folder
+        return next(self.nearby.packages(name), None) if self.nearby is not None else None
+
+    def _confined(self, uri: str, path: Path) -> Path:
+        """Return where a file really is, which must be allowed too."""
+        real = path.resolve()
+        if not _is_within(real, (folder.resolve() for folder in self.folders)):
+            raise self._refused(uri, "is a link that leads outside what is allowed")
+        return real
+
+    def _compare(self, uri: str, taken: Path, candidates: Iterable[Path]) -> None:
+        """Note a second file that the URI may mean as well, because two packages have the same name."""
+        scheme, _, rest = uri.partition("://")
+        if scheme in PACKAGE_SCHEMES:
+            others = (path for path in candidates if path != taken and _is_file(path))
+            other = next((path for path in others if not same_bytes(taken, path)), None)
+            if other is not None:
+                self.remarks[uri] = Remark(taken, other, rest.lstrip("/").partition("/")[0])
+
+    def _search(self, uri: str) -> Path | None:
+        """Search a file that isn't where its URI says; None if there is none, or no search is made."""
+        if self.nearby is None:
+            return None
+        scheme, separator, rest = uri.partition("://")
+        path = unquote(rest) if scheme == "file" else rest if separator else uri
+        declared: list[Path] = []
+        if separator and scheme in PACKAGE_SCHEMES:
+            name, _, path_in_package = rest.lstrip("/").partition("/")
+            declared = [_folded(folder / path_in_package) for folder in self.nearby.packages(name)]
+            inside = [file for file in declared if _is_within(file, self.folders) and _is_file(file)]
+            if inside:
+                self._compare(uri, inside[0], inside)
+                return self._confined(uri, inside[0])
+        match = self.nearby.find(path, in_package=scheme in PACKAGE_SCHEMES and bool(separator))
+        if self.nearby.exhausted and not match.files:
+            words = f"was not found, and the folders about it hold too much to search ({MAX_ENTRIES} entries at most)"
+            raise self._refused(uri, words, self.advice)
+        if len(match.files) > 1:
+            listed = ", ".join(map(str, match.files[:MAX_LISTED]))
+            more = f" and {len(match.files) - MAX_LISTED} more" if len(match.files) > MAX_LISTED else ""
+            raise self._refused(
+                uri, f"was not found, and may be any of these different files: {listed}{more}", self.advice
+            )
+        if not match.files:
+            return None
+        found = self._confined(uri, match.files[0])
+        self.remarks[uri] = Remark(found)
+        return found
+
+    def warnings(self) -> list[str]:
+        """Return a sentence about each folder in which something was found that its URI says elsewhere."""
+        said: list[str] = []
+        groups: dict[tuple[str, Path], list[tuple[str, Remark]]] = {}
+        for uri, remark in self.remarks.items():
+            if remark.other is not None:
+                said.append(
+                    f"two packages are called {remark.package!r}: mesh {uri!r} is taken from {str(remark.file)!r}, "
+                    f"not from {str(remark.other)!r}, which is another file"
+                )
+            else:
+                groups.setdefault((uri.rpartition("/")[0], remark.file.parent), []).append((uri, remark))
+        for group in groups.values():
+            uri, remark = group[0]
+            others = f", {len(group) - 1} more of its folder likewise" if len(group) > 1 else ""
+            said.append(f"mesh {uri!r} is not there; {str(remark.file)!r} is taken for it{others}")
+        return said
+
     def _candidates(self, uri: str) -> list[Path]:
-        """Paths that a URI may mean, `..` folded; nothing is looked up on disk."""
+        """Return the paths that a URI may mean, `..` folded; nothing is looked up on disk."""
         scheme, separator, rest = uri.partition("://")
         if separator and scheme in PACKAGE_SCHEMES:
             name, _, path = rest.lstrip("/").partition("/")
-            named = [folder for package, folder in self.packages.items() if package == name]
-            holders = [folder if folder.name == name else folder / name for folder in self.package_dirs]
-            return [_folded(folder / path.lstrip("/")) for folder in (*named, *holders)]
+            return [_folded(folder / path.lstrip("/")) for folder in self._holders(name)]
         if separator and scheme != "file":
             raise self._refused(uri, "cannot be fetched; meshes are package://, model://, file:// or paths")
         path = unquote(rest) if separator else uri
         if path.startswith("/"):
             return [_folded(Path(path))]
         return [_folded(start / path) for start in (self.base, *self.package_dirs) if start is not None]
+
+    def _holders(self, name: str) -> list[Path]:
+        """Return the folders that a package of a name may be, in the order in which they are looked in."""
+        named = [folder for package, folder in self.packages.items() if package == name]
+        return [*named, *(f if f.name == name else f / name for f in (*self.package_dirs, *self.enclosing))]
 
     def _refused(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
         allowed = [str(folder) for folder in self.folders] if self.told is None else list(self.told)
@@ -131,24 +249,23 @@ def _catalog_packages() -> dict[str, Path]:
 
 
 def _enclosing_package(folder: Path) -> dict[str, Path]:
-    """The package that a folder belongs to, by the names of its folder and of its manifest."""
+    """Return the package that a folder belongs to, by the names of its folder and of its manifest."""
     for above in (folder, *folder.parents):
-        manifest = above / "package.xml"
+        manifest = above / MANIFEST
         if manifest.is_file():
-            declared = re.search(r"<name>\s*([^<\s]+)\s*</name>", manifest.read_text(errors="replace"))
-            return dict.fromkeys((above.name, declared.group(1) if declared else above.name), above)
+            return dict.fromkeys((above.name, package_name(manifest) or above.name), above)
     return {}
 
 
 def _package_dirs_of_environment() -> list[Path]:
-    """Folders of packages that a ROS environment names; those of Pinocchio's own search."""
+    """Return the folders of packages that a ROS environment names; those of Pinocchio's own search."""
     roots = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [*(Path(root) for root in roots if root), *(Path(prefix) / "share" for prefix in prefixes if prefix)]
 
 
 def _folded(path: Path) -> Path:
-    """Absolute and without `..`, by its letters alone: nothing is looked up on disk."""
+    """Return a path that is absolute and without `..`, by its letters alone: nothing is looked up on disk."""
     return Path(os.path.normpath(path.absolute()))
 
 

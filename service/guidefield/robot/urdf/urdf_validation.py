@@ -50,6 +50,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     root_link = _check_tree(root, links, joints, joint_elements)
     written = [(mesh, mesh.get("filename", "")) for mesh in root.iter("mesh")]
     collisions = {key: check_link(element, version, resolver, warnings) for key, element in links.items()}
+    warnings += resolver.warnings()
     return UrdfFacts(
         name=name,
         root=root_link,

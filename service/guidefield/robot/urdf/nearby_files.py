@@ -1,0 +1,229 @@
+"""Files in the folders about a URDF, found by the end of their path."""
+
+from __future__ import annotations
+
+import enum
+import filecmp
+import os
+import time
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import takewhile
+from pathlib import Path
+
+from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
+
+MAX_ENTRIES = 20_000
+"""Entries of folders that one search reads; a larger tree is no package."""
+MAX_SECONDS = 3.0
+"""Time that one search reads folders for [s]."""
+MAX_LEVELS = 3
+"""Folders above the URDF's that are searched where no package and no repository encloses it."""
+MIN_DEPTH = 2
+"""Folders of fewer names, such as / and /opt, are never searched."""
+REPOSITORY_MARKS = (".git", ".hg", ".svn")
+INNER_FOLDERS = ("cfg", "config", "description", "model", "models", "robot", "robots", "sdf", "urdf", "urdfs", "xacro")
+"""Names of folders within a package that hold URDFs."""
+MIN_COMMON = 3
+"""Names that a path outside the robot's package must share with one that names no package."""
+SKIPPED = ("node_modules", "__pycache__")
+"""Folders that hold no robots; nor do those that are hidden."""
+
+
+def enclosing_folders(folder: Path) -> list[Path]:
+    """Return a folder and those above it in which its robot's files may be, the nearest first.
+
+    They end at the repository, else beside the package (the nearest folder with a `package.xml`), else `MAX_LEVELS` up,
+    and below the home folder. Neither the home folder nor one above it is ever among them.
+    """
+    home = Path.home().resolve()
+    usable = list(takewhile(lambda f: f not in (home, *home.parents) and len(f.parts) > MIN_DEPTH, _upwards(folder)))
+    for number, above in enumerate(usable):
+        if any((above / mark).exists() for mark in REPOSITORY_MARKS):
+            return usable[: number + 1]
+    for number, above in enumerate(usable):
+        if (above / MANIFEST).is_file():
+            return usable[: number + 2]
+    return usable[: MAX_LEVELS + 1]
+
+
+def _upwards(folder: Path) -> Iterator[Path]:
+    yield folder
+    yield from folder.parents
+
+
+class Kind(enum.Enum):
+    """Where a folder is that is searched: the less it has to do with the robot, the more of a path must agree."""
+
+    OWN = enum.auto()
+    """In the robot's package: the file's name is enough."""
+    GIVEN = enum.auto()
+    """Given as a folder of packages: all but the package's name."""
+    BEYOND = enum.auto()
+    """Beside the robot's package, where other robots may be: the package's name too."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """A folder that is searched."""
+
+    folder: Path
+    kind: Kind
+
+    def min_common(self, count: int, *, in_package: bool) -> int:
+        """Return the least number of names that a file's path must share with a path of `count` names."""
+        if self.kind is Kind.OWN:
+            return 1
+        if self.kind is Kind.GIVEN:
+            return max(1, count - 1) if in_package else min(2, count)
+        return count if in_package else MIN_COMMON
+
+
+def levels_about(enclosing: Sequence[Path], given: Sequence[Path]) -> list[Level]:
+    """Return the levels of a search: the folders about a URDF, those of its package first, then given ones.
+
+    The package is the nearest folder with a `package.xml`, else the one above folders such as `urdf` and `robots`, else
+    the one above the URDF's.
+    """
+    manifests = (k for k, folder in enumerate(enclosing) if (folder / MANIFEST).is_file())
+    inner = [folder.name.lower() in INNER_FOLDERS for folder in enclosing[:-1]]
+    first = inner.index(True) if True in inner[:2] else 0
+    own = next(manifests, first + max(1, sum(1 for _ in takewhile(bool, inner[first:]))))
+    about = [Level(folder, Kind.OWN if k <= own else Kind.BEYOND) for k, folder in enumerate(enclosing)]
+    return [*about, *(Level(folder, Kind.GIVEN) for folder in given)]
+
+
+@dataclass(frozen=True)
+class Match:
+    """The files whose paths end most like a path.
+
+    Attributes:
+        files: Them, each of other content; empty if there is none.
+        common: Count of names at the end of the path that they share with it.
+    """
+
+    files: tuple[Path, ...] = ()
+    common: int = 0
+
+
+@dataclass
+class NearbyFiles:
+    """Files of folders, read from disk when they are first needed.
+
+    Links to folders are not followed.
+
+    Args:
+        levels: Folders in the order in which they are searched; one may hold those before it.
+    """
+
+    levels: Sequence[Level]
+    exhausted: bool = False
+    """True if a limit ended the reading: what is beyond the levels read by then isn't known."""
+    _files: list[dict[str, list[Path]]] = field(default_factory=list)
+    _packages: list[dict[str, list[Path]]] = field(default_factory=list)
+    _read: set[Path] = field(default_factory=set)
+    _entries: int = 0
+    _seconds: float = 0.0
+
+    def packages(self, name: str) -> Iterator[Path]:
+        """Yield the folders whose `package.xml` declares a name, those of nearer levels first."""
+        for number in range(len(self.levels)):
+            if not self._has_level(number):
+                return
+            yield from self._packages[number].get(name, ())
+
+    def find(self, path: str, *, in_package: bool) -> Match:
+        """Find the files whose paths share the longest end with a path, letters' case aside.
+
+        The nearest level decides in which at least two names are shared, or all that the path has; else the nearest
+        in which the file's name is. Files of equal bytes are one.
+
+        Args:
+            path: The path.
+            in_package: True if its first name is that of a package.
+        """
+        names = [name for name in path.replace("\\", "/").split("/") if name not in ("", ".", "..")]
+        weak, within = Match(), list[Path]()
+        for number, level in enumerate(self.levels if names else ()):
+            if not self._has_level(number):
+                return Match()  # what wasn't read may hold a better one
+            within += self._files[number].get(names[-1].lower(), [])
+            match = _longest(names, [file for file in within if file.is_relative_to(level.folder)])
+            if match.common < level.min_common(len(names), in_package=in_package):
+                continue
+            if match.common >= min(2, len(names)):
+                return match
+            weak = weak if weak.files else match
+        return weak
+
+    def _has_level(self, number: int) -> bool:
+        """Read a level and those before it, unless the limits are reached."""
+        while len(self._files) <= number and not self.exhausted:
+            began = time.monotonic()
+            files, packages = defaultdict[str, list[Path]](list), defaultdict[str, list[Path]](list)
+            for file in self._walk(self.levels[len(self._files)].folder, began):
+                files[file.name.lower()].append(file)
+                if file.name == MANIFEST and (declared := package_name(file)):
+                    packages[declared].append(file.parent)
+            self._seconds += time.monotonic() - began
+            if not self.exhausted:
+                self._files.append(files)
+                self._packages.append(packages)
+        return len(self._files) > number
+
+    def _walk(self, top: Path, began: float) -> Iterator[Path]:
+        """Yield the files below a folder, in the order of their paths; folders that were read before are left out."""
+        folders = [top]
+        while folders:
+            folder = folders.pop()
+            if folder in self._read:
+                continue
+            self._read.add(folder)
+            try:
+                with os.scandir(folder) as listed:
+                    entries = sorted(listed, key=lambda entry: entry.name)
+            except OSError:
+                continue
+            self._entries += len(entries)
+            if self._entries > MAX_ENTRIES or self._seconds + time.monotonic() - began > MAX_SECONDS:
+                self.exhausted = True
+                return
+            inner = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
+            folders += [Path(e.path) for e in reversed(inner) if not e.name.startswith(".") and e.name not in SKIPPED]
+            yield from (Path(entry.path) for entry in entries if entry.is_file())
+
+
+def _longest(names: Sequence[str], files: Sequence[Path]) -> Match:
+    """Keep the files that share the longest end with names; of these, any that have the same letters' case."""
+    lengths = [_common(names, file.parts, exact=False) for file in files]
+    common = max(lengths, default=0)
+    longest = [file for file, length in zip(files, lengths, strict=True) if length == common]
+    exact = [file for file in longest if _common(names, file.parts, exact=True) == common]
+    return Match(_different(exact or longest), common)
+
+
+def _common(names: Sequence[str], parts: Sequence[str], *, exact: bool) -> int:
+    pairs = zip(reversed(names), reversed(parts), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: _same(*pair, exact=exact), pairs))
+
+
+def _same(name: str, other: str, *, exact: bool) -> bool:
+    return name == other if exact else name.lower() == other.lower()
+
+
+def _different(files: Sequence[Path]) -> tuple[Path, ...]:
+    """Keep one of the files of equal bytes."""
+    kept: list[Path] = []
+    for file in files:
+        if not any(same_bytes(file, other) for other in kept):
+            kept.append(file)
+    return tuple(kept)
+
+
+def same_bytes(first: Path, second: Path) -> bool:
+    """Tell whether two files hold the same; False if one can't be read."""
+    try:
+        return first.samefile(second) or filecmp.cmp(first, second, shallow=False)
+    except OSError:
+        return False
