@@ -75,6 +75,7 @@ JOINTS = {
     "screw": f'<joint name="j{{i}}" type="prismatic">{_ENDS}<axis xyz="0 0 1"/>{_LIMIT}'
     '<mimic joint="j1" multiplier="0.2" offset="-0.1"/></joint>',
     "planar": f'<joint name="j{{i}}" type="planar">{_ENDS}<axis xyz="0 0 1"/>{_LIMIT}</joint>',
+    "tilted": f'<joint name="j{{i}}" type="planar">{_ENDS}<axis xyz="1 2 -0.5"/></joint>',
     "floating": f'<joint name="j{{i}}" type="floating">{_ENDS}</joint>',
 }
 

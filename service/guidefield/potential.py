@@ -56,9 +56,13 @@ class RobotField:
         group: The robot, reduced to what moves.
         scene: The obstacles.
         precision: Of the field's kernels; forces are gathered in double precision either way.
+
+    Raises:
+        RobotInvalid: if the robot has no collision geometry, which carries its charges.
     """
 
     def __init__(self, group: PlanningGroup, scene: Scene, precision: Precision = Precision.DOUBLE) -> None:
+        group.robot.require_collision_geometry()
         self.group = group
         self.evaluations = 0
         self._scene, self._precision = scene, precision

@@ -167,3 +167,16 @@ def test_certifiers_that_contradict_each_other_are_told(kept: Path, monkeypatch:
     assert code == 1
     assert "referee: contact: forearm_link and board at 0.5, 0" in told
     assert "contradict each other" in told
+
+
+def test_columns_of_joints_with_odd_names_are_told_apart(tmp_path: Path) -> None:
+    file = tmp_path / "motion.csv"
+    file.write_text(
+        "time,position:time,position:left:elbow,velocity:time,velocity:left:elbow,arm\n0,1,2,3,4,5\n1,1,2,3,4,5\n"
+    )
+    fields = fields_of(file)
+    assert fields["position_names"] == ["time", "left:elbow", "arm"]
+    assert fields["velocity_names"] == ["time", "left:elbow"]
+    assert fields["trajectory"]["times"] == [0, 1]
+    assert fields["trajectory"]["positions"][0] == [1, 2, 5]
+    assert fields["trajectory"]["velocities"][0] == [3, 4]

@@ -15,6 +15,7 @@ from hypothesis import given, strategies as st
 
 from guidefield import case_file
 from guidefield.messages import scene as messages
+from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of, load
@@ -157,3 +158,61 @@ def test_meshes_of_a_robot_are_in_the_file_and_in_their_hulls():
     assert len(meshes) == sum(choice.shape == "mesh" for choice in panda.robot.geometry_choices)
     assert all(len(body.parts) == 1 for body in meshes)
     assert judge(case).answer is Answer.FREE
+
+
+NAMED = (
+    '<robot name="r"><link name="w"/><link name="{a}">{body}</link><link name="{b}">{body}</link>'
+    '<joint name="{one}" type="revolute"><parent link="w"/><child link="{a}"/><axis xyz="0 0 1"/>{limit}</joint>'
+    '<joint name="{two}" type="fixed"><origin xyz="0.5 0 0"/><parent link="{a}"/><child link="{b}"/>{mimic}'
+    "</joint></robot>"
+)
+LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+BODY = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+
+
+def swept(obstacle: tuple[float, float, float], mimic: str = "", **names: str) -> Answer:
+    """The referee's answer to a turn of an arm, whose outer body is 0.5 m from its axis, beside a ball."""
+    called = {"a": "a", "b": "b", "one": "j", "two": "f", **names}
+    planned = grouped(UrdfText(text=NAMED.format(body=BODY, limit=LIMIT, mimic=mimic, **called)), called["b"])
+    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02, 0.02, 0.02), obstacle)]), [[0.0], [0.8]]))
+    return judge(case_of(json.loads(json.dumps(case)))).answer
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        {},
+        {"two": "universe"},
+        {"one": "universe"},
+        {"b": "universe", "two": "root_joint"},
+        {"a": "f", "b": "j"},
+        {"a": "joint:000000", "b": "link:000001"},
+        {"mimic": '<mimic joint="j"/>'},
+    ],
+    ids=str,
+)
+def test_names_and_a_mimic_of_a_fixed_joint_place_bodies_as_any(names: dict[str, str]) -> None:
+    inside = (0.5 * np.cos(0.4), 0.5 * np.sin(0.4), 0.0)
+    assert swept(inside, **names) is Answer.CONTACT
+    assert swept((0.5 * np.cos(1.4), 0.5 * np.sin(1.4), 0.0), **names) is Answer.FREE
+
+
+@pytest.mark.parametrize("axis", ["0 1 0", "1 0 0", "0 0 -2", "1 2 -0.5"])
+def test_a_planar_joint_moves_as_its_axis_says(axis: str) -> None:
+    """The referee's own reading of the axis against that of the planner, at a place that only one plane holds."""
+    text = (
+        f'<robot name="r"><link name="w"/><link name="a">{BODY}</link><link name="b">{BODY}</link>'
+        f'<joint name="p" type="planar"><origin rpy="0.3 0 0.2" xyz="0 0 1"/><parent link="w"/><child link="a"/>'
+        f'<axis xyz="{axis}"/></joint><joint name="f" type="fixed"><origin xyz="0 0.3 0" rpy="0 1 0"/>'
+        '<parent link="a"/><child link="b"/></joint></robot>'
+    )
+    planned = grouped(UrdfText(text=text), "b")
+    model, data = planned.model, planned.model.createData()
+    z = np.array([0.6, -0.4, 0.7])
+    pin.framesForwardKinematics(model, data, planned.expand_from_chart(z))
+    there = data.oMf[planned.tip_id].translation
+    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02,) * 3, there)]), [0.9 * z, 1.1 * z]))
+    assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.CONTACT
+    beside = there + 0.25 * data.oMi[1].rotation[:, 2]
+    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02,) * 3, beside)]), [0.9 * z, 1.1 * z]))
+    assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.FREE

@@ -1,4 +1,7 @@
-"""Where a URDF's formula puts a robot: Pinocchio on the text as written, followers by their own words, nothing else."""
+"""A robot placed by the formulas of its URDF, with Pinocchio on the text alone.
+
+Mimic joints follow their own words. A planar joint is two slides and a turn: Pinocchio's own ignores the axis.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +17,14 @@ class ByFormula:
     """A URDF as Pinocchio reads it.
 
     Attributes:
+        text: The URDF, its planar joints as joints of one freedom each.
         model: Its model, in which followers are joints like others.
         data: Scratch space.
     """
 
     def __init__(self, text: str) -> None:
-        self.model = pin.buildModelFromXML(text)
+        self.text, self._planar = without_planar(text)
+        self.model = pin.buildModelFromXML(self.text)
         self.data = self.model.createData()
         self._followed = {
             joint.get("name"): (m.get("joint"), float(m.get("multiplier", 1.0)), float(m.get("offset", 0.0)))
@@ -29,6 +34,9 @@ class ByFormula:
 
     def value(self, name: str, given: Mapping[str, Any]) -> Any:
         """Value of a joint: as given, else multiplier * that of the joint it follows + offset."""
+        if name in self._planar:
+            planar, index = self._planar[name]
+            return given[planar][index]
         if name not in self._followed:
             return given[name]
         driver, multiplier, offset = self._followed[name]
@@ -39,9 +47,7 @@ class ByFormula:
         parts = []
         for name, joint in list(zip(self.model.names, self.model.joints, strict=True))[1:]:
             value = self.value(name, given)
-            if joint.shortname() == "JointModelPlanar":
-                parts.append([*value[:2], np.cos(value[2]), np.sin(value[2])])
-            elif joint.nv == 1:
+            if joint.nv == 1:
                 parts.append([value] if joint.nq == 1 else [np.cos(value), np.sin(value)])
             else:
                 parts.append(value)
@@ -51,6 +57,41 @@ class ByFormula:
         """Placement (4, 4) of each joint's frame in the world."""
         pin.forwardKinematics(self.model, self.data, self.configuration(given))
         return {name: T.homogeneous for name, T in list(zip(self.model.names, self.data.oMi, strict=True))[1:]}
+
+
+def without_planar(text: str) -> tuple[str, dict[str, tuple[str, int]]]:
+    """A URDF whose planar joints are chains of two slides and a turn.
+
+    The slides go along the joint frame's x axis, as far as it lies in the plane, and square to that; where the axis is
+    nearly along x they start from y.
+
+    Returns:
+        The text; and of each joint of a chain the planar joint's name and which of its values it has.
+    """
+    root, parts = ElementTree.fromstring(text), {}
+    for joint in [one for one in root.findall("joint") if one.get("type") == "planar"]:
+        name, axis = joint.get("name", ""), joint.find("axis")
+        normal = np.array((axis.get("xyz") if axis is not None else "1 0 0").split(), float)
+        normal /= np.linalg.norm(normal)
+        start = [1.0, 0, 0] if abs(normal[0]) <= 0.9 else [0, 1.0, 0]
+        second = np.cross(normal, start)
+        second /= np.linalg.norm(second)
+        above, below = joint.find("parent").get("link"), joint.find("child").get("link")
+        links = [above, f"{name}:1", f"{name}:2", below]
+        root.remove(joint)
+        for index, direction in enumerate((np.cross(second, normal), second, normal)):
+            kind, of = ("continuous", name) if index == 2 else ("prismatic", f"{name}:{index}")
+            made = ElementTree.SubElement(root, "joint", name=of, type=kind)
+            if index == 0 and (origin := joint.find("origin")) is not None:
+                made.append(origin)
+            ElementTree.SubElement(made, "parent", link=links[index])
+            ElementTree.SubElement(made, "child", link=links[index + 1])
+            ElementTree.SubElement(made, "axis", xyz=" ".join(map(repr, direction.tolist())))
+            ElementTree.SubElement(made, "limit", lower="-9", upper="9", effort="1", velocity="1")
+            parts[of] = name, index
+            if index < 2:
+                ElementTree.SubElement(root, "link", name=links[index + 1])
+    return ElementTree.tostring(root, "unicode"), parts
 
 
 def given_by(names: list[str], row: list[float]) -> dict[str, Any]:

@@ -62,8 +62,10 @@ def test_frames_are_where_pinocchio_has_them(urdf: UrdfText, seed: int) -> None:
     q_model = np.ascontiguousarray(group.expand(q))
     joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, found)
     expected = ByFormula(urdf.text).placements(values(robot, group, q))
-    for index in range(1, group.model.njoints):
-        np.testing.assert_allclose(found[index], expected[group.model.names[index]][:3], rtol=0.0, atol=EXACT)
+    for frame in group.model.frames:
+        if frame.type == pin.FrameType.JOINT and group.model.names[frame.parentJoint] == frame.name:
+            joint = pin.SE3(found[frame.parentJoint][:, :3], found[frame.parentJoint][:, 3]) * frame.placement
+            np.testing.assert_allclose(joint.homogeneous, expected[frame.name], rtol=0.0, atol=EXACT)
 
 
 class Looking:
@@ -73,7 +75,7 @@ class Looking:
         self._formula = ByFormula(urdf.text)
         self._model = self._formula.model
         self._geometry = pin.GeometryModel()
-        pin.buildGeomFromUrdfString(self._model, urdf.text, pin.GeometryType.COLLISION, self._geometry, [])
+        pin.buildGeomFromUrdfString(self._model, self._formula.text, pin.GeometryType.COLLISION, self._geometry, [])
         self._geometry.addAllCollisionPairs()
         bodies = self._geometry.geometryObjects
         names = [self._model.frames[body.parentFrame].name for body in bodies]

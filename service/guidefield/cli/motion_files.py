@@ -133,23 +133,27 @@ def _csv(file: Path) -> dict[str, Any]:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]
     table = [_numbers(line, head, number) for number, line in enumerate(lines[1:], 2)]
-    kinds = [name.partition(":") if ":" in name else ("", "", name) for name in head]
+    kinds = [_column(name) for name in head]
     found: dict[str, Any] = {}
     for name, kind in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
-        of = [k for k, (said, _, column) in enumerate(kinds) if said in _SAID[kind] and column != "time"]
+        of = [k for k, (said, _) in enumerate(kinds) if said == kind and head[k] != "time"]
         if of:
             found[name] = [[row[k] for k in of] for row in table]
-            found.setdefault(f"{kind}_names", [kinds[k][2] for k in of])
+            found.setdefault(f"{kind}_names", [kinds[k][1] for k in of])
     if "time" in head:
         found["times"] = [row[head.index("time")] for row in table]
-    unknown = [name for name, (said, _, _) in zip(head, kinds, strict=True) if said not in {"", *_SAID}]
-    if unknown:
-        raise ValueError(f"column {unknown[0]!r} is neither of `position:`, `velocity:`, `acceleration:` nor a name")
     return found
 
 
-_SAID = {"position": ("", "position"), "velocity": ("velocity",), "acceleration": ("acceleration",)}
-"""What stands before the colon of a column's name, by kind."""
+def _column(name: str) -> tuple[str, str]:
+    """The kind of a column's values, and the name of the column that they are of."""
+    kind, colon, column = name.partition(":")
+    if colon and kind not in ("position", "velocity", "acceleration"):
+        raise ValueError(
+            f"column {name!r} is neither of `position:`, `velocity:`, `acceleration:` nor a name; a joint's name with a"
+            f" colon needs its kind before it, such as `position:{name}`"
+        )
+    return (kind, column) if colon else ("position", name)
 
 
 def _numbers(line: list[str], head: list[str], number: int) -> list[float]:

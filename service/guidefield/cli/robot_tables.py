@@ -48,6 +48,7 @@ def robot_table(reply: RobotReply) -> RenderableType:
     return Group(
         Text(reply.name, style="bold"),
         Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
+        *([] if reply.rest_state is None else [Text(f"rest: the SRDF's state {reply.rest_state}")]),
         Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items())}"),
         *(Text(line) for line in _measured(reply.geometry)),
         *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),

@@ -70,9 +70,11 @@ class World:
             allowed_collisions: Pairs of names, of links or obstacles, that may touch.
 
         Raises:
+            RobotInvalid: if the robot has no collision geometry.
             SceneInvalid: if an obstacle has the name of a link, or of what the robot holds: pairs go by names.
             UnknownObject: if an allowed name is neither a link nor an obstacle; lists those there are.
         """
+        group.robot.require_collision_geometry()
         _require_other_names(group, scene)
         return cls(group, scene, _pairs(group, scene, allowed_among(group, scene, allowed_collisions)))
 

@@ -11,7 +11,7 @@ from guidefield.messages.requests import MotionRequest, Positions
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.model import Mimic, RobotModel
 from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
 
 
@@ -40,11 +40,11 @@ def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Planni
     """The group with the limits of a request, and its scaling factors.
 
     Raises:
-        InvalidConfiguration: if a joint is named that doesn't move.
+        InvalidConfiguration: if a joint is named that neither is planned for nor follows one that is.
     """
-    names = [joint.name for joint in group.joints]
+    names, followers = [joint.name for joint in group.joints], followers_of(group)
     for name in request.limits:
-        if name not in names:
+        if name not in names and name not in followers:
             raise InvalidConfiguration(
                 f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
                 joint=name,
@@ -56,6 +56,13 @@ def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Planni
         request.max_velocity_scaling_factor,
         request.max_acceleration_scaling_factor,
     )
+
+
+def followers_of(group: PlanningGroup) -> dict[str, Mimic]:
+    """The law of each mimic joint whose source joint is planned for."""
+    planned = {joint.name for joint in group.joints}
+    laws = {joint.name: joint.mimic for joint in group.robot.joints if joint.mimic is not None}
+    return {name: law for name, law in laws.items() if law.driver in planned}
 
 
 def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> ChartRate | None:
@@ -92,4 +99,7 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Ch
     asked = {name: limits.jerk for name, limits in request.limits.items() if limits.jerk is not None}
     if not asked:
         return None
+    for name, law in followers_of(group).items():
+        if name in asked and law.multiplier != 0.0:
+            asked[law.driver] = min(asked.get(law.driver, np.inf), asked[name] / abs(law.multiplier))
     return np.concatenate([np.full(joint.nv, asked.get(joint.name, np.inf)) for joint in group.joints])

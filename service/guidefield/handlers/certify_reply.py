@@ -225,18 +225,20 @@ def _limits(problem: GivenProblem, judgement: Judgement) -> replies.LimitShares:
     uses = judgement.uses
     return replies.LimitShares(
         position=_use(problem, uses.position),
-        velocity=_use(problem, uses.velocity),
-        acceleration=_use(problem, uses.acceleration),
+        velocity=_use(problem, uses.velocity, "velocity_owner"),
+        acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
         jerk=_use(problem, uses.jerk),
     )
 
 
-def _use(problem: GivenProblem, use: Use) -> replies.LimitUse:
+def _use(problem: GivenProblem, use: Use, owner: str = "name") -> replies.LimitUse:
+    """A use on the wire; `owner` is the field of a joint with the name of the mimic joint whose limit it is, if any."""
     if use.coordinate is None:
         return replies.LimitUse()
     row, when = problem.motion.along(use.piece, use.at)
-    joint = problem.group.joints[_joint_of(problem, use.coordinate)].name
-    return replies.LimitUse(share=use.share, joint=joint, row=row, time=when, steps=use.steps)
+    joint = problem.group.joints[_joint_of(problem, use.coordinate)]
+    name = getattr(joint, owner) or joint.name
+    return replies.LimitUse(share=use.share, joint=name, row=row, time=when, steps=use.steps)
 
 
 def _joint_of(problem: GivenProblem, coordinate: int) -> int:

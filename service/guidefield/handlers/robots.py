@@ -17,6 +17,7 @@ from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.model.configuration import configuration_to_wire
+from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel
 
 PREPARE_WITHIN = 60.0
@@ -65,7 +66,7 @@ def robot(model: RobotModel) -> RobotReply:
     """Everything a client needs to know to plan for one robot."""
     return RobotReply(
         name=model.name,
-        joints=[_joint(joint) for joint in model.joints],
+        joints=[_joint(joint) for joint in bind_rates(model.joints)],
         frames=[frame.name for frame in list(model.model.frames)[1:]],
         links=list(model.links),
         groups={name: list(joints) for name, joints in model.groups.items()},
@@ -75,6 +76,7 @@ def robot(model: RobotModel) -> RobotReply:
         collision_pairs=_linked(model),
         pairs_left_out=[PairLeftOut(links=list(pair.links), reason=pair.reason) for pair in model.pairs_left_out],
         warnings=[*model.remarks, *model.warnings],
+        rest_state=model.rest_state,
     )
 
 

@@ -194,9 +194,10 @@ class Standing:
             return frame
         model = self.robot.model
         index = self.robot.frame_id(frame)
-        while model.frames[index].name not in self.robot.links and index:
-            index = model.frames[index].parentFrame
-        return str(model.frames[index].name)
+        for link in model.frames:  # the link below a joint stands where the joint's frame does
+            if link.type == pin.FrameType.BODY and link.parentFrame == index:
+                return str(link.name)
+        raise AssertionError("a frame is that of a link or of a joint, which has a link below it")
 
 
 def _with(scene: Scene, obstacles: list[messages.Obstacle]) -> Scene:

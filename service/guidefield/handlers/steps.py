@@ -15,7 +15,7 @@ from guidefield.collision.preparation import Told
 from guidefield.collision.world import World
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import limited, start_of
+from guidefield.handlers.asked_group import followers_of, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.plan_problem import in_motion, problem_of
@@ -174,7 +174,7 @@ class Steps:
         step, request, robot = self._request.steps[index], self._request, at.robot
         with _in_step(index):
             part = select(robot, self._joints(step), self._tip(step), at.q, at.root)
-        moving = {joint.name for joint in part.joints}
+        moving = {*(joint.name for joint in part.joints), *followers_of(part)}
         permitted = [(one.name, other) for one in at.objects for other in self._touched(index, one, at)]
         return msgspec.structs.replace(
             request,
@@ -214,8 +214,7 @@ class Steps:
         frame = model.frames[at.robot.frame_id(one.attached.link)]
         carriers = {model.names[joint] for joint in model.supports[frame.parentJoint] if joint}
         part = select(at.robot, self._joints(step), self._tip(step), at.q, at.root)
-        moving = {joint.name for joint in part.joints}
-        moving |= {joint.name for joint in at.robot.joints if joint.mimic is not None and joint.mimic.driver in moving}
+        moving = {*(joint.name for joint in part.joints), *followers_of(part)}
         return bool(carriers & moving)
 
     def _planned(self, asked: PlanRequest, way: StraightWay | None) -> Callable[[Problem], Plan]:

@@ -72,7 +72,12 @@ class GeometryInfo(Reply):
 
 
 class RobotReply(Reply):
-    """Everything a client needs to know to plan for a robot."""
+    """Everything a client needs to know to plan for a robot.
+
+    Attributes:
+        rest: Values of joints that a request leaves out.
+        rest_state: Name of the SRDF's state that `rest` is made of; null where it is made of none.
+    """
 
     name: str
     joints: list[JointInfo]
@@ -85,6 +90,7 @@ class RobotReply(Reply):
     collision_pairs: list[list[str]]
     pairs_left_out: list[PairLeftOut]
     warnings: list[str]
+    rest_state: str | None = None
     schema: int = 1
 
 

@@ -99,15 +99,31 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
     root = ElementTree.fromstring(told["urdf"])  # noqa: S314 - who judges a file has chosen it
     laws = {
         joint.get("name", ""): (law.get("joint", ""), float(law.get("multiplier", 1)), float(law.get("offset", 0)))
-        for joint in root.iter("joint")
-        for law in joint.findall("mimic")
+        for joint in root.findall("joint")
+        for law in joint.findall("mimic")[:1]
+        if joint.get("type") != "fixed"
+    }
+    normals = {
+        joint.get("name", ""): np.array((axis.get("xyz", "") if axis is not None else "1 0 0").split(), float)
+        for joint in root.findall("joint")
+        for axis in (joint.find("axis"),)
+        if joint.get("type") == "planar"
     }
     meshes = _meshes(root, told.get("mesh_files", {}))
+    own_names = _rename(root)
     text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
     model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
     geometry = pin.GeometryModel()
     pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+    for index in range(1, model.njoints):
+        model.names[index] = own_names.get(model.names[index], model.names[index])
+        if model.names[index] in normals and model.joints[index].nq == 4:
+            _tilt(model, geometry, index, normals[model.names[index]])
+    for frame in model.frames:
+        frame.name = own_names.get(frame.name, frame.name)
     for one in geometry.geometryObjects:
+        link, _, number = one.name.rpartition("_")
+        one.name = f"{own_names[link]}_{number}"
         if one.name in meshes:
             corners = meshes[one.name].reshape(-1, 3)
             one.geometry = surface(corners, np.arange(len(corners)).reshape(-1, 3))
@@ -156,6 +172,44 @@ def _triangles(name: str, names: tuple[str, ...], contents: tuple[bytes, ...]) -
             return read(Path(folder, name))
         except UnreadableMesh as error:
             raise UnusableFile(f"mesh {name!r}: {error}") from None
+
+
+def _rename(root: ElementTree.Element) -> dict[str, str]:
+    """Number links and joints, in the order of their names: Pinocchio mistakes some names for its own.
+
+    Returns:
+        The name that each had, by the one that it has now.
+    """
+    names: dict[str, dict[str, str]] = {}
+    for kind in ("link", "joint"):
+        said = sorted((one.get("name", "") for one in root.findall(kind)), key=str.encode)
+        names[kind] = {name: f"{kind}:{number:06}" for number, name in enumerate(said)}
+        for one in root.findall(kind):
+            one.set("name", names[kind][one.get("name", "")])
+    for joint in root.findall("joint"):
+        for end in (*joint.findall("parent"), *joint.findall("child")):
+            end.set("link", names["link"][end.get("link", "")])
+        for law in joint.findall("mimic"):
+            joint.remove(law)  # they are kept by `laws`
+    return {number: name for named in names.values() for name, number in named.items()}
+
+
+def _tilt(model: Any, geometry: Any, index: int, normal: np.ndarray) -> None:
+    """Have a planar joint slide across a normal and turn about it; Pinocchio's does so with z, whatever the URDF says.
+
+    The first direction is x less its part along the normal, that of y where the normal has more than 0.9 of x.
+    """
+    z = normal / np.linalg.norm(normal)
+    x = np.array([1.0, 0, 0]) if abs(z[0]) <= 0.9 else np.array([0, 1.0, 0])
+    x = _unit(x - np.dot(x, z) * z)
+    tilt = pin.SE3(np.array([x, np.cross(z, x), z]).T, np.zeros(3))
+    model.jointPlacements[index] = model.jointPlacements[index] * tilt
+    for child in range(1, model.njoints):
+        if model.parents[child] == index:
+            model.jointPlacements[child] = tilt.inverse() * model.jointPlacements[child]
+    for one in (*model.frames, *geometry.geometryObjects):
+        if one.parentJoint == index:
+            one.placement = tilt.inverse() * one.placement
 
 
 def _chart(model: Any, told: Told, laws: Mapping[str, tuple[str, float, float]]) -> tuple[Any, ...]:
@@ -308,7 +362,8 @@ def _constraints(model: Any, told: Sequence[Told], unknown: list[str]) -> Iterat
         if kind not in ("orientation_cone", "plane", "line"):
             unknown.append(f"a path constraint of type {kind!r}")
             continue
-        index = next((k for k in range(1, model.nframes) if model.frames[k].name == name), None)
+        named = [k for k in range(1, model.nframes) if model.frames[k].name == name]
+        index = next((k for k in named if model.frames[k].type == pin.FrameType.BODY), named[0] if named else None)
         if index is None:
             raise UnusableFile(f"the robot has no frame {name!r}")
         nothing, across = np.zeros(3), np.empty((0, 3))

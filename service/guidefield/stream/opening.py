@@ -79,6 +79,7 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
             unserved="scene.trajectory",
             path="$.scene",
         )
+    robot.require_collision_geometry()
     robot = holding(robot, request.attached_objects, scene)
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement

@@ -97,9 +97,11 @@ def test_a_mesh_is_judged_by_its_hull_only_where_that_is_as_tight() -> None:
     assert all(choice.stand_off <= 0.005 for choice in judged.values())
 
 
-def test_a_robot_without_collision_geometry_is_refused() -> None:
+def test_a_robot_without_collision_geometry_says_so() -> None:
+    ghost = load(UrdfText(text='<robot name="ghost"><link name="l"/></robot>'))
+    assert any("has no collision geometry" in warning for warning in ghost.warnings)
     with pytest.raises(RobotInvalid, match="no collision geometry"):
-        load(UrdfText(text='<robot name="ghost"><link name="l"/></robot>'))
+        ghost.require_collision_geometry()
 
 
 def test_an_unknown_name_lists_the_known() -> None:

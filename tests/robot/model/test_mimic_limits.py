@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.engine import answer
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.reduced_model import select
@@ -110,3 +111,91 @@ def test_no_random_configuration_puts_a_follower_beyond_its_limits(first, second
     q[:1] = group.random(np.random.default_rng(seed))
     follow(robot.joints, q)
     assert all(fault.excess <= 2e-5 for fault in limit_faults(robot.joints, q))
+
+
+GEARED = (
+    '<robot name="c"><link name="base"/>{links}'
+    '<joint name="a" type="revolute"><origin xyz="0 0 0.2"/><parent link="base"/><child link="A"/><axis xyz="1 0 0"/>'
+    '<limit lower="-1" upper="1" velocity="0.5" effort="9"/></joint>'
+    '<joint name="b" type="revolute"><origin xyz="0 0 0.2"/><parent link="A"/><child link="B"/><axis xyz="1 0 0"/>'
+    '<limit lower="-3" upper="3" velocity="{velocity}" effort="9"/><mimic joint="a" multiplier="-2.4"/></joint>'
+    '<joint name="c" type="prismatic"><origin xyz="0 0 0.2"/><parent link="B"/><child link="C"/><axis xyz="0 1 0"/>'
+    '<limit lower="-3" upper="3" velocity="9" effort="9"/><mimic joint="b" multiplier="0.5" offset="0.2"/>'
+    "</joint></robot>"
+)
+LINKS = "".join(
+    f'<link name="{name}"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>' for name in "ABC"
+)
+EMPTY = {"name": "empty", "obstacles": []}
+
+
+def geared(velocity: float = 1.0) -> dict[str, str]:
+    return {"type": "urdf", "text": GEARED.format(links=LINKS, velocity=velocity)}
+
+
+def fastest(**request: object) -> tuple[float, float]:
+    """Largest velocity and acceleration of joint a in a plan; the acceleration from velocities close together."""
+    goal = {"type": "joints", "positions": {"a": 0.9}}
+    reply = answer(
+        {"robot": geared(), "scene": EMPTY, "start": {"a": -0.9}, "goal": goal, "sample_rate": 500, **request}
+    )
+    assert reply.status.name == "SUCCESS", reply.status
+    velocities = np.array(reply.trajectory.velocities)[:, 0]
+    return float(np.abs(velocities).max()), float(np.abs(np.diff(velocities) / np.diff(reply.trajectory.times)).max())
+
+
+def test_velocity_limits_of_followers_bind_the_joint_that_is_planned():
+    robot = load(UrdfText(text=geared()["text"]))
+    group = select(robot, ["a"], None, robot.rest, pin.SE3.Identity())
+    assert group.velocity_limits == pytest.approx([1 / 2.4])
+    assert group.acceleration_limits == pytest.approx([2 / 2.4])
+    assert group.joints[0].velocity_owner == "b"
+    assert any("joint 'a', which 'b' follows, moves at 0.416667 at most" in told for told in robot.warnings)
+    velocity, _ = fastest()
+    assert 0.9 / 2.4 < velocity <= 1 / 2.4 + 1e-9
+
+
+def test_a_velocity_that_nobody_stated_binds_nothing():
+    robot = load(UrdfText(text=geared(0.0)["text"]))
+    group = select(robot, ["a"], None, robot.rest, pin.SE3.Identity())
+    assert group.velocity_limits == [0.5]
+    assert group.joints[0].velocity_owner is None
+
+
+def test_a_request_may_limit_a_follower():
+    velocity, acceleration = fastest(limits={"b": {"velocity": 0.5, "acceleration": 0.3}})
+    assert 0.9 * 0.5 / 2.4 < velocity <= 0.5 / 2.4 + 1e-9
+    assert acceleration <= 0.3 / 2.4 + 1e-6
+    assert fastest(limits={"b": {"velocity": 9.0}})[0] == pytest.approx(0.5, rel=1e-2)
+    assert fastest(limits={"a": {"velocity": 9.0}})[0] <= 1 / 2.4 + 1e-9, "b keeps its own"
+    assert fastest(limits={"c": {"velocity": 0.12}})[0] <= 0.1 + 1e-9, "followers of followers, too"
+
+
+def test_certify_judges_the_follower_and_names_it():
+    ask = {"type": "certify", "robot": geared(), "scene": EMPTY, "position_names": ["a"], "velocity_names": ["a"]}
+    for speed, status in ((0.41, "SUCCESS"), (0.43, "INVALID_MOTION_PLAN")):
+        motion = {"times": [0, 1], "positions": [[0.0], [speed]], "velocities": [[speed], [speed]]}
+        reply = answer({**ask, "trajectory": motion})
+        assert reply.status.name == status
+        assert reply.limits.velocity.joint == "b"
+        assert reply.limits.velocity.share == pytest.approx(2.4 * speed)
+    reply = answer({**ask, "trajectory": motion, "limits": {"b": {"velocity": 1.1}}})
+    assert reply.status.name == "SUCCESS"
+
+
+def test_a_jerk_limit_of_a_follower_binds_its_source():
+    velocity, acceleration = fastest(limits={"b": {"jerk": 1.2}})
+    assert acceleration**2 <= 0.5 * velocity + 1e-3, "with a jerk j a velocity v takes an acceleration of sqrt(j v)"
+
+
+def test_the_listing_has_the_limits_that_hold():
+    described = {joint.name: joint for joint in answer({"type": "robot", "robot": geared()}).joints}
+    assert described["a"].velocity == pytest.approx([1 / 2.4])
+    assert described["b"].velocity == [1.0]
+
+
+def test_a_limit_that_follows_from_another_is_no_negative_zero():
+    robot = load(arm(("revolute", -2, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
+    assert any("only goes from -1 to 0," in told for told in robot.warnings), robot.warnings
+    robot = load(arm(("revolute", 0, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
+    assert any("only goes from 0 to 0," in told for told in robot.warnings), robot.warnings

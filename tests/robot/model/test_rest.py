@@ -51,4 +51,4 @@ def test_links_that_touch_wherever_they_are_are_left_out_with_that_reason():
 @pytest.mark.parametrize("name", ["icub", "icub_reduced", "panda", "ur5", "xarm7", "kinova"])
 def test_what_a_card_states_stays(name):
     assert not touching(robot(name), robot(name).rest)
-    assert not any("rest configuration" in told for told in robot(name).remarks)
+    assert not any("touch in the rest configuration" in told for told in robot(name).remarks)

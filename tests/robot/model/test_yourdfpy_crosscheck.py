@@ -59,4 +59,19 @@ def test_a_joint_that_follows_one_of_another_name_is_told() -> None:
 @settings(max_examples=25, deadline=None)
 @given(chains(8))
 def test_random_chains_are_read_alike(sent: UrdfText) -> None:
-    assert not [warning for warning in Catalog().load(sent).warnings if "yourdfpy" in warning]
+    told = [warning for warning in Catalog().load(sent).warnings if "yourdfpy" in warning]
+    assert all("don't know <capsule>" in warning for warning in told), told
+
+
+def test_capsules_are_told() -> None:
+    checked = '<collision_checking><capsule name="c"/></collision_checking>'
+    cylinder = f'<collision name="c"><geometry><cylinder radius="0.1" length="0.4"/></geometry></collision>{checked}'
+    written = '<collision><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>'
+    for shape, words in (
+        (cylinder, "by <collision_checking> a cylinder is a capsule"),
+        (written, "don't know <capsule>"),
+    ):
+        text = f'<robot name="k" version="1.1"><link name="b">{shape}</link></robot>'
+        assert [words in told for told in Catalog().load(UrdfText(text=text)).warnings] == [True]
+    plain = f'<robot name="k"><link name="b">{cylinder.removesuffix(checked)}</link></robot>'
+    assert not Catalog().load(UrdfText(text=plain)).warnings

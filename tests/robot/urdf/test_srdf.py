@@ -1,10 +1,12 @@
 """An SRDF is read as strictly as a URDF, and what it names in vain is told."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
+from guidefield.robot.group.reduced_model import select
 from guidefield.robot.urdf.srdf import parse
 from tests.robots import box_arm, load
 
@@ -37,7 +39,7 @@ def test_names_that_the_robot_does_not_have_are_told() -> None:
     )
     warnings = load(UrdfText(text=box_arm("y", 3).text, srdf=srdf)).warnings
     assert "the SRDF's pairs name link 'ghost', which the robot doesn't have" in warnings
-    assert "the SRDF's groups and states name joint 'j8' and 1 more, which the robot doesn't have" in warnings
+    assert "the SRDF's groups and states name joints 'j8', 'j9', which the robot doesn't have" in warnings
     assert "the SRDF's groups name link 'hand', which the robot doesn't have" in warnings
 
 
@@ -50,3 +52,82 @@ def test_a_state_places_a_root_joint_of_the_kind_that_it_was_written_for() -> No
     planar = load(UrdfText(text=urdf, srdf=srdf, root_joint="planar"))
     np.testing.assert_array_equal(planar.rest, [0.0, 0.0, 1.0, 0.0, 0.3])
     np.testing.assert_array_equal(load(UrdfText(text=urdf, srdf=srdf)).rest, [0.3])
+
+
+def rested(srdf: str, root: str = "fixed") -> tuple[list[float], str | None, list[str]]:
+    """Values of a rest configuration, the state it is of, and what is told about the SRDF."""
+    model = load(UrdfText(text=box_arm("y x", 1).text, srdf=f'<robot name="arm">{srdf}</robot>', root_joint=root))
+    return model.rest.tolist(), model.rest_state, [told for told in model.warnings if "SRDF" in told]
+
+
+def state(name: str, j1: str, group: str = "g") -> str:
+    return f'<group_state name="{name}" group="{group}"><joint name="j1" value="{j1}"/></group_state>'
+
+
+GROUP = '<group name="g"><joint name="j1"/><joint name="j2"/></group>'
+
+
+def test_a_state_beyond_the_limits_is_not_the_rest_configuration_where_another_is_within() -> None:
+    values, name, told = rested(GROUP + state("home", "5") + state("up", "0.4"))
+    assert (values, name) == ([0.4, 0.0], "up")
+    assert told == [
+        "the SRDF's state 'home' is beyond limits (joint 'j1' at 5, its limits are -2 and 2): it is not the rest"
+        " configuration"
+    ]
+    values, name, told = rested(GROUP + state("home", "5"))
+    assert (values, name) == ([2.0, 0.0], "home")
+    assert "the rest configuration has the limit instead" in told[0]
+
+
+def test_a_state_of_an_unknown_group_comes_last_and_is_told() -> None:
+    values, name, told = rested(GROUP + state("home", "0.3", "ghost") + state("up", "0.4"))
+    assert (values, name) == ([0.4, 0.0], "up")
+    assert told == ["the SRDF's states name group 'ghost', which the SRDF doesn't have"]
+    assert rested(GROUP + state("home", "0.3", "ghost"))[1] == "home"
+
+
+def test_states_of_several_groups_with_one_name_are_one() -> None:
+    second = '<group_state name="home" group="h"><joint name="j2" value="0.2"/></group_state>'
+    values, name, _ = rested(GROUP + '<group name="h"><joint name="j2"/></group>' + state("home", "0.3") + second)
+    assert (values, name) == ([0.3, 0.2], "home")
+
+
+def test_values_that_do_not_fit_are_told() -> None:
+    values, _, told = rested(GROUP + state("home", "0.3 0.4"))
+    assert values == [0.0, 0.0]
+    assert told == ["the SRDF's state 'home' gives joint 'j1' 2 values, not 1: left out"]
+
+
+def test_a_virtual_joint_stands_for_the_root_joint() -> None:
+    virtual = '<virtual_joint name="floor" type="planar" parent_frame="odom" child_link="l0"/>'
+    placed = '<group_state name="home" group="g"><joint name="floor" value="1 2 0.5"/></group_state>'
+    values, _, told = rested(GROUP + virtual + placed, "planar")
+    np.testing.assert_allclose(values, [1, 2, np.cos(0.5), np.sin(0.5), 0, 0])
+    assert not told
+    assert rested(GROUP + virtual)[2] == [
+        "the SRDF's virtual joint 'floor' is planar, but the robot's root is fixed: `root_joint` may be 'planar'"
+    ]
+
+
+def test_passive_joints_are_planned_for_only_by_name() -> None:
+    srdf = f'<robot name="arm">{GROUP}<group name="h"><joint name="j2"/></group><passive_joint name="j2"/></robot>'
+    model = load(UrdfText(text=box_arm("y x", 1).text, srdf=srdf))
+    assert model.groups == {"g": ("j1",)}
+    assert "the SRDF's group 'h' is left out: its joints don't move by themselves (j2 is passive)" in model.warnings
+    here = pin.SE3.Identity()
+    assert select(model, None, None, model.rest, here).position_names == ["j1"]
+    assert select(model, ["j2"], None, model.rest, here).position_names == ["j2"]
+
+
+def test_groups_that_are_left_out_are_told_with_their_reason() -> None:
+    told = rested('<group name="g"/><group name="g"/><group name="h"><link name="ghost"/></group>')[2]
+    assert "the SRDF: line 1: a second group 'g' is left out" in told
+    assert "the SRDF's group 'g' is left out: it is empty" in told
+    assert "the SRDF's group 'h' is left out: no joint that moves is among what it names" in told
+
+
+def test_links_that_are_not_tested_by_default() -> None:
+    srdf = '<robot name="arm"><disable_default_collisions link="l3"/><enable_collisions link1="l1" link2="l3"/></robot>'
+    described = parse(srdf)
+    pairs = described.disabled_among(["l0", "l1", "l2", "l3"])
+    assert pairs.keys() == {frozenset(("l0", "l3")), frozenset(("l2", "l3"))}

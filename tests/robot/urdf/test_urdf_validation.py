@@ -15,11 +15,11 @@ from guidefield.robot.urdf.urdf_validation import MAX_DOF, MAX_LINKS, check_geom
 from tests.robot.urdfs import ARM, AXIS, BOX, FAULTS, LIMIT, MIMIC, ORIGIN, faulty, pinocchio_models
 
 NOWHERE = MeshResolver()
+INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 
 SILENT = (
     "loop beside a tree",
     "zero axis",
-    "lower above upper",
     "capsule before 1.1",
     "malformed visual",
     "no inertia",
@@ -120,7 +120,7 @@ def test_newer_versions_have_capsules_and_quaternions():
     assert np.allclose(model.jointPlacements[1].rotation, pin.utils.rotate("z", math.pi / 2))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "floating", "planar"])
+@pytest.mark.parametrize("kind", ["fixed", "floating"])
 def test_an_axis_that_pinocchio_ignores_may_be_zero(kind):
     text = ARM.replace(MIMIC, "").replace('type="revolute"', f'type="{kind}"').replace(AXIS, '<axis xyz="0 0 0"/>')
     facts = check_urdf(text, NOWHERE)
@@ -143,6 +143,115 @@ def test_harmless_oddities_are_warnings():
         assert any(warning.startswith(words) for warning in facts.warnings), words
     assert facts.mimics == {}
     assert "package://" not in facts.text
+
+
+def warned(text: str) -> list[str]:
+    return list(check_urdf(text, NOWHERE).warnings)
+
+
+ODD = {
+    "no name": ((' name="arm"', ""), "line 1: <robot> has no name: it is called 'robot'"),
+    "negative velocity": (
+        ('velocity="2"', 'velocity="-2"'),
+        "line 14: joint 'shoulder': 'velocity' of <limit> is negative, -2: the default limit holds",
+    ),
+    "negative effort": (('effort="10"', 'effort="-1"'), "'effort' of <limit> is negative, -1"),
+    "lower above upper": (
+        ('lower="-1"', 'lower="1.5"'),
+        "line 14: joint 'shoulder': 'lower' exceeds 'upper', 1.5 > 1: the range is taken for 1 to 1.5",
+    ),
+    "second axis": ((AXIS, AXIS + AXIS), "line 13: joint 'shoulder': a second <axis> is left out"),
+    "second origin": ((AXIS, AXIS + '<origin xyz="9 9 9"/>'), "a second <origin> is left out"),
+    "second mimic": ((MIMIC, MIMIC + MIMIC), "line 20: joint 'wrist': a second <mimic> is left out"),
+    "second inertial": (
+        ("<visual>", '<inertial><mass value="1"/>' + INERTIA + "</inertial><visual>"),
+        "a second <inertial>",
+    ),
+    "second origin of a shape": (
+        ('<origin xyz="0 0 0.2"/>', '<origin xyz="0 0 0.2"/><origin xyz="1 0 0"/>'),
+        "line 6: link 'upper': a second <origin> is left out",
+    ),
+    "misspelt collision": (
+        ('<link name="hand"/>', f'<link name="hand"><Collision><geometry>{BOX}</geometry></Collision></link>'),
+        "line 8: link 'hand': <Collision> is unknown and left out: is <collision> meant?",
+    ),
+    "misspelt inertial": (('<link name="hand"/>', '<link name="hand"><Inertial/></link>'), "is <inertial> meant?"),
+    "misspelt limit": ((LIMIT, LIMIT + "<limits/>"), "<limits> is unknown and left out: is <limit> meant?"),
+    "misspelt link": (('<link name="hand"/>', '<link name="hand"/><Link name="x"/>'), "is <link> meant?"),
+    "misspelt attribute": (
+        (ORIGIN, ORIGIN.replace("rpy", "RPY")),
+        "attribute 'RPY' of <origin> is unknown and left out",
+    ),
+    "undeclared prefix": (
+        ('<link name="hand"/>', '<link name="hand"/><sensor:camera name="c"><sensor:b/></sensor:camera>'),
+        "line 8: the prefix 'sensor' isn't declared: what has it is left out",
+    ),
+    "undeclared prefix of an attribute": (
+        ('<link name="hand"/>', '<link name="hand" drake:x="1"/>'),
+        "the prefix 'drake'",
+    ),
+    "call of xacro": (
+        ('<link name="hand"/>', '<link name="hand"><xacro:grey/></link><xacro:grey/>'),
+        "line 8: <xacro:grey> (and 1 more) is left over from xacro: it is left out",
+    ),
+    "definition of xacro": (
+        ("<link", '<x:property xmlns:x="http://ros.org/wiki/xacro" name="a" value="1"/><link'),
+        "line 2: <xacro:property> is left over from xacro",
+    ),
+    "damping of xacro": (
+        (LIMIT, LIMIT + '<dynamics damping="${d}"/>'),
+        "<dynamics> has leftovers of xacro and is left out",
+    ),
+    "mass of xacro": (
+        ('<mass value="1"/>', '<mass value="${m}"/>'),
+        "<inertial> has leftovers of xacro and is left out",
+    ),
+    "range of a continuous joint": (
+        (MIMIC, '<limit lower="-1" upper="1" effort="1" velocity="1"/>'),
+        "line 20: joint 'wrist': a continuous joint has no range: 'lower' and 'upper' are left out",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_other_tools_read_is_told_and_read(name: str) -> None:
+    (old, new), words = ODD[name]
+    assert old in ARM
+    facts = check_urdf(ARM.replace(old, new, 1), NOWHERE)
+    assert any(words in warning for warning in facts.warnings), facts.warnings
+    model, geometry = pinocchio_models(facts.text)
+    check_geometry_complete(facts, geometry, model)
+    assert facts.collisions.keys() == {"upper"}
+    assert model.jointPlacements[1].translation.tolist() == [0.0, 0.0, 0.1]
+
+
+def test_limits_in_reverse_order_are_those_in_order() -> None:
+    facts = check_urdf(ARM.replace('lower="-1"', 'lower="1.5"'), NOWHERE)
+    assert (facts.joints["shoulder"].lower, facts.joints["shoulder"].upper) == (1.0, 1.5)
+    model, _ = pinocchio_models(facts.text)
+    assert (model.lowerPositionLimit[0], model.upperPositionLimit[0]) == (1.0, 1.5)
+
+
+@pytest.mark.parametrize(
+    "leftover",
+    [
+        '<xacro:include filename="arm.xacro"/>',
+        '<xacro:if value="1"><link name="x"/></xacro:if>',
+        '<xacro:macro name="grey"><link name="x"/></xacro:macro><xacro:grey/>',
+        '<xacro:arm><link name="x"/></xacro:arm>',
+    ],
+)
+@pytest.mark.parametrize("declared", ["", ' xmlns:xacro="http://www.ros.org/wiki/xacro"'])
+def test_what_xacro_has_to_expand_is_refused(leftover: str, declared: str) -> None:
+    text = ARM.replace('<robot name="arm"', f'<robot name="arm"{declared}').replace("</robot>", leftover + "</robot>")
+    with pytest.raises(RobotInvalid, match=r"this is a xacro file .* expand it first"):
+        check_urdf(text, NOWHERE)
+
+
+@pytest.mark.parametrize("axis", ["0 0 1e200", "0 0 1e-200", "0 0 5e-324", "0 0 1.7e308"])
+def test_of_an_axis_only_the_direction_counts(axis: str) -> None:
+    model, _ = pinocchio_models(check_urdf(ARM.replace(AXIS, f'<axis xyz="{axis}"/>'), NOWHERE).text)
+    assert model.joints[1].shortname() == "JointModelRZ"
 
 
 def test_a_mimic_that_lost_its_prefix_is_found_again():

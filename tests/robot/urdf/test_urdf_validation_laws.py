@@ -18,7 +18,7 @@ from tests.robot.urdfs import ARM, pinocchio_models
 NOWHERE = MeshResolver()
 ROBOTS = catalog_share() / CATALOG_PACKAGE / "robots"
 CATALOG = sorted(ROBOTS.rglob("*.urdf"))
-UNUSABLE = {"ur3.urdf": "must have a name"}
+UNUSABLE = {"ur3.urdf": "at least one <link>"}
 """Of the 69 URDFs, those that are refused. Of romeo_laas_small only the visual meshes are missing."""
 
 

@@ -234,9 +234,9 @@ def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
     """The same joints, their rotation vectors from where those of the group start."""
     if joints.kinds.max(initial=TURNING) < BALL:
         return joints
-    numbers = joints.numbers.reshape(-1, JOINT).copy()
+    numbers, balls = joints.numbers.reshape(-1, JOINT).copy(), {joint.name: joint for joint in group.joints}
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():
-        planned = group.space.joints[group.space.getJointId(group.model.names[i])]
+        planned = balls[group.model.names[i]]
         quaternion = group.q_origin[planned.idx_q : planned.idx_q + planned.nq][-4:]
         numbers[i, QUATERNION:] = quaternion / np.linalg.norm(quaternion)
     numbers.setflags(write=False)

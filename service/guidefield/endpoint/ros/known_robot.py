@@ -75,7 +75,7 @@ class KnownRobot:
         driven |= {name for name, one in self.followers.items() if one.mimic is not None and one.mimic.driver in driven}
         model = self.model.model
         above = list(model.supports[model.frames[self.model.frame_id(link)].parentJoint])
-        return any(model.names[joint] in driven for joint in above)
+        return any(model.names[joint] in driven for joint in above if joint)
 
     def placements(self, positions: Mapping[str, float], links: Iterable[str]) -> list[Any]:
         """Where links are in the world, pinocchio.SE3 each, at joint values by name [rad or m]."""

@@ -18,6 +18,7 @@ from guidefield.endpoint.ros.node import RosNode
 from guidefield.endpoint.ros.options import LATCHING, RosSettings
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.urdf.encoding import read_xml
 
 _log = logging.getLogger(__name__)
 
@@ -66,4 +67,4 @@ def _description(model: RobotModel) -> str | None:
     if model.source.urdf_path is None:
         _log.warning("robot %s was stored by a client: /robot_description isn't published", model.name)
         return None
-    return model.source.urdf_path.read_text()
+    return read_xml(model.source.urdf_path)

@@ -26,6 +26,7 @@ from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
+from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MeshResolver
 
 MAX_CACHED = 32
@@ -126,8 +127,8 @@ class Catalog:
                 available=variants or self.names(),
             )
         path = entry.folder / entry.card.urdf
-        srdf = (entry.folder / entry.card.srdf).read_text() if entry.card.srdf else None
-        source = RobotSource(path.read_text(), path, entry.card.root_joint)
+        srdf = read_xml(entry.folder / entry.card.srdf) if entry.card.srdf else None
+        source = RobotSource(read_xml(path), path, entry.card.root_joint)
         robot = load(name, source, srdf, entry.card, MeshResolver.for_catalog(path))
         return dataclasses.replace(robot, warnings=(), remarks=robot.warnings)
 
@@ -140,8 +141,8 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     if srdf_path is not None and not srdf_path.is_file():
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
     resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
-    source = RobotSource(path.read_text(), path, reference.root_joint)
-    return crosschecked(load(path.stem, source, srdf_path.read_text() if srdf_path else None, cards.EMPTY, resolver))
+    source = RobotSource(read_xml(path), path, reference.root_joint)
+    return crosschecked(load(path.stem, source, read_xml(srdf_path) if srdf_path else None, cards.EMPTY, resolver))
 
 
 def _key(reference: RobotReference | SentRobot) -> str:

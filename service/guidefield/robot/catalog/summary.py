@@ -18,7 +18,9 @@ from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.followers import unwrapped
 from guidefield.robot.model.loading import default_tip
+from guidefield.robot.model.neutral_names import neutral_names
 from guidefield.robot.urdf import srdf
+from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.facts import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.native_stderr import captured_stderr
@@ -34,9 +36,9 @@ DEGREES = {**JOINT_DOF, "spherical": 3}
 def summarize(entry: Entry) -> RobotSummary:
     """Joints, groups and tip of a robot of the catalog; or what is wrong with it."""
     card, path = entry.card, entry.folder / entry.card.urdf
-    described = (entry.folder / card.srdf).read_text() if card.srdf else None
+    described = read_xml(entry.folder / card.srdf) if card.srdf else None
     line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
-    return _summary(line, path.read_text(), described, card, MeshResolver.for_catalog(path))
+    return _summary(line, read_xml(path), described, card, MeshResolver.for_catalog(path))
 
 
 def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
@@ -53,7 +55,9 @@ def _summary(
         facts = check_urdf(urdf, resolver)
         described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
         with captured_stderr():
-            model = pin.buildModelFromXML(facts.text)
+            names = neutral_names(facts.text)
+            model = pin.buildModelFromXML(names.text)
+            names.restore(model)
     except (RobotInvalid, ValueError) as error:
         return msgspec.structs.replace(line, problem=str(error))
     model = with_ball_joints(line.name, model, card.ball_joints)

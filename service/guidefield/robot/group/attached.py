@@ -43,9 +43,12 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
     touch, and those that move with it as one; and against other held objects that don't.
 
     Raises:
+        RobotInvalid: if an object is held by a robot that has no collision geometry.
         UnknownFrame: if a link that holds or may be touched isn't one of the robot's.
         UnknownObject: if an object has the name of a link, of a frame, of a collision shape or of another object.
     """
+    if held:
+        robot.require_collision_geometry()
     model, geometry, links, choices = robot.model.copy(), robot.geometry.copy(), robot.links, robot.geometry_choices
     frames, shapes = {frame.name for frame in model.frames}, {shape.name for shape in geometry.geometryObjects}
     for one in held:

@@ -17,6 +17,7 @@ from guidefield.robot.group.alike import Alike, kept_with_alike
 from guidefield.robot.group.metric import units_of
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
+from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, JointKind, LimitSource, RobotModel
 from guidefield.robot.model.spaces import (
     ChartPoint,
@@ -92,12 +93,12 @@ class PlanningGroup:
     @property
     def position_names(self) -> list[str]:
         """Names of the position columns of a reply, as `wire_positions` orders them."""
-        return [j.name + suffix for j in self.joints for suffix in chart.POSITION_SUFFIXES.get(j.kind, ("",))]
+        return [name for joint in self.joints for name in chart.position_names(joint)]
 
     @property
     def velocity_names(self) -> list[str]:
         """Names of the tangent's columns."""
-        return [j.name + suffix for j in self.joints for suffix in chart.VELOCITY_SUFFIXES.get(j.kind, ("",))]
+        return [name for joint in self.joints for name in chart.velocity_names(joint)]
 
     @cached_property
     def is_euclidean(self) -> bool:
@@ -150,17 +151,21 @@ class PlanningGroup:
             return cast(ModelConfiguration, q)
         z = self.expand_chart(self.chart(q))
         expanded = np.empty(self.model.nq)
-        for index in range(1, self.model.njoints):
-            joint, name = self.model.joints[index], self.model.names[index]
-            at = slice(joint.idx_q, joint.idx_q + joint.nq)
-            if self.space.existJointName(name):
-                planned = self.space.joints[self.space.getJointId(name)]
-                expanded[at] = q[planned.idx_q : planned.idx_q + planned.nq]
-            elif joint.nq == 1:
-                expanded[at] = z[joint.idx_v]
+        for at, at_v, planned in self._expanded:
+            if planned is not None:
+                expanded[at] = q[planned]
+            elif at.stop - at.start == 1:
+                expanded[at] = z[at_v]
             else:
-                expanded[at] = np.cos(z[joint.idx_v]), np.sin(z[joint.idx_v])
+                expanded[at] = np.cos(z[at_v]), np.sin(z[at_v])
         return expanded
+
+    @cached_property
+    def _expanded(self) -> tuple[tuple[slice, int, slice | None], ...]:
+        """Of each joint of `model`: its part of a configuration, its first tangent row, the planned joint's part."""
+        planned = {joint.name: _at_q(joint) for joint in self.joints}
+        joints = [(self.model.joints[index], self.model.names[index]) for index in range(1, self.model.njoints)]
+        return tuple((_at_q(joint), joint.idx_v, planned.get(name)) for joint, name in joints)
 
     def expand_from_chart(self, z: ChartPoint) -> ModelConfiguration:
         """Configuration of `model`, shape (model.nq,), followers included, of chart coordinates, shape (nv,).
@@ -336,27 +341,50 @@ class PlanningGroup:
         velocity_scaling: float,
         acceleration_scaling: float,
     ) -> PlanningGroup:
-        """The same group with other limits by joint name, then scaled."""
+        """The same group with other limits by joint name, then scaled.
+
+        Args:
+            velocity: Of planned joints and of those that follow them [rad/s or m/s]; a follower's binds its source.
+            acceleration: The same [rad/s^2 or m/s^2].
+            velocity_scaling: Factor on all velocity limits.
+            acceleration_scaling: Factor on all acceleration limits.
+        """
         if not (velocity or acceleration) and velocity_scaling == acceleration_scaling == 1.0:
             return self
-        joints = tuple(
-            dataclasses.replace(
-                joint,
-                velocity=np.full(joint.nv, velocity[joint.name]) if joint.name in velocity else joint.velocity,
-                velocity_source=LimitSource.REQUEST if joint.name in velocity else joint.velocity_source,
-                acceleration=np.full(joint.nv, acceleration[joint.name])
-                if joint.name in acceleration
-                else joint.acceleration,
-                acceleration_source=LimitSource.REQUEST if joint.name in acceleration else joint.acceleration_source,
-            )
-            for joint in self.joints
-        )
+        stated = [_with_rates(joint, velocity, acceleration) for joint in self.robot.joints]
+        joints = with_bound_rates(self.joints, stated) if velocity or acceleration else self.joints
         return dataclasses.replace(
             self,
             joints=joints,
             velocity_limits=velocity_scaling * np.concatenate([joint.velocity for joint in joints]),
             acceleration_limits=acceleration_scaling * np.concatenate([joint.acceleration for joint in joints]),
         )
+
+
+def with_bound_rates(joints: Sequence[Joint], stated: Sequence[Joint]) -> tuple[Joint, ...]:
+    """Planned joints with the rates that they may have, so that those that follow them keep their own limits.
+
+    Args:
+        joints: The planned joints.
+        stated: All joints of the robot, with the limits that were stated for each.
+    """
+    bound = {joint.name: joint for joint in bind_rates(stated)}
+    of_rates = [f"{rate}{what}" for rate in ("velocity", "acceleration") for what in ("", "_source", "_owner")]
+    return tuple(
+        dataclasses.replace(joint, **{field: getattr(bound[joint.name], field) for field in of_rates})
+        for joint in joints
+    )
+
+
+def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mapping[str, float]) -> Joint:
+    """A joint with the limits that a request states for it."""
+    if joint.name in velocity:
+        limit = np.full(joint.nv, velocity[joint.name])
+        joint = dataclasses.replace(joint, velocity=limit, velocity_source=LimitSource.REQUEST)
+    if joint.name in acceleration:
+        limit = np.full(joint.nv, acceleration[joint.name])
+        joint = dataclasses.replace(joint, acceleration=limit, acceleration_source=LimitSource.REQUEST)
+    return joint
 
 
 @kept_with_alike
@@ -384,7 +412,7 @@ def _winds(group: PlanningGroup) -> np.ndarray:
     return winds
 
 
-def _at_q(joint: Joint) -> slice:
+def _at_q(joint: Any) -> slice:
     return slice(joint.idx_q, joint.idx_q + joint.nq)
 
 

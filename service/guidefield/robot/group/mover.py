@@ -10,6 +10,7 @@ from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.frames import joint_indices
 
 LARGEST_TURN = np.deg2rad(15.0)
 """No joint turns more than this in one step of a descent [rad]."""
@@ -24,11 +25,11 @@ def mover_of(group: PlanningGroup) -> Mover:
     leaders = np.argmax(E != 0.0, axis=1)
     factors = E[np.arange(model.nv), leaders]
     largest, stops = np.full(group.nv, LARGEST_TURN), np.zeros(group.nv, np.int64)
-    values = np.full(group.nv, -1)
+    values, indices = np.full(group.nv, -1), joint_indices(model)
     for joint in group.joints:
         slides = TRANSLATION.get(joint.kind, slice(0, 0))
         largest[joint.idx_v : joint.idx_v + joint.nv][slides] = LARGEST_SLIDE
-        first = model.joints[model.getJointId(joint.name)].idx_q
+        first = model.joints[indices[joint.name]].idx_q
         for k in range(1 if joint.nq == 1 else slides.stop):
             at = joint.idx_v + k
             if np.isfinite(group.lower[at]) or np.isfinite(group.upper[at]):
@@ -56,8 +57,8 @@ def mover_of(group: PlanningGroup) -> Mover:
 @kept_with_alike
 def planned_values(group: PlanningGroup) -> np.ndarray:
     """Where a group's configuration stands in its model's, shape (nq,) of indices."""
-    at = []
+    at, indices = [], joint_indices(group.model)
     for joint in group.joints:
-        first = group.model.joints[group.model.getJointId(joint.name)].idx_q
+        first = group.model.joints[indices[joint.name]].idx_q
         at += list(range(first, first + joint.nq))
     return np.array(at)

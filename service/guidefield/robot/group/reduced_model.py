@@ -8,20 +8,17 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.errors import InvalidGroup
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
-from guidefield.robot.group.group import PlanningGroup, reference_of
+from guidefield.robot.group.group import PlanningGroup, reference_of, with_bound_rates
 from guidefield.robot.model.followers import expansion
-from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.frames import joint_indices
 from guidefield.robot.model.groups import joints_to
 from guidefield.robot.model.model import Joint, RobotModel
+from guidefield.robot.model.replaced_joints import lock_joints
 from guidefield.robot.model.spaces import RobotConfiguration
-
-_RENAMED = "link of joint "
-"""Before the names of links that share theirs with a joint, while a model is reduced."""
 
 
 def select(
@@ -35,7 +32,8 @@ def select(
 
     Args:
         robot: The robot.
-        group: Joint names, the name of a group, or None for every joint between the root and the tip.
+        group: Joint names, the name of a group, or None for every joint between the root and the tip; if none of these
+            moves by itself, for the joints that they follow, or for every joint that moves.
         tip: Frame that goals are about; None for the robot's own.
         q_reference: Configuration of the whole robot, shape (robot.model.nq,); joints outside the group keep it.
         placement: Placement of the robot's root in the world, pinocchio.SE3.
@@ -83,12 +81,12 @@ def _reduce(
     """What groups have in common that are alike, as `PlanningGroup` names it; but not the robot itself."""
     model, geometry = _placed(robot, placement)
     locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
-    model, geometry = _reduced(model, geometry, locked, q_reference)
+    model, geometry = lock_joints(model, geometry, locked, q_reference)
     space = model
     if followers:
-        indices = [model.getJointId(name) for name in followers]
-        space, _ = _reduced(model.copy(), geometry.copy(), indices, reference_of(model, robot, q_reference))
-    joints = _regrouped(robot, space)
+        indices = [index for name, index in joint_indices(model).items() if name in followers]
+        space, _ = lock_joints(model, geometry, indices, reference_of(model, robot, q_reference))
+    joints = with_bound_rates(_regrouped(robot, space), robot.joints)
     matrix, offset = expansion(robot.joints, model, space)
     arrays = {
         "lower": np.concatenate([j.lower for j in joints]),
@@ -105,16 +103,10 @@ def _reduce(
         "geometry": geometry,
         "space": space,
         "joints": joints,
-        "tip_id": _tip_index(model, tip),
+        "tip_id": robot.frame_id(tip),
         "alike": Alike(),
         **arrays,
     }
-
-
-def _tip_index(model: Any, tip: str) -> int:
-    index = frame_index(model, tip)
-    assert index is not None, "the robot has the frame, so its reduced model has it"
-    return index
 
 
 def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: str) -> tuple[str, ...]:
@@ -133,7 +125,7 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
     elif tip == robot.tip and "default" in robot.groups:
         names = robot.groups["default"]
     else:
-        names = tuple(name for name in joints_to(robot.model, tip) if (j := robot.joint(name)) and j.mimic is None)
+        names = _default_joints(robot, tip)
     for name in names:
         joint = robot.joint(name)
         if joint is None:
@@ -148,8 +140,30 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
                 f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
             )
     if not names:
-        raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for", tip=tip)
+        movable = [joint.name for joint in robot.joints if joint.mimic is None]
+        hint = f"; `group` may name some of {', '.join(movable)}" if movable else ", as no joint of the robot can move"
+        raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for{hint}", tip=tip, available=movable)
     return tuple(joint.name for joint in robot.joints if joint.name in names)
+
+
+def _default_joints(robot: RobotModel, tip: str) -> tuple[str, ...]:
+    """Names of the joints that are planned for where a request names none.
+
+    They are the joints between the root and the tip. If none of them can move by itself, they are the source joints of
+    those that are mimic joints. If nothing moves the robot's own tip, they are all joints that can move.
+    """
+    above = [joint for name in joints_to(robot.model, tip) if (joint := robot.joint(name)) is not None]
+    own = [joint for joint in above if joint.is_driven]
+    sources = [robot.joint(joint.mimic.driver) for joint in above if joint.mimic is not None]
+    everywhere = [joint for joint in robot.joints if joint.is_driven and _can_move(joint)] if tip == robot.tip else []
+    for candidates in (own, sources, everywhere):
+        if any(joint is not None and _can_move(joint) for joint in candidates):
+            return tuple(joint.name for joint in candidates if joint is not None)
+    return tuple(joint.name for joint in own)
+
+
+def _can_move(joint: Joint) -> bool:
+    return not np.array_equal(joint.lower, joint.upper)
 
 
 def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
@@ -165,25 +179,6 @@ def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
         if shape.parentJoint == 0:
             shape.placement = placement * shape.placement
     return model, geometry
-
-
-def _reduced(model: Any, geometry: Any, locked: list[int], q_reference: np.ndarray) -> tuple[Any, Any]:
-    """The models with some joints fixed.
-
-    Pinocchio finds frames of joints, fixed ones too, by name alone: links that share one are called otherwise
-    meanwhile.
-    """
-    if not locked:
-        return model, geometry
-    fixed = (frame.name for frame in model.frames if frame.type == pin.FrameType.FIXED_JOINT)
-    joints = {*model.names, *fixed}
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and frame.name in joints:
-            frame.name = f"{_RENAMED}{frame.name}"
-    reduced: tuple[Any, Any] = pin.buildReducedModel(model, geometry, locked, q_reference)
-    for frame in reduced[0].frames:
-        frame.name = frame.name.removeprefix(_RENAMED)
-    return reduced
 
 
 def _regrouped(robot: RobotModel, space: Any) -> tuple[Joint, ...]:

@@ -8,6 +8,7 @@ from typing import Any
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.model.frames import joint_indices
 from guidefield.robot.model.replaced_joints import with_joints
 
 
@@ -22,9 +23,10 @@ def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
     Raises:
         RobotInvalid: if a marked joint doesn't exist or isn't floating.
     """
+    indices = joint_indices(model)
     for joint in marked:
-        if not model.existJointName(joint):
+        if joint not in indices:
             raise RobotInvalid(f"robot {name!r} has no joint {joint!r}, which its card marks as a ball", joint=joint)
-        if model.joints[model.getJointId(joint)].shortname() != "JointModelFreeFlyer":
+        if model.joints[indices[joint]].shortname() != "JointModelFreeFlyer":
             raise RobotInvalid(f"robot {name!r}: joint {joint!r} is marked as a ball but isn't floating", joint=joint)
-    return with_joints(model, {joint: pin.JointModelSpherical() for joint in marked})
+    return with_joints(model, {indices[joint]: pin.JointModelSpherical() for joint in marked})

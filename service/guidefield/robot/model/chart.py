@@ -48,6 +48,16 @@ TRANSLATION = {JointKind.PRISMATIC: slice(0, 1), JointKind.PLANAR: slice(0, 2), 
 """Which of a joint's chart coordinates are lengths [m]."""
 
 
+def position_names(joint: Joint) -> tuple[str, ...]:
+    """Names of a joint's position columns on the wire."""
+    return tuple(joint.name + suffix for suffix in POSITION_SUFFIXES.get(joint.kind, ("",)))
+
+
+def velocity_names(joint: Joint) -> tuple[str, ...]:
+    """Names of a joint's velocity columns on the wire."""
+    return tuple(joint.name + suffix for suffix in VELOCITY_SUFFIXES.get(joint.kind, ("",)))
+
+
 def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Chart coordinates, shape (nv,), of a joint's configuration values.
 

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.robot.model import chart
+from guidefield.robot.model.frames import joint_indices
 from guidefield.robot.model.joint_tables import axis_of
 from guidefield.robot.model.model import Joint, Mimic
 from guidefield.robot.model.replaced_joints import with_joints
@@ -52,8 +53,9 @@ def unwrapped(facts: UrdfFacts) -> dict[str, str]:
 
 def with_unwrapped(model: Any, facts: UrdfFacts) -> Any:
     """The Pinocchio model of a URDF with the joints that `unwrapped` names as revolute ones, without limits."""
-    joints = {name: model.joints[model.getJointId(name)] for name in unwrapped(facts)}
-    revolute = {name: pin.JointModelRevoluteUnaligned(axis_of(joint)) for name, joint in joints.items()}
+    indices = joint_indices(model)
+    joints = {indices[name]: model.joints[indices[name]] for name in unwrapped(facts)}
+    revolute = {index: pin.JointModelRevoluteUnaligned(axis_of(joint)) for index, joint in joints.items()}
     return with_joints(model, revolute)
 
 
@@ -84,12 +86,12 @@ def expansion(joints: Sequence[Joint], model: Any, space: Any) -> tuple[np.ndarr
     Returns:
         Matrix, shape (model.nv, space.nv), and offset, shape (model.nv,).
     """
-    by_name = {joint.name: joint for joint in joints}
+    by_name, planned = {joint.name: joint for joint in joints}, joint_indices(space)
     matrix, offset = np.zeros((model.nv, space.nv)), np.zeros(model.nv)
     for index in range(1, model.njoints):
         joint, row = by_name[model.names[index]], model.joints[index].idx_v
         law = joint.mimic or Mimic(joint.name, 1.0, 0.0)
-        column = space.joints[space.getJointId(law.driver)].idx_v
+        column = space.joints[planned[law.driver]].idx_v
         matrix[row : row + joint.nv, column : column + joint.nv] = law.multiplier * np.eye(joint.nv)
         offset[row] = law.offset
     return matrix, offset

@@ -7,6 +7,14 @@ from typing import Any
 import pinocchio as pin
 
 
+def joint_indices(model: Any) -> dict[str, int]:
+    """Pinocchio's index of each joint by name.
+
+    The world, which Pinocchio calls `universe`, is no joint: a joint of that name isn't taken for it.
+    """
+    return {name: index for index, name in enumerate(model.names) if index}
+
+
 def frame_index(model: Any, name: str) -> int | None:
     """Pinocchio's index of a link's frame, else of any other frame of that name; None if there is none."""
     if model.existFrame(name, pin.FrameType.BODY):

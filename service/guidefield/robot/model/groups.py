@@ -7,18 +7,39 @@ from typing import Any
 
 from guidefield.robot.model.frames import moving_joint
 from guidefield.robot.model.model import Joint
-from guidefield.robot.urdf.srdf import Srdf, SrdfChain
+from guidefield.robot.urdf.srdf import Srdf, SrdfChain, SrdfGroup
 
 
-def resolve_groups(model: Any, described: Srdf, joints: Sequence[Joint]) -> dict[str, tuple[str, ...]]:
-    """Joints of each SRDF group that can be planned for, in Pinocchio's order; empty groups are left out."""
-    plannable = [joint.name for joint in joints if joint.mimic is None]
+def resolve_groups(
+    model: Any, described: Srdf, joints: Sequence[Joint], warnings: list[str]
+) -> dict[str, tuple[str, ...]]:
+    """Joints of each SRDF group that can be planned for, in Pinocchio's order.
+
+    Args:
+        model: Pinocchio model.
+        described: The SRDF.
+        joints: Movable joints.
+        warnings: Gets a sentence for each group that is left out because none of its joints can be planned for.
+    """
+    plannable = [joint.name for joint in joints if joint.is_driven]
     resolved = {}
     for name in described.groups:
         members = _members(model, described, name, frozenset())
         if ordered := tuple(joint for joint in plannable if joint in members):
             resolved[name] = ordered
+        else:
+            warnings.append(
+                f"the SRDF's group {name!r} is left out: {_reason(described.groups[name], members, joints)}"
+            )
     return resolved
+
+
+def _reason(group: SrdfGroup, members: set[str], joints: Sequence[Joint]) -> str:
+    """Why none of a group's joints can be planned for."""
+    kinds = {joint.name: "mimic" if joint.mimic is not None else "passive" for joint in joints}
+    if moving := sorted(members & kinds.keys()):
+        return f"its joints don't move by themselves ({', '.join(f'{name} is {kinds[name]}' for name in moving)})"
+    return "it is empty" if group == SrdfGroup() else "no joint that moves is among what it names"
 
 
 def joints_to(model: Any, frame: str) -> list[str]:

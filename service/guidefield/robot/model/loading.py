@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model import followers, pairs, rest, shapes
+from guidefield.robot.model import chart, followers, pairs, rest, shapes
 from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import put_meshes, read_meshes
-from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.frames import frame_index, joint_indices
 from guidefield.robot.model.groups import resolve_groups
-from guidefield.robot.model.mimic_limits import narrowed
-from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic, RobotModel, RobotSource
+from guidefield.robot.model.mimic_limits import narrowed, slower
+from guidefield.robot.model.model import (
+    NO_GEOMETRY,
+    ROOT_JOINT,
+    Joint,
+    JointKind,
+    LimitSource,
+    Mimic,
+    RobotModel,
+    RobotSource,
+)
+from guidefield.robot.model.neutral_names import neutral_names
+from guidefield.robot.model.planar_joints import set_planar_axes
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
@@ -28,6 +39,8 @@ DEFAULT_ROTATION_SPEED = 1.0
 """Velocity limit of a rotation for which nobody names one [rad/s]."""
 DEFAULT_TRANSLATION_SPEED = 0.5
 """Velocity limit of a translation for which nobody names one [m/s]."""
+NO_SPEED_LIMIT = 1e6
+"""A velocity limit of this or more stands for none [rad/s or m/s]."""
 TIME_TO_SPEED = 0.5
 """Acceleration limits that nobody names let a joint reach its velocity limit in this time [s]."""
 FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
@@ -35,6 +48,9 @@ FURTHEST = {JointKind.REVOLUTE: 200.0, JointKind.PRISMATIC: 1000.0}
 millions of turns could not be judged."""
 
 ROOT_JOINTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
+
+VIRTUAL_ROOTS = {"planar": "planar", "floating": "free"}
+"""Root joint that a virtual joint of an SRDF means, by its type."""
 
 KINDS = {
     **{f"JointModelR{axis}": JointKind.REVOLUTE for axis in ("X", "Y", "Z", "evoluteUnaligned")},
@@ -61,32 +77,37 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         RobotInvalid: if the URDF, its meshes or the SRDF cannot be used, with the element at fault.
     """
     facts = check_urdf(source.urdf_text, resolver)
+    _check_root_joint(name, facts, source.root_joint)
     described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
     source = dataclasses.replace(source, urdf_text=facts.text)
     warnings = list(facts.warnings)
     model, geometry = _parse(name, source, facts, warnings)
     check_geometry_complete(facts, geometry, model)
+    set_planar_axes(model, geometry, _planar_axes(facts, model))
     model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
+    known_joints = [*facts.joints, ROOT_JOINT, *described.virtual]
+    warnings += [*described.warnings, *srdf.unknown_names(described, facts.links, known_joints)]
+    warnings += _differing_root(described, source.root_joint)
     if not geometry.ngeoms:
-        raise RobotInvalid(
-            f"robot {name!r} has no collision geometry, so nothing can be said about collisions", robot=name
-        )
-    warnings += srdf.unknown_names(described, facts.links, [*facts.joints, "root_joint"])
+        warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
     choices = shapes.settle(model, geometry, facts.meshes, warnings)
     laws = followers.laws(facts)
-    joints = tuple(_joint(model, index, laws, card, warnings) for index in range(1, model.njoints))
+    joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
+    _check_columns(name, joints)
     for driver, follower in followers.unwrapped(facts).items():
         warnings.append(
             f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
             f"{driver!r} is a revolute joint therefore, whose whole turns count"
         )
     joints = narrowed(joints, warnings)
-    groups = resolve_groups(model, described, joints)
-    stated = rest.stated(model, joints, described, card)
+    warnings += slower(joints)
+    joints = _with_passive(joints, described, warnings)
+    groups = resolve_groups(model, described, joints, warnings)
+    stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
-    settled = pairs.settle(model, geometry, joints, links, described.disabled, stated)
+    settled = pairs.settle(model, geometry, joints, links, described.disabled_among(facts.links), stated.q)
     warnings += settled.warnings
-    q_rest = rest.settle(model, geometry, joints, links, stated, warnings)
+    q_rest = rest.settle(model, geometry, joints, links, stated.q, warnings)
     return RobotModel(
         name=name,
         model=model,
@@ -100,33 +121,100 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
         pairs_left_out=settled.left_out,
         warnings=tuple(warnings),
         source=source,
+        rest_state=stated.state,
     )
+
+
+def _differing_root(described: srdf.Srdf, root_joint: str) -> list[str]:
+    """A sentence for each virtual joint of an SRDF by which the robot would stand in the world otherwise."""
+    return [
+        f"the SRDF's virtual joint {name!r} is {kind}, but the robot's root is {root_joint}: `root_joint` may be"
+        f" {VIRTUAL_ROOTS[kind]!r}"
+        for name, kind in described.virtual.items()
+        if kind in VIRTUAL_ROOTS and root_joint == "fixed"
+    ]
+
+
+def _with_passive(joints: Sequence[Joint], described: srdf.Srdf, warnings: list[str]) -> tuple[Joint, ...]:
+    """The joints; those that the SRDF calls passive are marked, and told."""
+    names = [ROOT_JOINT if name in described.virtual else name for name in described.passive]
+    marked = [joint.name for joint in joints if joint.name in names and joint.mimic is None]
+    if marked:
+        warnings.append(
+            f"the SRDF calls {', '.join(map(repr, marked))} passive: planned for only where `group` names such a joint"
+        )
+    return tuple(dataclasses.replace(joint, passive=joint.name in marked) for joint in joints)
+
+
+def _check_root_joint(name: str, facts: UrdfFacts, root_joint: str) -> None:
+    """Refuse a joint with the name of the one by which the robot moves in the world: requests couldn't tell them apart.
+
+    Raises:
+        RobotInvalid: names the joint and its line.
+    """
+    if root_joint != "fixed" and (joint := facts.joints.get(ROOT_JOINT)) is not None:
+        raise RobotInvalid(
+            f"line {joint.line}: joint {ROOT_JOINT!r} has the name of the joint by which robot {name!r} moves in the"
+            f" world, as its root joint is {root_joint!r}: give it another name",
+            line=joint.line,
+            element="joint",
+            joint=ROOT_JOINT,
+        )
+
+
+def _planar_axes(facts: UrdfFacts, model: Any) -> dict[int, np.ndarray]:
+    """Axis, shape (3,), of each planar joint of a URDF, by Pinocchio's index."""
+    indices = joint_indices(model)
+    return {indices[name]: np.array(joint.axis) for name, joint in facts.joints.items() if joint.axis is not None}
+
+
+def _check_columns(name: str, joints: Sequence[Joint]) -> None:
+    """Refuse joints whose names make the same column of positions or velocities: replies couldn't tell them apart.
+
+    Raises:
+        RobotInvalid: names both joints and the column.
+    """
+    for columns_of in (chart.position_names, chart.velocity_names):
+        owners: dict[str, str] = {}
+        for joint in joints:
+            for column in columns_of(joint):
+                if (other := owners.setdefault(column, joint.name)) != joint.name:
+                    raise RobotInvalid(
+                        f"robot {name!r}: joints {other!r} and {joint.name!r} would both have the column {column!r}:"
+                        " give one of them another name",
+                        joints=[other, joint.name],
+                        column=column,
+                    )
 
 
 def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]) -> tuple[Any, Any]:
     """Pinocchio's model and collision geometry, meshes read by our reader; its stated reason becomes ours."""
     root = ROOT_JOINTS[source.root_joint]
     text, meshes = read_meshes(facts, warnings)
+    names = neutral_names(text)
     with captured_stderr() as stderr:
         try:
-            model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
+            model = pin.buildModelFromXML(names.text, root()) if root else pin.buildModelFromXML(names.text)
             geometry = pin.GeometryModel()
-            pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+            pin.buildGeomFromUrdfString(model, names.text, pin.GeometryType.COLLISION, geometry, [])
         except (ValueError, RuntimeError) as error:
             reason = stderr.reason() or " ".join(str(error).partition("message: ")[2].split()) or str(error)
+            reason = names.restore_text(reason)
             raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
+    names.restore(model, geometry)
     put_meshes(geometry, meshes)
     return model, geometry
 
 
-def _joint(model: Any, index: int, laws: Mapping[str, Mimic], card: RobotCard, warnings: list[str]) -> Joint:
+def _joint(
+    model: Any, index: int, facts: UrdfFacts, laws: Mapping[str, Mimic], card: RobotCard, warnings: list[str]
+) -> Joint:
     pinocchio_joint = model.joints[index]
     name, short = model.names[index], pinocchio_joint.shortname()
     if short not in KINDS:
         raise RobotInvalid(f"joint {name!r} is a {short}, which cannot be planned for", joint=name, kind=short)
     kind = KINDS[short]
     at_q = slice(pinocchio_joint.idx_q, pinocchio_joint.idx_q + pinocchio_joint.nq)
-    at_v = slice(pinocchio_joint.idx_v, pinocchio_joint.idx_v + pinocchio_joint.nv)
     lower, upper = np.full(pinocchio_joint.nv, -np.inf), np.full(pinocchio_joint.nv, np.inf)
     if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
         lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
@@ -134,7 +222,8 @@ def _joint(model: Any, index: int, laws: Mapping[str, Mimic], card: RobotCard, w
         if np.isfinite(upper[0]) and max(-lower[0], upper[0]) > furthest:  # infinite where there are none
             warnings.append(f"joint {name!r}: its limits {lower[0]:g} and {upper[0]:g} are taken for {furthest:g}")
             lower, upper = np.clip(lower, -furthest, furthest), np.clip(upper, -furthest, furthest)
-    velocity, velocity_source = _velocity_limit(kind, model.velocityLimit[at_v], card.velocity.get(name))
+    said = facts.joints[name].velocity if name in facts.joints else None
+    velocity, velocity_source = _velocity_limit(kind, pinocchio_joint.nv, said, card.velocity.get(name))
     acceleration = velocity / TIME_TO_SPEED
     acceleration_source = LimitSource.DEFAULT
     if name in card.acceleration:
@@ -159,18 +248,19 @@ def _joint(model: Any, index: int, laws: Mapping[str, Mimic], card: RobotCard, w
     )
 
 
-def _velocity_limit(kind: JointKind, urdf: np.ndarray, card: float | None) -> tuple[np.ndarray, LimitSource]:
+def _velocity_limit(kind: JointKind, nv: int, urdf: float | None, card: float | None) -> tuple[np.ndarray, LimitSource]:
+    """Velocity limit of each freedom; what a URDF says of a joint with several freedoms binds each of them."""
     if card is not None:
-        return np.full(len(urdf), card), LimitSource.CARD
-    if np.all(urdf > 0.0) and np.all(urdf < 1e6):
-        return urdf.copy(), LimitSource.URDF
+        return np.full(nv, card), LimitSource.CARD
+    if urdf is not None and 0.0 < urdf < NO_SPEED_LIMIT:
+        return np.full(nv, urdf), LimitSource.URDF
     rotation, translation = DEFAULT_ROTATION_SPEED, DEFAULT_TRANSLATION_SPEED
     by_kind = {
         JointKind.PRISMATIC: [translation],
         JointKind.PLANAR: [translation, translation, rotation],
         JointKind.FLOATING: [translation] * 3 + [rotation] * 3,
     }
-    return np.array(by_kind.get(kind, [rotation] * len(urdf))), LimitSource.DEFAULT
+    return np.array(by_kind.get(kind, [rotation] * nv)), LimitSource.DEFAULT
 
 
 def default_tip(model: Any, described: srdf.Srdf, card: RobotCard) -> str:

@@ -1,4 +1,4 @@
-"""The limits of joints that follow others, as limits of the joints they follow: these alone are planned for."""
+"""Limits of mimic joints as limits of their source joints, which alone are planned for."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from guidefield.robot.model.configuration import FURTHEST
-from guidefield.robot.model.model import Joint, JointKind, Mimic
+from guidefield.robot.model.model import Joint, JointKind, LimitSource, Mimic
 
 LIMITED = (JointKind.REVOLUTE, JointKind.PRISMATIC)
 ROUNDING = 1e-6
-"""That a follower narrows a range by less is not told [rad or m]: limits are written with few digits."""
+"""That a follower narrows a range or a velocity by less is not told [rad or m, per s]: few digits are written."""
+_NOBODY = LimitSource.DEFAULT
 
 
 def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
@@ -32,7 +33,7 @@ def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
         lower, upper = _range(follower, follower.mimic)
         if not (np.isfinite(lower) or np.isfinite(upper)):
             continue
-        both = max(lower, float(driver.lower[0]), -FURTHEST), min(upper, float(driver.upper[0]), FURTHEST)
+        both = max(lower, float(driver.lower[0]), -FURTHEST) + 0.0, min(upper, float(driver.upper[0]), FURTHEST) + 0.0
         who = f"joint {driver.name!r}, which {follower.name!r} follows,"
         if both[0] > both[1]:
             warnings.append(f"{who} has no value at which {follower.name!r} is within its limits: they are not kept")
@@ -44,6 +45,55 @@ def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
                 )
             by_name[driver.name] = _limited(driver, *both)
     return tuple(by_name[joint.name] for joint in joints)
+
+
+def bind_rates(joints: Sequence[Joint]) -> tuple[Joint, ...]:
+    """The same joints; source joints are so slow that their mimic joints keep their own velocities and accelerations.
+
+    A limit that nobody stated binds nothing else. Limits of several degrees of freedom stay: nothing follows them.
+
+    Args:
+        joints: Movable joints with the limits that were stated for each by itself.
+    """
+    by_name = {joint.name: joint for joint in joints}
+    for follower in joints:
+        law = follower.mimic
+        if law is None or law.multiplier == 0.0 or follower.velocity_source is follower.acceleration_source is _NOBODY:
+            continue
+        source, share = by_name[law.driver], 1.0 / abs(law.multiplier)
+        velocity, acceleration = float(follower.velocity[0]) * share, float(follower.acceleration[0]) * share
+        if follower.velocity_source is not _NOBODY and velocity < source.velocity[0]:
+            source = dataclasses.replace(
+                source,
+                velocity=_read_only(velocity),
+                velocity_source=follower.velocity_source,
+                velocity_owner=follower.name,
+            )
+        if acceleration < source.acceleration[0]:
+            source = dataclasses.replace(
+                source,
+                acceleration=_read_only(acceleration),
+                acceleration_source=follower.acceleration_source,
+                acceleration_owner=follower.name,
+            )
+        by_name[source.name] = source
+    return tuple(by_name[joint.name] for joint in joints)
+
+
+def slower(joints: Sequence[Joint]) -> list[str]:
+    """A sentence for each joint that `bind_rates` makes slower."""
+    return [
+        f"joint {bound.name!r}, which {bound.velocity_owner!r} follows, moves at {bound.velocity[0]:g} at most, so that"
+        " its follower keeps its velocity limit"
+        for stated, bound in zip(joints, bind_rates(joints), strict=True)
+        if stated.velocity[0] - bound.velocity[0] > ROUNDING
+    ]
+
+
+def _read_only(limit: float) -> np.ndarray:
+    array = np.array([limit])
+    array.setflags(write=False)
+    return array
 
 
 def _range(follower: Joint, law: Mimic) -> tuple[float, float]:

@@ -11,11 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.errors import UnknownFrame
+from guidefield.errors import RobotInvalid, UnknownFrame
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.joint_tables import joint_table
 from guidefield.robot.model.spaces import RobotConfiguration
+
+ROOT_JOINT = "root_joint"
+"""Name of the joint by which a robot moves in the world, unless its root is fixed."""
+
+NO_GEOMETRY = "has no collision geometry, so nothing can be said about collisions"
+"""The fault of a robot that can be asked for kinematics alone."""
 
 
 class JointKind(enum.StrEnum):
@@ -65,6 +71,8 @@ class Joint:
         velocity, acceleration: Largest magnitudes, shape (nv,) [rad or m, per s and s^2].
         velocity_source, acceleration_source: Where those come from.
         mimic: The joint that it follows, if it does; then it can't be planned for.
+        passive: Whether the SRDF says that nothing drives it; it is planned for only where a request names it.
+        velocity_owner, acceleration_owner: The mimic joint whose limit those are, where it binds this joint.
     """
 
     name: str
@@ -81,6 +89,14 @@ class Joint:
     velocity_source: LimitSource
     acceleration_source: LimitSource
     mimic: Mimic | None = None
+    passive: bool = False
+    velocity_owner: str | None = None
+    acceleration_owner: str | None = None
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether it is planned for where a request doesn't name it."""
+        return self.mimic is None and not self.passive
 
     @cached_property
     def limits(self) -> tuple[float, float] | None:
@@ -139,6 +155,7 @@ class RobotModel:
         tip: Frame that goals and guide planes are about, unless a request says otherwise.
         groups: Named sets of joints, from the SRDF.
         rest: Configuration, shape (model.nq,), of joints that a request leaves out.
+        rest_state: Name of the SRDF's state that it is, as far as that goes; None where it is that of no state.
         geometry_choices: As what each shape is judged, in the geometry's order.
         pairs_left_out: Pairs of links that are not tested, with reasons.
         warnings: What was odd but harmless, for every reply about it.
@@ -160,6 +177,7 @@ class RobotModel:
     warnings: tuple[str, ...]
     source: RobotSource
     remarks: tuple[str, ...] = ()
+    rest_state: str | None = None
 
     def joint(self, name: str) -> Joint | None:
         """The movable joint of that name, or None."""
@@ -168,6 +186,15 @@ class RobotModel:
     @cached_property
     def _joints_by_name(self) -> dict[str, Joint]:
         return {joint.name: joint for joint in reversed(self.joints)}
+
+    def require_collision_geometry(self) -> None:
+        """Refuse to say anything about collisions of a robot that has no collision geometry.
+
+        Raises:
+            RobotInvalid: if there is none.
+        """
+        if not self.geometry_choices:
+            raise RobotInvalid(f"robot {self.name!r} {NO_GEOMETRY}", robot=self.name)
 
     def link_of_geometry(self, index: int) -> str:
         """Name of the link that a collision shape belongs to."""

@@ -146,7 +146,7 @@ class _Near:
     def __call__(self, placed: Any) -> list[int]:
         """The pairs' places in the model's list, from its data with placements that are up to date."""
         there = zip(placed.oMg, self._centres, strict=True)
-        centres = np.array([placement.act(centre) for placement, centre in there])
+        centres = np.array([placement.act(centre) for placement, centre in there]).reshape(-1, 3)
         apart = np.linalg.norm(centres[self._pairs[:, 0]] - centres[self._pairs[:, 1]], axis=1)
         near: list[int] = np.flatnonzero(~(apart > self._reach)).tolist()
         return near

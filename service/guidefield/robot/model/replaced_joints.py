@@ -1,35 +1,77 @@
-"""A Pinocchio model with some of its joints replaced by others; the indices of joints and frames stay the same."""
+"""Pinocchio models with joints replaced or locked; joints and frames are found by their indices alone."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 
-def with_joints(model: Any, replacements: Mapping[str, Any]) -> Any:
-    """The same Pinocchio model with other joints.
+def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
+    """The same Pinocchio model with other joints; the indices of joints and frames stay the same.
 
     Limits are kept where a joint has as many values as before; what replaces another has no limits of positions else.
 
     Args:
         model: Pinocchio model.
-        replacements: Pinocchio's joint model that takes the place of each joint of that name.
+        replacements: Pinocchio's joint model that takes the place of each joint, by index.
     """
     if not replacements:
         return model
+    made, _ = _rebuilt(model, replacements, (), pin.neutral(model))
+    return made
+
+
+def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarray) -> tuple[Any, Any]:
+    """The models with some joints fixed.
+
+    Frames keep their indices and names; joints keep their order. `pinocchio.buildReducedModel` does the same, but finds
+    frames by name.
+
+    Args:
+        model: Pinocchio model.
+        geometry: Its collision geometry.
+        locked: Indices of the joints to fix.
+        q: Configuration, shape (model.nq,), at which they are fixed.
+    """
+    if not locked:
+        return model, geometry
+    made, places = _rebuilt(model, {}, locked, q)
+    reduced = geometry.copy()
+    for shape in reduced.geometryObjects:
+        carrier, offset = places[shape.parentJoint]
+        shape.parentJoint, shape.placement = carrier, offset * shape.placement
+    return made, reduced
+
+
+def _rebuilt(
+    model: Any, replacements: Mapping[int, Any], locked: Collection[int], q: np.ndarray
+) -> tuple[Any, list[tuple[int, Any]]]:
+    """A new model, and for each old joint the new joint that carries its frame with the frame's placement there."""
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
     made = pin.Model()
     made.name = model.name
+    places: list[tuple[int, Any]] = [(0, pin.SE3.Identity())]
     for index in range(1, model.njoints):
-        joint = replacements.get(model.names[index]) or model.joints[index].extract()
-        copied = made.addJoint(model.parents[index], joint, model.jointPlacements[index], model.names[index])
-        made.appendBodyToJoint(copied, model.inertias[index], pin.SE3.Identity())
-        _copy_limits(model, model.joints[index], made, made.joints[copied])
-    for frame in list(model.frames)[1:]:
-        made.addFrame(frame, False)
-    return made
+        carrier, offset = places[model.parents[index]]
+        if index in locked:
+            places.append((carrier, offset * data.liMi[index]))
+        else:
+            joint = replacements.get(index) or model.joints[index].extract()
+            carrier = made.addJoint(carrier, joint, offset * model.jointPlacements[index], model.names[index])
+            _copy_limits(model, model.joints[index], made, made.joints[carrier])
+            places.append((carrier, pin.SE3.Identity()))
+        made.appendBodyToJoint(places[index][0], model.inertias[index], places[index][1])
+    for number, frame in enumerate(list(model.frames)[1:]):
+        carrier, offset = places[frame.parentJoint]
+        # under a name of its own, as Pinocchio merges frames that share name and type
+        copied = pin.Frame(f"frame {number}", carrier, frame.parentFrame, offset * frame.placement, frame.type)
+        made.frames[made.addFrame(copied, False)].name = frame.name
+    return made, places
 
 
 def _copy_limits(source: Any, joint: Any, target: Any, copied: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,13 @@ from guidefield.errors import RobotInvalid
 from guidefield.geometry.met import all_as_met
 from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
-from guidefield.robot.model.configuration import LENGTHS, clamp, values_from_wire
+from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.margin import MARGIN
-from guidefield.robot.model.model import Joint, JointKind
+from guidefield.robot.model.model import ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.robot.model.spaces import RobotConfiguration
-from guidefield.robot.urdf.srdf import Srdf
+from guidefield.robot.urdf.srdf import Srdf, SrdfState
 
 STATES = ("default", "rest", "home", "ready")
 """Names of the SRDF's states that are preferred, in this order; else it is its first."""
@@ -32,44 +33,106 @@ MOST = np.pi
 """Joints without limits are drawn within this of their zero [rad or m]."""
 
 
-def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard) -> RobotConfiguration:
-    """The card's rest values over a state of the SRDF over zero, each within its limits, shape (nq,).
+@dataclass(frozen=True)
+class StatedRest:
+    """The rest configuration that was stated.
+
+    Attributes:
+        q: Configuration, shape (nq,).
+        state: Name of the SRDF's state that it is of, if any.
+    """
+
+    q: RobotConfiguration
+    state: str | None
+
+
+def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard, warnings: list[str]) -> StatedRest:
+    """The card's rest values over a state of the SRDF over zero, each within its limits.
+
+    Of the SRDF's states the first is taken of `STATES` and then of all others that lies within the joints' limits;
+    states of several groups with one name are one. States of groups that aren't there come last.
 
     Args:
         model: Pinocchio model.
         joints: Its joints.
         described: The SRDF.
         card: The robot's card.
+        warnings: Gets a sentence for each state that isn't taken though it is preferred, and for each value that is
+            clamped.
 
     Raises:
-        RobotInvalid: if a value doesn't fit its joint.
+        RobotInvalid: if a value of the card doesn't fit its joint.
     """
-    states = described.states
-    preferred = next((states[key] for key in STATES if key in states), None)
-    values = {**_fitting(preferred or next(iter(states.values()), {}), joints), **card.rest}
+    name, values = _state(joints, described, card, warnings)
+    values = {**values, **card.rest}
     q: RobotConfiguration = pin.neutral(model)
     for joint in joints:
         if joint.name in values:
             q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, values[joint.name], RobotInvalid)
     q = clamp(joints, q)
     follow(joints, q)
-    return q
+    return StatedRest(q, name)
 
 
-def _fitting(state: Positions, joints: Sequence[Joint]) -> Positions:
+def _state(
+    joints: Sequence[Joint], described: Srdf, card: RobotCard, warnings: list[str]
+) -> tuple[str | None, Positions]:
+    """Name and values of the SRDF's state that is the rest configuration; none where it has none."""
+    states: dict[str, Positions] = {}
+    known = ("", *described.groups)
+    for state in sorted(described.states, key=lambda state: state.group not in known):
+        if state.group in known or state.name not in states:
+            states[state.name] = {**_fitting(state, joints, described, warnings), **states.get(state.name, {})}
+    lost = {state.name for state in described.states} - {
+        state.name for state in described.states if state.group in known
+    }
+    rank = {name: place for place, name in enumerate(STATES)}
+    ordered = sorted(states, key=lambda name: (name in lost, rank.get(name, len(rank))))
+    beyond = {name: _beyond({**states[name], **card.rest}, joints) for name in ordered}
+    within = next((name for name in ordered if not beyond[name]), None)
+    for name in ordered[: None if within is None else ordered.index(within)]:
+        use = "it is not the rest configuration" if within else "the rest configuration has the limit instead"
+        told = use if within or name == ordered[0] else "it is not the rest configuration"
+        warnings.append(f"the SRDF's state {name!r} is beyond limits ({', '.join(beyond[name])}): {told}")
+    chosen = within or next(iter(ordered), None)
+    return chosen, states.get(chosen or "", {})
+
+
+def _beyond(values: Positions, joints: Sequence[Joint]) -> list[str]:
+    """What a state says beyond the limits of its joints."""
+    return [
+        f"joint {joint.name!r} at {value:g}, its limits are {joint.limits[0]:g} and {joint.limits[1]:g}"
+        for joint in joints
+        if joint.mimic is None
+        and joint.limits is not None
+        and isinstance(value := values.get(joint.name), float)
+        and not joint.limits[0] - LIMIT_TOLERANCE <= value <= joint.limits[1] + LIMIT_TOLERANCE
+    ]
+
+
+def _fitting(state: SrdfState, joints: Sequence[Joint], described: Srdf, warnings: list[str]) -> Positions:
     """What an SRDF's state says of joints that take as many numbers: a root joint may be another than it was made for.
 
-    Quaternions are written with few digits there; they get length 1.
+    A virtual joint stands for the root joint. Quaternions are written with few digits there; they get length 1.
     """
-    kinds, fitting = {joint.name: joint.kind for joint in joints}, {}
-    for name, value in state.items():
+    known, fitting = {joint.name: joint for joint in joints}, {}
+    for written, value in state.values.items():
+        name = ROOT_JOINT if written in described.virtual and written not in known else written
         numbers = value if isinstance(value, list) else [value]
-        length = LENGTHS.get(kinds[name], 1) if name in kinds else 0
+        if name not in known:
+            continue
+        length = LENGTHS.get(known[name].kind, 1)
         if len(numbers) != length:
+            if name != ROOT_JOINT:
+                given = f"{len(numbers)} values" if len(numbers) > 1 else "1 value"
+                warnings.append(f"the SRDF's state {state.name!r} gives joint {name!r} {given}, not {length}: left out")
             continue
         if length >= LENGTHS[JointKind.SPHERICAL]:
             norm = math.hypot(*numbers[-4:])
-            numbers = [*numbers[:-4], *(number / norm for number in numbers[-4:])] if norm > 0.0 else numbers
+            if norm == 0.0:
+                warnings.append(f"the SRDF's state {state.name!r} gives joint {name!r} a zero quaternion: left out")
+                continue
+            numbers = [*numbers[:-4], *(number / norm for number in numbers[-4:])]
         fitting[name] = numbers if length > 1 else numbers[0]
     return fitting
 

@@ -30,9 +30,10 @@ _SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 def crosschecked(robot: RobotModel) -> RobotModel:
     """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
 
-    Compared are the joints that can be given, and the placement of each link with every joint bent, followers where
-    either reader puts them. Robots with what yourdfpy doesn't know are not compared: joints of several degrees of
-    freedom, followers of followers, and rotations as quaternions (URDF 1.1). No file is opened.
+    Compared are capsules, which yourdfpy doesn't know, the joints that can be given, and the placement of each link
+    with every joint bent, mimic joints where either reader puts them. Placements of robots with what yourdfpy doesn't
+    know are not compared: joints of several degrees of freedom, mimic joints of mimic joints, and rotations as
+    quaternions (URDF 1.1). No file is opened.
     """
     told = _differences(robot)
     if len(told) > MOST_TOLD:
@@ -42,6 +43,31 @@ def crosschecked(robot: RobotModel) -> RobotModel:
 
 def _differences(robot: RobotModel) -> list[str]:
     root = etree.fromstring(robot.source.urdf_text.encode())
+    capsules = _capsules(robot, root)
+    return [*capsules, *_placed_otherwise(robot, root)]
+
+
+def _capsules(robot: RobotModel, root: Any) -> list[str]:
+    """Sentences about capsules, which Pinocchio alone reads.
+
+    They are shapes of URDF 1.1, or cylinders that `<collision_checking>` makes capsules.
+    """
+    shapes = {link.get("name"): [shape.tag for shape in link.iterfind("collision/geometry/*")] for link in root}
+    rounded = dict.fromkeys(
+        choice.link
+        for choice in robot.geometry_choices
+        if choice.shape == "capsule" and "cylinder" in shapes.get(choice.link, ())
+    )
+    unknown = [link for link, tags in shapes.items() if "capsule" in tags]
+    told = (
+        (rounded, "by <collision_checking> a cylinder is a capsule; yourdfpy and other tools read flat ends"),
+        (unknown, "yourdfpy and other tools don't know <capsule>, and see nothing there"),
+    )
+    return [f"link {', '.join(map(repr, links))}: {what}" for links, what in told if links]
+
+
+def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
+    """A sentence for each joint or link that yourdfpy reads otherwise."""
     if not _known_to_both(robot, root):
         return []
     try:
@@ -58,7 +84,7 @@ def _differences(robot: RobotModel) -> list[str]:
 
 def _joints(robot: RobotModel) -> list[Joint]:
     """The joints that the URDF has: not the one by which the robot stands in the world."""
-    return [joint for joint in robot.joints if joint.name != "root_joint"]
+    return list(robot.joints if robot.source.root_joint == "fixed" else robot.joints[1:])
 
 
 def _known_to_both(robot: RobotModel, root: Any) -> bool:
@@ -87,10 +113,10 @@ def _misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str
     """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
     model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, q)
-    root = data.oMf[model.getFrameId(other.base_link, pin.FrameType.BODY)]
+    root = data.oMf[robot.frame_id(other.base_link)]
     told = []
     for link in other.link_map:
-        ours = root.actInv(data.oMf[model.getFrameId(link, pin.FrameType.BODY)]).homogeneous
+        ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
         apart = float(np.abs(ours - other.get_transform(link, other.base_link)).max())
         if not apart <= SAME * max(1.0, float(np.abs(ours).max())):
             told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")

@@ -6,10 +6,21 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 
 from guidefield.robot.urdf.facts import JOINT_DOF, SCALAR_JOINTS, JointFacts
-from guidefield.robot.urdf.xml import Element, check_origins, fault, name_of, number, numbers, warning
+from guidefield.robot.urdf.xml import (
+    Element,
+    check_origins,
+    fault,
+    name_of,
+    number,
+    numbers,
+    warn_of_repeated,
+    warning,
+)
 
-MINIMAL_AXIS = 1e-9
-"""A shorter axis has no direction."""
+PLAIN_AXIS = (1e-3, 1e3)
+"""Smallest and largest entry of an axis that parsers are given as it is; the squares of others may overflow."""
+DEFAULT_AXIS = (1.0, 0.0, 0.0)
+"""Axis of a joint without `<axis>`."""
 
 _OPTIONAL_NUMBERS = {
     "dynamics": ("damping", "friction"),
@@ -18,18 +29,18 @@ _OPTIONAL_NUMBERS = {
 }
 """Numbers of elements that planning doesn't use; not being numbers, they would make the parser refuse the joint."""
 
-_UNUSED_AXIS = ("fixed", "floating", "planar")
+_WITHOUT_AXIS = ("fixed", "floating")
 _RANGED = ("revolute", "prismatic")
 
 
 def check_joint(joint: Element, links: Collection[str], version: tuple[int, int], warnings: list[str]) -> JointFacts:
     """Check one joint by itself.
 
-    The axis of a fixed, floating or planar joint is not looked at: Pinocchio ignores it (a planar joint moves in the xy
-    plane of its own frame). Nor is the range of a continuous joint.
+    The axis of a fixed or floating joint means nothing and isn't read. Nor is the range of a joint that has none:
+    continuous, planar and floating ones.
 
     Args:
-        joint: The `<joint>`.
+        joint: The `<joint>`; axes that parsers would misread, limits in reverse order and leftovers are rewritten.
         links: Names of all links.
         version: Of the URDF.
         warnings: Gets what is odd but harmless.
@@ -48,20 +59,26 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
         )
     parent, child = _end(joint, "parent", links), _end(joint, "child", links)
     check_origins(joint, version)
-    if kind not in _UNUSED_AXIS:
-        for axis in joint.findall("axis"):
-            _check_axis(axis)
-    _check_unused_numbers(joint)
+    axes = joint.findall("axis")
+    directions = [] if kind in _WITHOUT_AXIS else [_check_axis(axis) for axis in axes]
+    if kind == "planar" and not axes:
+        warnings.append(
+            warning(joint, "a planar joint without <axis> moves in the plane normal to x, the axis that a URDF implies")
+        )
+    _check_unused_numbers(joint, warnings)
     limits = joint.findall("limit")
     if not limits and kind in _RANGED:
         raise fault(joint, f"a {kind} joint must have <limit> with 'effort' and 'velocity'")
-    for repeated in (*limits[1:], *joint.findall("axis")[1:]):
-        warnings.append(warning(repeated, f"a second <{repeated.tag}> is left out"))
+    for tag in ("limit", "axis", "origin", "mimic"):
+        warn_of_repeated(joint, tag, warnings)
     figures = [_check_limit(limit, kind, warnings) for limit in limits]
     lower, upper, velocity, effort = figures[0] if figures else (None, None, None, None)
     if kind not in _RANGED:
+        if limits and kind != "fixed" and not _is_any_angle(kind, figures[0]):
+            warnings.append(warning(limits[0], f"a {kind} joint has no range: 'lower' and 'upper' are left out"))
         lower = upper = None
-    return JointFacts(name, kind, parent, child, joint.sourceline, lower, upper, velocity, effort)
+    axis = (directions[0] if directions else DEFAULT_AXIS) if kind == "planar" else None
+    return JointFacts(name, kind, parent, child, joint.sourceline, lower, upper, velocity, effort, axis)
 
 
 def check_mimics(
@@ -145,12 +162,25 @@ def _end(joint: Element, tag: str, links: Collection[str]) -> str:
     return link
 
 
-def _check_axis(axis: Element) -> None:
+def _check_axis(axis: Element) -> tuple[float, float, float]:
+    """The direction of an axis; written with plain numbers, as only its direction counts."""
     direction = numbers(axis, "xyz", 3)
     if direction is None:  # Pinocchio would take it for zero; a joint without <axis> has its default, x
         raise fault(axis, "<axis> must have 'xyz'", attribute="xyz")
-    if math.hypot(*direction) < MINIMAL_AXIS:
+    largest = max(map(abs, direction))
+    if largest == 0.0:
         raise fault(axis, f"<axis> must not be zero, got {axis.get('xyz')!r}", attribute="xyz")
+    if not PLAIN_AXIS[0] <= largest <= PLAIN_AXIS[1]:
+        direction = [entry / largest for entry in direction]
+        axis.set("xyz", " ".join(map(repr, direction)))
+    x, y, z = direction
+    return x, y, z
+
+
+def _is_any_angle(kind: str, figures: tuple[float, float, float, float]) -> bool:
+    """Whether a range that means nothing takes nothing away: none is given, or a continuous joint's is a turn."""
+    lower, upper, _, _ = figures
+    return lower == upper == 0.0 or (kind == "continuous" and upper - lower >= 2.0 * math.pi - 1e-2)
 
 
 def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float, float, float, float]:
@@ -158,18 +188,30 @@ def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float,
     lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
     velocity, effort = number(limit, "velocity"), number(limit, "effort")
     if kind in _RANGED and lower > upper:
-        raise fault(limit, f"'lower' must not exceed 'upper', got {lower:g} > {upper:g}", lower=lower, upper=upper)
+        taken = f"the range is taken for {upper:g} to {lower:g}"
+        warnings.append(warning(limit, f"'lower' exceeds 'upper', {lower:g} > {upper:g}: {taken}"))
+        lower, upper = upper, lower
+        limit.set("lower", repr(lower))
+        limit.set("upper", repr(upper))
     for attribute, value in (("velocity", velocity), ("effort", effort)):
         if value < 0.0:
-            raise fault(limit, f"{attribute!r} of <limit> must not be negative, got {value:g}", attribute=attribute)
+            what = "the joint has no such limit" if attribute == "effort" else "the default limit holds"
+            warnings.append(warning(limit, f"{attribute!r} of <limit> is negative, {value:g}: {what}"))
+            limit.set(attribute, "0")
+    velocity, effort = max(velocity, 0.0), max(effort, 0.0)
     if kind in _RANGED and lower == upper:
         warnings.append(warning(limit, f"the joint can't move: 'lower' and 'upper' are both {lower:g}"))
     return lower, upper, velocity, effort
 
 
-def _check_unused_numbers(joint: Element) -> None:
+def _check_unused_numbers(joint: Element, warnings: list[str]) -> None:
+    """Check elements that planning doesn't use; those with leftovers of xacro are taken out."""
     for tag, attributes in _OPTIONAL_NUMBERS.items():
         for element in joint.findall(tag):
+            if any("${" in value for value in element.attrib.values()):
+                warnings.append(warning(element, f"<{tag}> has leftovers of xacro and is left out: nothing uses it"))
+                joint.remove(element)
+                continue
             for attribute in attributes:
                 number(element, attribute, 0.0)
     for safety in joint.findall("safety_controller"):

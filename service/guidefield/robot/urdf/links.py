@@ -9,7 +9,17 @@ from pathlib import Path
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.facts import CollisionFacts
 from guidefield.robot.urdf.meshes import MeshResolver
-from guidefield.robot.urdf.xml import LARGEST_LENGTH, Element, check_origins, fault, name_of, number, numbers, warning
+from guidefield.robot.urdf.xml import (
+    LARGEST_LENGTH,
+    Element,
+    check_origins,
+    fault,
+    name_of,
+    number,
+    numbers,
+    warn_of_repeated,
+    warning,
+)
 
 SHAPES = {
     "box": {"size": 3},
@@ -47,10 +57,19 @@ def check_link(
     Raises:
         RobotInvalid: at the first fault, with its line.
     """
+    warn_of_repeated(link, "inertial", warnings)
     for inertial in link.findall("inertial"):
+        if any("${" in value for part in inertial.iter() for value in part.attrib.values()):
+            warnings.append(warning(inertial, "<inertial> has leftovers of xacro and is left out: nothing uses it"))
+            link.remove(inertial)
+            continue
+        warn_of_repeated(inertial, "origin", warnings)
         _check_inertial(inertial, version)
     for visual in link.findall("visual"):
         _check_visual(visual, version, resolver, warnings)
+    for part in (*link.findall("visual"), *link.findall("collision")):
+        for tag in ("origin", "geometry"):
+            warn_of_repeated(part, tag, warnings)
     return tuple(_check_collision(collision, version, resolver) for collision in link.findall("collision"))
 
 

@@ -1,9 +1,9 @@
-"""What an SRDF says: groups, named states, end effectors and pairs of links not to test."""
+"""An SRDF: groups, named states, end effectors, virtual and passive joints, and pairs of links not to test."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 
 from lxml import etree
@@ -32,20 +32,57 @@ class SrdfGroup:
 
 
 @dataclass(frozen=True)
+class SrdfState:
+    """A state as written.
+
+    Attributes:
+        name: Its name; states of several groups may share one.
+        group: The group that it is of; empty where it names none.
+        values: Joint values; a joint with several numbers has a list of them.
+        line: Its line in the text.
+    """
+
+    name: str
+    group: str
+    values: Positions
+    line: int
+
+
+@dataclass(frozen=True)
 class Srdf:
     """The parts of an SRDF that planning needs.
 
     Attributes:
         groups: By name.
-        states: Joint values by state name; a joint with several numbers has a list of them.
+        states: In the order of the text.
         end_effectors: Parent link and group of each end effector.
         disabled: Pair of links to the reason given.
+        untested: Links that are tested against nothing but what `enabled` names.
+        enabled: Pairs of links to test although one of them is untested.
+        virtual: Type of each virtual joint, by which the robot stands in the world, by name.
+        passive: Joints that nothing drives.
+        warnings: What is odd but harmless.
     """
 
     groups: dict[str, SrdfGroup] = field(default_factory=dict)
-    states: dict[str, Positions] = field(default_factory=dict)
+    states: tuple[SrdfState, ...] = ()
     end_effectors: tuple[tuple[str, str], ...] = ()
     disabled: dict[frozenset[str], str] = field(default_factory=dict)
+    untested: tuple[str, ...] = ()
+    enabled: frozenset[frozenset[str]] = frozenset()
+    virtual: dict[str, str] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def disabled_among(self, links: Iterable[str]) -> dict[frozenset[str], str]:
+        """Every pair of a robot's links that isn't to be tested, with the reason."""
+        others, pairs = list(links), dict(self.disabled)
+        for link in self.untested:
+            for other in others:
+                pair = frozenset((link, other))
+                if other != link and pair not in self.enabled:
+                    pairs.setdefault(pair, f"disable_default_collisions of {link}")
+        return pairs
 
 
 def parse(text: str) -> Srdf:
@@ -55,18 +92,29 @@ def parse(text: str) -> Srdf:
         RobotInvalid: if it is too long, isn't XML, has a DOCTYPE, its root isn't <robot>, or a state's value is no
             finite number.
     """
-    root = root_of(text, "SRDF")
+    warnings: list[str] = []
+    root = root_of(text, "SRDF", warnings)
     if root.tag != "robot":
         raise RobotInvalid(f"the SRDF's root element must be <robot>, it is <{root.tag}>", line=root.sourceline)
+    groups: dict[str, SrdfGroup] = {}
+    for group in root.findall("group"):
+        if groups.setdefault(name := group.get("name", ""), made := _group(group)) is not made:
+            warnings.append(f"line {group.sourceline}: a second group {name!r} is left out")
     return Srdf(
-        groups={group.get("name", ""): _group(group) for group in root.findall("group")},
-        states={state.get("name", ""): _state(state) for state in root.findall("group_state")},
+        groups=groups,
+        states=tuple(_state(state) for state in root.findall("group_state")),
         end_effectors=tuple((e.get("parent_link", ""), e.get("group", "")) for e in root.findall("end_effector")),
-        disabled={
-            frozenset((pair.get("link1", ""), pair.get("link2", ""))): pair.get("reason", "unspecified")
-            for pair in root.findall("disable_collisions")
-        },
+        disabled={_pair(pair): pair.get("reason", "unspecified") for pair in root.findall("disable_collisions")},
+        untested=tuple(link.get("link", "") for link in root.findall("disable_default_collisions")),
+        enabled=frozenset(_pair(pair) for pair in root.findall("enable_collisions")),
+        virtual={joint.get("name", ""): joint.get("type", "") for joint in root.findall("virtual_joint")},
+        passive=tuple(joint.get("name", "") for joint in root.findall("passive_joint")),
+        warnings=tuple(f"the SRDF: {warning}" for warning in warnings),
     )
+
+
+def _pair(element: etree._Element) -> frozenset[str]:
+    return frozenset((element.get("link1", ""), element.get("link2", "")))
 
 
 def _group(element: etree._Element) -> SrdfGroup:
@@ -78,7 +126,7 @@ def _group(element: etree._Element) -> SrdfGroup:
     )
 
 
-def _state(element: etree._Element) -> Positions:
+def _state(element: etree._Element) -> SrdfState:
     values: Positions = {}
     for joint in element.findall("joint"):
         try:
@@ -87,12 +135,12 @@ def _state(element: etree._Element) -> Positions:
             numbers = []
         if not numbers or not all(map(math.isfinite, numbers)):
             raise RobotInvalid(
-                f"the SRDF's state {element.get('name')!r} gives joint {joint.get('name')!r} the value "
-                f"{joint.get('value')!r}, which is no number",
+                f"line {joint.sourceline}: the SRDF's state {element.get('name')!r} gives joint {joint.get('name')!r} "
+                f"the value {joint.get('value')!r}, which is no number",
                 line=joint.sourceline,
             )
         values[joint.get("name", "")] = numbers if len(numbers) > 1 else numbers[0]
-    return values
+    return SrdfState(element.get("name", ""), element.get("group", ""), values, element.sourceline)
 
 
 def unknown_names(described: Srdf, links: Collection[str], joints: Collection[str]) -> list[str]:
@@ -101,18 +149,26 @@ def unknown_names(described: Srdf, links: Collection[str], joints: Collection[st
     Args:
         described: The SRDF.
         links: The robot's links.
-        joints: Its joints, fixed ones too.
+        joints: Its joints, fixed and virtual ones too.
     """
-    pairs = {name for pair in described.disabled for name in pair} - set(links)
-    moved = {name for group in described.groups.values() for name in group.joints} - set(joints)
-    moved |= {name for values in described.states.values() for name in values} - set(joints)
-    grouped = {name for group in described.groups.values() for name in group.links} - set(links)
-    grouped |= {name for g in described.groups.values() for c in g.chains for name in (c.base, c.tip)} - set(links)
-    told = (("pairs", "link", pairs), ("groups and states", "joint", moved), ("groups", "link", grouped))
-    return [f"the SRDF's {what} name {_some(kind, names)}" for what, kind, names in told if names]
+    pairs = {name for pair in (*described.disabled, *described.enabled) for name in pair} | {*described.untested}
+    grouped = {name for group in described.groups.values() for name in group.links}
+    grouped |= {name for g in described.groups.values() for c in g.chains for name in (c.base, c.tip)}
+    moved = {name for group in described.groups.values() for name in group.joints}
+    stated = {name for state in described.states for name in state.values}
+    used = (
+        ("pairs", "link", pairs - {*links}),
+        ("groups", "link", grouped - {*links}),
+        ("end effectors", "link", {link for link, _ in described.end_effectors} - {*links}),
+        ("groups and states", "joint", (moved | stated) - {*joints}),
+        ("passive joints", "joint", {*described.passive} - {*joints}),
+        ("states", "group", {state.group for state in described.states} - {*described.groups, ""}),
+    )
+    return [f"the SRDF's {what} name {_named(kind, names)}" for what, kind, names in used if names]
 
 
-def _some(kind: str, names: Collection[str]) -> str:
-    first, *others = sorted(names)
-    more = f" and {len(others)} more" if others else ""
-    return f"{kind} {first!r}{more}, which the robot doesn't have"
+def _named(kind: str, names: Collection[str]) -> str:
+    """All of some names, those of one kind."""
+    plural = "" if len(names) == 1 else "s"
+    has = "SRDF" if kind == "group" else "robot"
+    return f"{kind}{plural} {', '.join(map(repr, sorted(names)))}, which the {has} doesn't have"

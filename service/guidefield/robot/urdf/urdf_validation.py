@@ -14,8 +14,11 @@ from guidefield.robot.urdf.facts import JOINT_DOF, JointFacts, UrdfFacts
 from guidefield.robot.urdf.joints import check_joint, check_mimics
 from guidefield.robot.urdf.links import check_link
 from guidefield.robot.urdf.meshes import MeshResolver
-from guidefield.robot.urdf.xml import Element, fault, name_of, parse
+from guidefield.robot.urdf.spelling import warn_of_misspelt
+from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
 
+UNNAMED = "robot"
+"""Name of a robot that has none."""
 MAX_LINKS = 2_000
 MAX_DOF = 300
 """Most degrees of freedom: Pinocchio's working memory grows with their cube (200: 0.1 GB; 1000: no memory left)."""
@@ -36,15 +39,19 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     Raises:
         RobotInvalid: at the first fault; `details` hold its line and element, and the joint or link it is in.
     """
-    root = parse(text)
-    name, version = name_of(root), _version(root)
+    warnings: list[str] = []
+    root = parse(text, warnings)
+    version = _version(root)
+    if not root.get("name", "").strip():
+        warnings.append(warning(root, f"<robot> has no name: it is called {UNNAMED!r}"))
+        root.set("name", UNNAMED)
+    warn_of_misspelt(root, warnings)
     if (count := len(root.findall("link"))) > MAX_LINKS:
         raise fault(root, f"the robot has {count} links, at most {MAX_LINKS} are read", limit=MAX_LINKS)
     links, joint_elements = _by_name(root, "link"), _by_name(root, "joint")
     _by_name(root, "material")
     if not links:
         raise fault(root, "a robot must have at least one <link>")
-    warnings: list[str] = []
     joints = {key: check_joint(element, links, version, warnings) for key, element in joint_elements.items()}
     mimics = check_mimics(joint_elements, joints, warnings)
     root_link = _check_tree(root, links, joints, joint_elements)
@@ -52,7 +59,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     collisions = {key: check_link(element, version, resolver, warnings) for key, element in links.items()}
     warnings += resolver.warnings()
     return UrdfFacts(
-        name=name,
+        name=root.get("name"),
         root=root_link,
         links=tuple(links),
         joints=joints,

@@ -21,6 +21,13 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 _A = {"URDF": "a", "SRDF": "an"}
+EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf)"
+_XACRO = "http://www.ros.org/wiki/xacro"
+_XACRO_DEFINITIONS = ("macro", "property", "arg")
+_XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")
+"""Elements of xacro that stand for parts of the robot."""
+_UNDECLARED = "NS_ERR_UNDEFINED_NAMESPACE"
+"""libxml2's name of the fault that a prefix isn't declared."""
 _STRICT = {
     "encoding": "utf-8",
     "resolve_entities": False,
@@ -32,24 +39,37 @@ _STRICT = {
 }
 
 
-def parse(text: str) -> Element:
-    """The root element of a URDF, comments left out.
+def parse(text: str, warnings: list[str] | None = None) -> Element:
+    """The root element of a URDF, without comments and without leftovers of xacro.
 
     Entities are neither declared nor expanded, nothing is fetched, and depth and size stay within libxml2's limits.
+
+    Args:
+        text: The URDF.
+        warnings: Gets a sentence for each kind of element that is left out.
 
     Raises:
         RobotInvalid: if the text is too long, isn't XML, has a DOCTYPE, is an unexpanded xacro file or isn't a <robot>.
     """
-    root = root_of(text, "URDF")
+    warnings = [] if warnings is None else warnings
+    root = root_of(text, "URDF", warnings)
     if "xmlns" in text or "xacro" in text:  # else there are none
-        _settle_namespaces(root)
+        _drop_xacro(root, warnings)
+        _drop_default_namespace(root)
     if root.tag != "robot":
         raise fault(root, f"the root element of a URDF must be <robot>, it is <{root.tag}>")
     return root
 
 
-def root_of(text: str, kind: str) -> Element:
-    """The root element of a URDF or an SRDF, read as strictly as `parse` says; `kind` is which of them.
+def root_of(text: str, kind: str, warnings: list[str]) -> Element:
+    """The root element of a URDF or an SRDF, read as strictly as `parse` says.
+
+    Elements and attributes with a prefix that isn't declared, such as Gazebo's `sensor:camera`, are left out.
+
+    Args:
+        text: What is read.
+        kind: "URDF" or "SRDF".
+        warnings: Gets a sentence for each prefix that isn't declared.
 
     Raises:
         RobotInvalid: if the text is too long, isn't XML, or has a DOCTYPE.
@@ -62,11 +82,16 @@ def root_of(text: str, kind: str) -> Element:
         line = before.count("\n") + 1
         message = f"line {line}: {_A[kind]} {kind} must not have a <!DOCTYPE>, nor entities"
         raise RobotInvalid(message, line=line, element="!DOCTYPE")
+    parser = etree.XMLParser(**_STRICT)
     try:
-        return etree.fromstring(text.encode(), etree.XMLParser(**_STRICT))
+        return etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
+        if {entry.type_name for entry in parser.error_log} == {_UNDECLARED}:
+            root = etree.fromstring(text.encode(), etree.XMLParser(**_STRICT, recover=True))
+            _drop_undeclared(root, warnings)
+            return root
         why = re.sub(r", line \d+(, column \d+)$", r"\1", error.msg)
-        path = "" if "<" in text else "; its text is asked for, not the name of a file"
+        path = "" if "<" in text or not text.strip("\0 \n") else "; its text is asked for, not the name of a file"
         raise RobotInvalid(f"line {error.lineno}: the {kind} is not XML: {why}{path}", line=error.lineno) from None
     except UnicodeEncodeError as error:
         line = text.count("\n", 0, error.start) + 1
@@ -85,6 +110,11 @@ def fault(element: Element, message: str, **details: Any) -> RobotInvalid:
 def warning(element: Element, message: str) -> str:
     """The same as a sentence, for what is odd but harmless."""
     return fault(element, message).message
+
+
+def warn_of_repeated(element: Element, tag: str, warnings: list[str]) -> None:
+    """Tell of children that may stand once and stand again: parsers read the first alone."""
+    warnings += [warning(repeated, f"a second <{tag}> is left out") for repeated in element.findall(tag)[1:]]
 
 
 def name_of(element: Element) -> str:
@@ -152,12 +182,66 @@ def check_origins(element: Element, version: tuple[int, int]) -> None:
             raise fault(origin, "'quat_xyzw' of <origin> must not be zero", attribute="quat_xyzw")
 
 
-def _settle_namespaces(root: Element) -> None:
-    """Drop a default namespace, which other parsers of URDF don't know; refuse elements of xacro."""
+def _drop_undeclared(root: Element, warnings: list[str]) -> None:
+    """Take out what has a prefix that isn't declared; xacro's is declared instead, to be settled like any other."""
+    lines: dict[str, int] = {}
+    for element in list(root.iter(etree.Element)):
+        prefix, colon, local = element.tag.partition(":") if element.tag[0] != "{" else ("", "", "")
+        if prefix == "xacro":
+            element.tag = f"{{{_XACRO}}}{local}"
+        elif colon:
+            lines.setdefault(prefix, element.sourceline)
+            _drop(element)
+        for attribute in [name for name in element.attrib if ":" in name and name[0] != "{"]:
+            lines.setdefault(attribute.partition(":")[0], element.sourceline)
+            del element.attrib[attribute]
+    for prefix, line in lines.items():
+        warnings.append(f"line {line}: the prefix {prefix!r} isn't declared: what has it is left out")
+
+
+def _drop_xacro(root: Element, warnings: list[str]) -> None:
+    """Take out leftovers of xacro that stand for nothing; refuse a file that isn't expanded.
+
+    Definitions stand for nothing, and so do calls of macros that the file doesn't define and that hold nothing: other
+    tools leave them out as well. Conditions, included files and calls of its own macros stand for parts of the robot.
+
+    Raises:
+        RobotInvalid: if the file isn't expanded.
+    """
+    found = [(element, etree.QName(element).localname) for element in root.iter(etree.Element) if _is_xacro(element)]
+    defined = {element.get("name") for element, tag in found if tag == "macro"}
+    calls: dict[str, list[int]] = {}
+    for element, tag in found:
+        if any(map(_is_xacro, element.iterancestors())):
+            continue  # it goes with what it is in
+        if tag in defined or tag in _XACRO_CONTENT or (len(element) and tag not in _XACRO_DEFINITIONS):
+            raise fault(element, f"this is a xacro file ({_tag_of(element)}); {EXPAND_IT}")
+        calls.setdefault(tag, []).append(element.sourceline)
+    for tag, (line, *others) in calls.items():
+        more = f" (and {len(others)} more)" if others else ""
+        warnings.append(f"line {line}: <xacro:{tag}>{more} is left over from xacro: it is left out")
+    for element, _ in found:
+        _drop(element)
+
+
+def _is_xacro(element: Element) -> bool:
+    return isinstance(element.tag, str) and "xacro" in element.tag.partition("}")[0] and element.tag[0] == "{"
+
+
+def _tag_of(element: Element) -> str:
+    return f"<xacro:{etree.QName(element).localname}>"
+
+
+def _drop(element: Element) -> None:
+    """Take an element out; nothing is done about a root element, which is refused for its name."""
+    if (parent := element.getparent()) is not None:
+        parent.remove(element)
+
+
+def _drop_default_namespace(root: Element) -> None:
+    """Drop a default namespace, which other parsers of URDF don't know."""
     for element in root.iter(etree.Element):
         name = etree.QName(element)
-        if name.namespace and "xacro" in name.namespace:
-            raise fault(element, "this is a xacro file; expand it first (xacro robot.urdf.xacro > robot.urdf)")
         if name.namespace and element.prefix is None:
             element.tag = name.localname
     etree.cleanup_namespaces(root)
