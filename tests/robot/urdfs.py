@@ -104,7 +104,6 @@ FAULTS = {
     "unknown shape": ((BOX, '<cone radius="0.1"/>'), 6, "cone", "one of box, cylinder, sphere, mesh"),
     "empty geometry": ((BOX, ""), 6, "collision", "<geometry> with a shape"),
     "no geometry": ((f"<geometry>{BOX}</geometry>", ""), 6, "collision", "<geometry> with a shape"),
-    "two shapes": ((BOX, BOX + BOX), 6, "box", "a second shape"),
     "mesh without a name": ((BOX, "<mesh/>"), 6, "mesh", "must have 'filename'"),
     "mesh scale": ((BOX, '<mesh filename="a.stl" scale="2"/>'), 6, "mesh", "3 finite numbers, got 1"),
     "flat mesh": ((BOX, '<mesh filename="a.stl" scale="1 1 0"/>'), 6, "mesh", "must not be zero"),

@@ -24,7 +24,6 @@ SILENT = (
     "malformed visual",
     "no inertia",
     "flat box",
-    "two shapes",
     "mimic of nothing",
 )
 """Faults that Pinocchio accepts without a word."""
@@ -223,6 +222,18 @@ def test_what_other_tools_read_is_told_and_read(name: str) -> None:
     check_geometry_complete(facts, geometry, model)
     assert facts.collisions.keys() == {"upper"}
     assert model.jointPlacements[1].translation.tolist() == [0.0, 0.0, 0.1]
+
+
+def test_every_shape_of_a_collision_is_judged() -> None:
+    two = f'{BOX}<sphere radius="0.3"/><origin xyz="9 9 9"/></geometry><geometry><cylinder radius="0.1" length="1"/>'
+    facts = check_urdf(ARM.replace(BOX, two), NOWHERE)
+    assert [shape.shape for shape in facts.collisions["upper"]] == ["box", "sphere", "cylinder"]
+    model, geometry = pinocchio_models(facts.text)
+    check_geometry_complete(facts, geometry, model)
+    assert [type(shape.geometry).__name__ for shape in geometry.geometryObjects] == ["Box", "Sphere", "Cylinder"]
+    assert all(shape.placement.translation.tolist() == [0, 0, 0.2] for shape in geometry.geometryObjects)
+    for words in ("a second shape in one <collision> is judged too", "<origin> is no shape and is left out"):
+        assert any(warning.startswith("line 6: link 'upper': " + words) for warning in facts.warnings), facts.warnings
 
 
 def test_limits_in_reverse_order_are_those_in_order() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -68,9 +69,30 @@ def check_link(
     for visual in link.findall("visual"):
         _check_visual(visual, version, resolver, warnings)
     for part in (*link.findall("visual"), *link.findall("collision")):
-        for tag in ("origin", "geometry"):
-            warn_of_repeated(part, tag, warnings)
+        warn_of_repeated(part, "origin", warnings)
+    for collision in link.findall("collision"):
+        _split(collision, warnings)
     return tuple(_check_collision(collision, version, resolver) for collision in link.findall("collision"))
+
+
+def _split(collision: Element, warnings: list[str]) -> None:
+    """Give each further shape of a `<collision>` one of its own, as parsers read the first alone."""
+    shapes = [shape for geometry in collision.findall("geometry") for shape in geometry]
+    for index in range(len(shapes) - 1, 0, -1):
+        if shapes[index].tag in SHAPES:
+            own = copy.deepcopy(collision)
+            own.attrib.pop("name", None)
+            for other, shape in enumerate([shape for geometry in own.findall("geometry") for shape in geometry]):
+                if other != index:
+                    shape.getparent().remove(shape)
+            for geometry in [geometry for geometry in own.findall("geometry") if not len(geometry)]:
+                own.remove(geometry)
+            collision.addnext(own)
+            what = "a second shape in one <collision> is judged too; other tools leave it out"
+        else:
+            what = f"<{shapes[index].tag}> is no shape and is left out of <geometry>"
+        warnings.append(warning(shapes[index], what))
+        shapes[index].getparent().remove(shapes[index])
 
 
 def _check_collision(collision: Element, version: tuple[int, int], resolver: MeshResolver) -> CollisionFacts:
