@@ -7,6 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from lxml import etree
+
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.facts import CollisionFacts
 from guidefield.robot.urdf.meshes import MeshResolver
@@ -77,22 +79,24 @@ def check_link(
 
 def _split(collision: Element, warnings: list[str]) -> None:
     """Give each further shape of a `<collision>` one of its own, as parsers read the first alone."""
-    shapes = [shape for geometry in collision.findall("geometry") for shape in geometry]
-    for index in range(len(shapes) - 1, 0, -1):
-        if shapes[index].tag in SHAPES:
-            own = copy.deepcopy(collision)
-            own.attrib.pop("name", None)
-            for other, shape in enumerate([shape for geometry in own.findall("geometry") for shape in geometry]):
-                if other != index:
-                    shape.getparent().remove(shape)
-            for geometry in [geometry for geometry in own.findall("geometry") if not len(geometry)]:
-                own.remove(geometry)
-            collision.addnext(own)
+    geometries = collision.findall("geometry")
+    shapes = [shape for geometry in geometries for shape in geometry]
+    for further in shapes[1:]:
+        if further.tag in SHAPES:
+            own = etree.Element("collision")
+            for origin in collision.findall("origin")[:1]:
+                own.append(copy.deepcopy(origin))
+            etree.SubElement(own, "geometry").append(copy.deepcopy(further))
+            own.sourceline = further.sourceline
+            collision.getparent().append(own)
             what = "a second shape in one <collision> is judged too; other tools leave it out"
         else:
-            what = f"<{shapes[index].tag}> is no shape and is left out of <geometry>"
-        warnings.append(warning(shapes[index], what))
-        shapes[index].getparent().remove(shapes[index])
+            what = f"<{further.tag}> is no shape and is left out of <geometry>"
+        warnings.append(warning(further, what))
+        further.getparent().remove(further)
+    for geometry in geometries:
+        if shapes and not len(geometry):
+            collision.remove(geometry)
 
 
 def _check_collision(collision: Element, version: tuple[int, int], resolver: MeshResolver) -> CollisionFacts:
