@@ -63,7 +63,9 @@ def check_link(
     warn_of_repeated(link, "inertial", warnings)
     for inertial in link.findall("inertial"):
         if any("${" in value for part in inertial.iter() for value in part.attrib.values()):
-            warnings.append(warning(inertial, "<inertial> has leftovers of xacro and is left out: nothing uses it"))
+            warnings.append(
+                warning(inertial, "<inertial> has leftovers of xacro and is left out: the link has no mass")
+            )
             link.remove(inertial)
             continue
         warn_of_repeated(inertial, "origin", warnings)
