@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import shutil
+import sqlite3
 import subprocess
 from pathlib import Path
 
@@ -24,9 +25,12 @@ from guidefield.doctor.graphics import graphics_found
 from guidefield.doctor.memory import SERVICE_TAKES, WORKER_TAKES, memory, memory_found
 from guidefield.doctor.processors import cores, cores_found, vectors
 from guidefield.doctor.session import session
-from guidefield.doctor.storage import disk, kernels, room_found
+from guidefield.doctor.storage import disk, kernels, room_found, runs
 from guidefield.endpoint.own_session import NoAnswer, seconds_to_answer, taken
 from guidefield.first_start import compiled_mark, processor
+from guidefield.stores.run_file import FILE
+from guidefield.stores.runs import RunDatabase
+from tests.kept_runs import keep
 
 GIB = 2**30
 
@@ -176,6 +180,34 @@ def test_room(free: int, state: State, advice: str) -> None:
     finding = room_found(free, Path("data"))
     assert finding.state is state
     assert advice in finding.advice
+
+
+def test_a_database_of_runs_is_looked_at(tmp_path: Path) -> None:
+    assert runs(tmp_path / "not" / "there").state is State.FINE
+    (tmp_path / "runs" / "r1").mkdir(parents=True)
+    assert "takes them over" in runs(tmp_path).advice
+    database = RunDatabase(tmp_path)
+    for number in range(300):
+        keep(database, f"r{number}")
+    assert "300 are kept in" in runs(tmp_path).found, "also while a service runs"
+    database.close()
+    assert not list(tmp_path.glob(".guidefield-*"))
+    content = bytearray((tmp_path / FILE).read_bytes())
+    for begin in (4096 * 8, 100):  # some rows, and where the file says what it is
+        content[begin : begin + 20_000] = bytes(20_000)
+        (tmp_path / FILE).write_bytes(content)
+        assert runs(tmp_path).state is State.WRONG
+        assert ".recover" in f"{runs(tmp_path).found} {runs(tmp_path).advice}"
+
+
+def test_a_folder_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def without_locks(address: str, *arguments: object, **options: object) -> sqlite3.Connection:
+        return connected(f"{address}&vfs=unix-none", *arguments, **options)  # type: ignore[call-overload]
+
+    connected = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", without_locks)
+    assert runs(tmp_path).state is State.WRONG
+    assert "no locks or shared memory for a database; choose a data folder on a local disk" in runs(tmp_path).found
 
 
 def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

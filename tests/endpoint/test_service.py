@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import json
+import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -12,6 +14,7 @@ import zenoh
 
 from guidefield import Client, NoService
 from guidefield.cli.loopback import free_port
+from guidefield.endpoint import service
 from guidefield.endpoint.service import CannotServe, ServiceSettings, serve, session_config
 from guidefield.errors import MalformedRequest
 from tests.journeys.service import ANSWERED_WITHIN, ENDED_WITHIN, await_that, plain_client
@@ -92,6 +95,18 @@ def _health(endpoint: str) -> dict[str, Any]:
     except zenoh.ZError:
         return {}
     return answers[0].json()["health"] if answers else {}
+
+
+def test_a_data_folder_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_locks(*_arguments: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(service.fcntl, "flock", no_locks)
+    told: list[str] = []
+    with service._alone_in(tmp_path, told.append):
+        assert told == [
+            f"the data folder can't be locked (No locks available): start no second service on {str(tmp_path)!r}"
+        ]
 
 
 def test_a_data_folder_has_one_service(tmp_path: Path) -> None:

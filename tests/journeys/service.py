@@ -52,11 +52,12 @@ LONG: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Service:
-    """A running service."""
+    """A running service, and what it told while it started."""
 
     process: subprocess.Popen[str]
     endpoint: str
     data: Path
+    told: tuple[str, ...] = ()
 
     def workers(self) -> list[int]:
         """Process ids of its workers."""
@@ -78,9 +79,11 @@ def running_service(
     ):
         assert process.stdout is not None
         try:
-            ready = next((line for line in process.stdout if line.startswith("ready")), None)
-            assert ready, "the service ended before it was ready"
-            yield Service(process, f"{at}:{port}", data)
+            told: list[str] = []
+            while not (told and told[-1].startswith("ready")):
+                told.append(process.stdout.readline())
+                assert told[-1], "the service ended before it was ready"
+            yield Service(process, f"{at}:{port}", data, tuple(told))
         finally:
             _end(process)
 

@@ -74,15 +74,17 @@ def service_in_child(
     name: str = "local",
     options: Sequence[str] = (),
     within: Path | None = None,
+    data: Path | None = None,
 ) -> Iterator[ChildService]:
-    """A service of its own, in a child process on a free loopback port, with a data folder that goes with it.
+    """A service of its own, in a child process on a free loopback port.
 
     Args:
         announce: Is told what the service tells while it starts.
         workers: Its worker processes.
         name: Its instance's name.
         options: More of `guidefield serve`.
-        within: Where its data folder is made; None: where temporary ones are.
+        within: Where its data folder is made, which goes with it; None: where temporary ones are.
+        data: Its data folder in place of that; it stays.
 
     Yields:
         The service, ready for requests.
@@ -93,9 +95,11 @@ def service_in_child(
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name, *options]
     with (
         free_port() as port,
-        tempfile.TemporaryDirectory(prefix="guidefield-", dir=within) as data,
+        tempfile.TemporaryDirectory(prefix="guidefield-", dir=within) as made,
         subprocess.Popen(  # noqa: S603 - ourselves
-            [*serve_there, "--data", data, "--listen", f"tcp/{LOOPBACK}:{port}"], stdout=subprocess.PIPE, text=True
+            [*serve_there, "--data", data or made, "--listen", f"tcp/{LOOPBACK}:{port}"],
+            stdout=subprocess.PIPE,
+            text=True,
         ) as child,
     ):
         assert child.stdout is not None, "it is piped"

@@ -190,8 +190,17 @@ class RunDatabase:
             runs, size = runs - 1, size - taken
         drop_runs(self.recordings(owner), dropped, db)
 
+    def unended_names(self) -> str | None:
+        """The runs that are to be forgotten, ``owner:id``, as a JSON list; None where there are none."""
+        names = [":".join(name) for name in tuple(self._unended)]
+        return msgspec.json.encode(names).decode() if names else None
+
+    def is_unended(self, name: tuple[str, str]) -> bool:
+        """Whether a run is to be forgotten."""
+        return name in self._unended
+
     def forget_unended(self, name: tuple[str, str], done: Future[Any]) -> None:
-        """Remember to forget a run, by owner and id, whose end could not be kept: it would seem to be under way."""
+        """Remember to forget a run, by owner and id, until that is done: it would seem to be under way."""
         (self._unended.discard if done.exception() is None else self._unended.add)(name)
 
     def _keep_up(self) -> None:
@@ -269,8 +278,9 @@ class UserRuns:
             "robot = :robot": request.robot,
             "began >= :since": request.since,
             r"message LIKE :text ESCAPE '\'": None if request.text is None else _pattern(request.text),
+            "owner || ':' || run_id NOT IN (SELECT value FROM json_each(:unended))": self._database.unended_names(),
         }
-        values = dict(zip(("status", "robot", "since", "text"), wanted.values(), strict=True))
+        values = dict(zip(("status", "robot", "since", "text", "unended"), wanted.values(), strict=True))
         values |= {"owner": self._owner, "after": after, "limit": request.limit + 1}
         where = " AND ".join(clause for clause, value in wanted.items() if value is not None) or "TRUE"
         columns = "number, owner, run_id, status, message, robot, scene, began, ended, bytes + ifnull(recording, 0)"
@@ -353,6 +363,8 @@ class UserRuns:
     def _row(self, run_id: str, columns: str, joined: str = "") -> tuple[Any, ...] | None:
         """Columns of a run; None if there is none of that name."""
         checked_name(run_id, "run_id")
+        if self._database.is_unended((self._owner, run_id)):
+            return None
         with self._readers.reading() as db:
             found: tuple[Any, ...] | None = db.execute(
                 f"SELECT {columns} FROM runs {joined} WHERE (owner, run_id) = (?, ?)",  # noqa: S608 - ours
@@ -366,16 +378,22 @@ class UserRuns:
 
         def end(db: sqlite3.Connection) -> None:
             number = find_unended(run, db)
-            if number is None:
-                if begun is not None and begun.exception() is None:
+            if begun is not None and begun.exception() is None:
+                if number is None:
                     return  # it was deleted while it ran
+            else:
+                execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
                 number = insert(run, db)
             recording = self._database.look_for(run.owner, run.run_id)
             complete(number, run, Ending(time.time(), reply, error), recording, db)
             self._database.make_room(run.owner, number, db)
 
+        def forget_begun(done: Future[None]) -> None:
+            if done.exception() is None or (begun is not None and begun.exception() is None):
+                self._database.forget_unended((run.owner, run.run_id), done)
+
         done = self._writer.submit(end, size=len(run.request) + len(reply or b""))
-        done.add_done_callback(partial(self._database.forget_unended, (run.owner, run.run_id)))
+        done.add_done_callback(forget_begun)
         return done
 
     def _summary(self, row: tuple[Any, ...]) -> RunSummary:

@@ -1,0 +1,157 @@
+"""Kept runs as clients meet them: what was answered is there after any kill, page by page, and one's own alone."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from guidefield import Client, NotAllowed, UnknownObject
+from guidefield.cli.commands import app
+from guidefield.errors import DiskRefused, GuidefieldError, MalformedRequest
+from guidefield.messages.replies import PlanReply
+from guidefield.stores.run_file import FILE
+from tests.journeys.service import CONNECTED_WITHIN, LONG, Service, await_that, plain_client, running_service
+
+QUICK: dict[str, Any] = {
+    "robot": "ur5",
+    "scene": "table",
+    "goal": {"type": "joints", "positions": {"elbow_joint": 1.2}},
+    "guide_planes": [],
+    "recording": "off",
+    "allowed_planning_time": 60.0,
+}
+
+
+def _ask_on(endpoint: str, user: str, answered: dict[str, PlanReply]) -> None:
+    """Plan one thing after the other, until the service is gone."""
+    with contextlib.suppress(GuidefieldError), Client.connect(endpoint, user=user, wait=CONNECTED_WITHIN) as client:
+        for number in itertools.count():
+            reply = client.plan({**QUICK, "run_id": f"{user}-{number}"})
+            answered[reply.run_id] = reply
+
+
+def test_what_was_answered_survives_that_the_service_is_killed(tmp_path: Path) -> None:
+    answered: dict[str, dict[str, PlanReply]] = {user: {} for user in ("alice", "bob", "carol")}
+    with running_service(tmp_path, "--workers", "2") as service:
+        for user, replies in answered.items():
+            threading.Thread(target=_ask_on, args=(service.endpoint, user, replies), daemon=True).start()
+        await_that(lambda: all(len(replies) > 3 for replies in answered.values()))
+        os.kill(service.workers()[0], signal.SIGKILL)
+        before = sum(len(replies) for replies in answered.values())
+        await_that(lambda: sum(len(replies) for replies in answered.values()) > before + 5)
+        threading.Thread(target=_ask_long, args=(service.endpoint,), daemon=True).start()
+        with Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as operator:
+            await_that(lambda: "long" in {run.run_id for run in operator.runs(status="RUNNING").runs})
+            assert operator.run("long").reply is None
+        service.process.kill()
+        service.process.wait()
+        known = {user: dict(replies) for user, replies in answered.items()}
+        with running_service(tmp_path, "--workers", "1", port_of=service) as again:
+            for user, replies in known.items():
+                with Client.connect(again.endpoint, user=user, wait=CONNECTED_WITHIN) as client:
+                    for run_id, reply in replies.items():
+                        assert client.run(run_id).reply == reply
+                    assert not {run.status for run in client.runs().runs} & {"RUNNING", "UNREADABLE"}
+                    run_id, reply = next(iter(replies.items()))
+                    assert client.plan({**QUICK, "run_id": run_id}) == reply, "whose link broke asks again"
+                    with pytest.raises(MalformedRequest, match="is taken"):
+                        client.plan({**QUICK, "run_id": run_id, "seed": 1})
+            with Client.connect(again.endpoint, wait=CONNECTED_WITHIN) as operator:
+                (run,) = [run for run in operator.runs().runs if run.run_id == "long"]
+                assert (run.status, run.message) == ("CRASH", "the service stopped while it worked on this run")
+                assert run.ended is not None
+
+
+def _ask_long(endpoint: str) -> None:
+    with contextlib.suppress(GuidefieldError), Client.connect(endpoint, wait=CONNECTED_WITHIN) as client:
+        client.plan({**LONG, "run_id": "long"})
+
+
+def test_a_list_comes_in_pages_over_the_wire_and_beside_it(service: Service, client: Client) -> None:
+    for number in range(5):
+        client.plan({**QUICK, "run_id": f"page{number}", "seed": number})
+    first = client.runs(limit=2, robot="ur5")
+    rest = client.runs(robot="ur5", after=first.next)
+    listed = [run.run_id for run in (*first.runs, *rest.runs)]
+    assert listed == [f"page{number}" for number in (4, 3, 2, 1, 0)]
+    assert (first.total, rest.next) == (5, None)
+    assert [run.run_id for run in client.runs(text="NO SUCH SENTENCE / 10 % = ?").runs] == []
+    done = CliRunner().invoke(app, ["runs", "list", "--data", str(service.data), "--robot", "ur5", "--json"])
+    assert [run["run_id"] for run in json.loads(done.output)["runs"]] == listed, "read while the service runs"
+    with plain_client(service.endpoint) as wire:
+        for words in ("after=x", "after=-1", f"after={10**30}", "limit=0", "limit=1001", "limit=many", "text="):
+            assert wire.refusal(f"guidefield/local/runs?{words}")["name"] == "MALFORMED_REQUEST", words
+        found = wire.ask("guidefield/local/runs?after=0")
+        assert (found["runs"], found["next"]) == ([], None)
+        injected = wire.ask("guidefield/local/runs?robot=' OR 1=1 --")
+        assert (injected["runs"], injected["total"]) == ([], 0)
+
+
+def test_a_users_runs_are_nobody_elses(service: Service) -> None:
+    with (
+        Client.connect(service.endpoint, user="eve", wait=CONNECTED_WITHIN) as eve,
+        Client.connect(service.endpoint, user="dora", wait=CONNECTED_WITHIN) as dora,
+    ):
+        dora.plan({**QUICK, "run_id": "mine"})
+        for ask in (eve.run, eve.recording, eve.delete_run, eve.cancel):
+            with pytest.raises(NotAllowed):
+                ask("dora:mine")
+        with pytest.raises(NotAllowed):
+            eve.share("runs", "dora:mine")
+        with pytest.raises(UnknownObject):
+            eve.run("mine")
+        assert (eve.runs().runs, eve.runs().total) == ([], 0)
+        assert eve.plan({**QUICK, "run_id": "mine", "seed": 3}).run_id == "mine", "the name is free for her"
+        assert dora.run("mine").request.seed == 0
+        dora.share("runs", "mine")
+        assert [run.run_id for run in eve.runs().runs] == ["mine", "dora:mine"]
+        assert eve.run("dora:mine").request.seed == 0
+        with pytest.raises(NotAllowed, match="alone may change it"):
+            eve.delete_run("dora:mine")
+
+
+def test_a_service_whose_database_is_damaged_plans_and_says_so(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_bytes(b"no database" * 10_000)
+    with (
+        running_service(tmp_path, "--workers", "1") as service,
+        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+    ):
+        assert [
+            line for line in service.told if line.startswith("no run is kept, and each reply says so: the database")
+        ]
+        for run_id in ("r1", "r1"):
+            reply = client.plan({**QUICK, "run_id": run_id, "recording": "full"})
+            assert reply.status.name == "SUCCESS"
+            assert reply.recording is None
+            assert [text for text in reply.warnings if "not kept: the database of runs is damaged" in text]
+        for ask in (client.runs, lambda: client.run("r1"), lambda: client.delete_run("r1")):
+            with pytest.raises(DiskRefused, match="damaged"):
+                ask()
+        assert client.scenes()
+    assert (tmp_path / FILE).read_bytes() == b"no database" * 10_000
+
+
+def test_answers_that_no_worker_gave_are_kept_too(service: Service, client: Client) -> None:
+    asker = threading.Thread(target=_ask_long, args=(service.endpoint,))
+    asker.start()
+    await_that(lambda: client.info().busy)
+    client.cancel("early")
+    replies = [
+        client.plan({**QUICK, "run_id": "early"}),
+        client.plan({**QUICK, "run_id": "late", "allowed_planning_time": 0.05}),
+    ]
+    assert [reply.status.name for reply in replies] == ["PREEMPTED", "TIMED_OUT"]
+    for reply in replies:
+        assert client.run(reply.run_id).reply == reply
+    client.cancel("long")
+    asker.join(CONNECTED_WITHIN)
+    assert client.run("long").reply is not None
