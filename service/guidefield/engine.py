@@ -474,11 +474,13 @@ class Engine:
         return (self, name) if not colon or self._lend is None else (self._lend(kind, user, own), own)
 
     def _robot(self, reference: requests.RobotReference) -> RobotModel:
-        if isinstance(reference, requests.UrdfFile) and self._local_files is LocalFiles.REFUSED:
+        local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
+        if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
+            named = "a robot of robot_descriptions" if isinstance(reference, str) else "a robot in a local file"
             raise RobotInvalid(
-                "a robot in a local file can be named in Python and on the command line only: "
+                f"{named} can be named in Python and on the command line only: "
                 "store it with its meshes (`Client.store_robot`), or send its text as a `urdf`",
-                path=reference.path,
+                path=reference if isinstance(reference, str) else reference.path,
             )
         if not isinstance(reference, str):
             return self._loaded.catalog.load(reference)

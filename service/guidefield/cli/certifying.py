@@ -14,13 +14,31 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.scene import Scene
 
+ROBOT_ENDINGS = (".urdf", ".xacro")
+"""Ends of the names of robot files, in any letters' case."""
 
-def robot_reference(robot: str, srdf: Path | None, package_dirs: Sequence[Path]) -> requests.RobotReference:
-    """The robot that an argument means: a name, or a `.urdf` file with its SRDF and folders of packages."""
-    if not robot.endswith(".urdf"):
+
+def robot_reference(
+    robot: str, srdf: Path | None, package_dirs: Sequence[Path], xacro_args: Sequence[str]
+) -> requests.RobotReference:
+    """Return the robot that an argument means: a name, or a file with its SRDF, package folders and xacro arguments.
+
+    Raises:
+        MalformedRequest: if an argument of xacro isn't ``name:=value``, or the robot isn't a file.
+    """
+    if not robot.lower().endswith(ROBOT_ENDINGS):
+        if xacro_args:
+            raise MalformedRequest(f"--xacro-arg goes with a .xacro file, not with the robot {robot!r}")
         return robot
+    arguments: dict[str, str | bool | int | float] = {}
+    for argument in xacro_args:
+        name, separator, value = argument.partition(":=")
+        if not (name and separator):
+            raise MalformedRequest(f"--xacro-arg must be name:=value, got {argument!r}")
+        arguments[name] = value
     folders = [str(folder) for folder in package_dirs]
-    return requests.UrdfFile(robot, srdf_path=None if srdf is None else str(srdf), package_dirs=folders)
+    srdf_path = None if srdf is None else str(srdf)
+    return requests.UrdfFile(robot, srdf_path=srdf_path, package_dirs=folders, xacro_args=arguments)
 
 
 def scene_reference(scene: str) -> requests.SceneReference:

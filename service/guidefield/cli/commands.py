@@ -65,6 +65,9 @@ User = Annotated[str | None, typer.Option(help="Ask on the keys of this user; el
 ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
 ]
+XacroArguments = Annotated[
+    list[str] | None, typer.Option("--xacro-arg", help="name:=value, an argument of a .xacro file; can be repeated.")
+]
 ReplyFile = Annotated[
     Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=writable)
 ]
@@ -118,12 +121,13 @@ def plan(
 @app.command()
 def certify(
     motion: Annotated[str, typer.Argument(help="A motion: .csv, .json, .npz, a run's .rrd, or the id of a kept run.")],
-    robot: Annotated[str | None, typer.Option(help="A robot, by its name or by its .urdf file.")] = None,
+    robot: Annotated[str | None, typer.Option(help="A robot, by its name or by its .urdf or .xacro file.")] = None,
     scene: Annotated[str | None, typer.Option(help="A scene, by its name or by its .json file.")] = None,
-    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a .urdf file.")] = None,
+    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
+        list[Path] | None, typer.Option(help="A folder that holds packages of a robot file's meshes; can be repeated.")
     ] = None,
+    xacro_arg: XacroArguments = None,
     time_step: Annotated[
         float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")
     ] = None,
@@ -157,7 +161,7 @@ def certify(
     Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
     given = {
-        "robot": None if robot is None else robot_reference(robot, srdf, package_dir or []),
+        "robot": None if robot is None else robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
         "scene": None if scene is None else scene_reference(scene),
         "time_step": time_step,
         "interpolation": interpolation,
@@ -329,21 +333,20 @@ def batch(
 @app.command()
 def robots(
     robot: Annotated[
-        str | None, typer.Argument(help="A robot, by its name or by its .urdf file, to be told all about it.")
+        str | None, typer.Argument(help="A robot, by its name or by its .urdf or .xacro file, to be told all about it.")
     ] = None,
-    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a .urdf file.")] = None,
+    srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
     package_dir: Annotated[
-        list[Path] | None, typer.Option(help="A folder that holds packages of a .urdf file's meshes; can be repeated.")
+        list[Path] | None, typer.Option(help="A folder that holds packages of a robot file's meshes; can be repeated.")
     ] = None,
+    xacro_arg: XacroArguments = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List the robots that can be named in a request, or describe one: one of them, or your own."""
     if robot is None:
         reply = answer(requests.ReadRobots())
-    elif robot.endswith(".urdf"):
-        reply = answer(requests.ReadRobot(robot_reference(robot, srdf, package_dir or [])))
     else:
-        reply = answer(requests.ReadRobot(robot))
+        reply = answer(requests.ReadRobot(robot_reference(robot, srdf, package_dir or [], xacro_arg or [])))
     if json:
         typer.echo(_as_json(reply))
     elif isinstance(reply, RobotsReply):

@@ -29,17 +29,22 @@ class UrdfFile(Message, tag_field="type", tag="urdf_file"):
     """A robot in local files: in Python and on the command line only, refused from the wire.
 
     Attributes:
-        path: Its URDF.
+        path: Its URDF, or a file that ends in `.xacro`.
         srdf_path: Its SRDF.
         package_dirs: Folders that hold the packages of its meshes.
         root_joint: How its root link moves in the world.
+        xacro_args: Arguments of a `.xacro` file by name.
     """
 
     path: str
     srdf_path: str | None = None
     package_dirs: list[str] = []
     root_joint: RootJoint = "fixed"
+    xacro_args: dict[str, str | bool | int | float] = {}
 
+
+ROBOT_DESCRIPTIONS = "robot_descriptions:"
+"""Begins the names of robots of the package robot_descriptions: in Python and on the command line only."""
 
 RobotReference = str | UrdfText | UrdfFile
 if TYPE_CHECKING:

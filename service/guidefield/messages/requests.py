@@ -45,6 +45,7 @@ from guidefield.messages.kinematics_requests import (
     TargetPose as TargetPose,
 )
 from guidefield.messages.references import (
+    ROBOT_DESCRIPTIONS as ROBOT_DESCRIPTIONS,
     RobotReference as RobotReference,
     SceneReference as SceneReference,
     UrdfFile as UrdfFile,

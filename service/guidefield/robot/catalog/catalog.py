@@ -16,8 +16,10 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.faults import nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
+from guidefield.robot.catalog.description_files import read_description, robot_name
 from guidefield.robot.catalog.kept_lines import lines_of
 from guidefield.robot.catalog.library import entries
+from guidefield.robot.catalog.robot_descriptions import find_description, is_description
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.catalog.summary import summarize_sent
 from guidefield.robot.mesh_files.fault import MeshFault
@@ -28,6 +30,7 @@ from guidefield.robot.model.model import RobotModel, RobotSource
 from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
 from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.xacro_files import is_xacro
 
 MAX_CACHED = 32
 """Robots kept loaded."""
@@ -89,6 +92,8 @@ class Catalog:
         Raises:
             RobotInvalid: if the name is unknown, or the description cannot be used.
         """
+        if isinstance(reference, str) and is_description(reference):
+            reference = find_description(reference)
         key = _key(reference)
         loaded = self._loaded.get(key)
         if loaded is None or any(_stamp(file) != was for file, was in loaded.stamps.items()):
@@ -117,7 +122,7 @@ class Catalog:
         if entry is None:
             variants = [e.name for e in entries().values() if e.family == name]
             hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
-            if name.endswith(".urdf"):
+            if name.lower().endswith((".urdf", ".xacro")):
                 hint = f'a file is named by {{"type": "urdf_file", "path": "{name[:64]}"}}'
             elif not variants and (near := nearest(name, self.names())):
                 hint = f"did you mean {' or '.join(near)}? {hint}"
@@ -141,8 +146,15 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     if srdf_path is not None and not srdf_path.is_file():
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
     resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
-    source = RobotSource(read_xml(path), path, reference.root_joint)
-    return crosschecked(load(path.stem, source, read_xml(srdf_path) if srdf_path else None, cards.EMPTY, resolver))
+    described = read_description(path, srdf_path, reference.xacro_args, resolver)
+    source = RobotSource(described.urdf, path, reference.root_joint, described.files)
+    try:
+        robot = crosschecked(load(robot_name(path), source, described.srdf, cards.EMPTY, resolver))
+    except RobotInvalid as error:
+        if not is_xacro(path):
+            raise
+        raise RobotInvalid(f"{path.name}, expanded: {error.message}", **error.details) from None
+    return dataclasses.replace(robot, warnings=(*described.warnings, *robot.warnings))
 
 
 def _key(reference: RobotReference | SentRobot) -> str:
@@ -153,7 +165,8 @@ def _key(reference: RobotReference | SentRobot) -> str:
     if isinstance(reference, UrdfText):
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
         return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
-    files = f"{Path(reference.path).expanduser()}:{reference.srdf_path}:{reference.package_dirs}"
+    arguments = sorted(reference.xacro_args.items())
+    files = f"{Path(reference.path).expanduser()}:{reference.srdf_path}:{reference.package_dirs}:{arguments}"
     return f"file:{Path.cwd()}:{files}:{reference.root_joint}"
 
 
@@ -162,7 +175,14 @@ def _files(reference: RobotReference | SentRobot, robot: RobotModel) -> list[str
     if not isinstance(reference, UrdfFile):
         return []
     meshes = [mesh.get("filename") for mesh in etree.fromstring(robot.source.urdf_text.encode()).iter("mesh")]
-    named = [reference.path, reference.srdf_path, *meshes, *(one for mesh in meshes for one in _companions(Path(mesh)))]
+    files = [str(file) for file in robot.source.files]
+    named = [
+        reference.path,
+        reference.srdf_path,
+        *files,
+        *meshes,
+        *(one for mesh in meshes for one in _companions(Path(mesh))),
+    ]
     return list({str(Path(name).expanduser().absolute()) for name in named if name})
 
 

@@ -135,11 +135,19 @@ class GeometryChoice:
 
 @dataclass(frozen=True)
 class RobotSource:
-    """Where a robot came from: its text (once loaded, with meshes as absolute paths) and its file, if it had one."""
+    """Where a robot came from.
+
+    Attributes:
+        urdf_text: Its text; once loaded, with meshes as absolute paths.
+        urdf_path: The URDF's file, if it had one.
+        root_joint: How it stands in the world.
+        files: Files that the text was made from, beside those that it names.
+    """
 
     urdf_text: str
     urdf_path: Path | None
     root_joint: str = "fixed"
+    files: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import distribution
 from pathlib import Path
@@ -149,12 +149,29 @@ class MeshResolver:
             raise self._refused(uri, "lies outside what is allowed", self.advice)
         raise self._refused(uri, "was not found", self.advice)
 
-    def package_folder(self, name: str) -> Path | None:
-        """Return a package's folder, by its own name or that in its `package.xml`; None if there is none."""
+    def package_folder(self, name: str, paths: Sequence[str] = ()) -> Path | None:
+        """Return a package's folder, by its own name or that in its `package.xml`; None if there is none.
+
+        Args:
+            name: Of the package.
+            paths: Paths in it. If no package has the name, the nearest folder about the URDF that has one of them is
+                taken, and noted in `remarks`.
+        """
+        inside = tuple(folder.resolve() for folder in self.folders)
         for folder in self._holders(name):
-            if folder.is_dir() and _is_within(folder.resolve(), (allowed.resolve() for allowed in self.folders)):
+            if folder.is_dir() and _is_within(folder.resolve(), inside):
                 return folder
-        return next(self.nearby.packages(name), None) if self.nearby is not None else None
+        if self.nearby is None:
+            return None
+        declared = next(self.nearby.packages(name), None)
+        if declared is not None:
+            return declared
+        for folder in self.nearby.own_folders:
+            for path in (_folded(folder / path) for path in paths):
+                if path.is_relative_to(folder) and path.exists():
+                    self.remarks[f"package://{name}"] = Remark(folder)
+                    return folder
+        return None
 
     def _confined(self, uri: str, path: Path) -> Path:
         """Return where a file really is, which must be allowed too."""
@@ -217,7 +234,8 @@ class MeshResolver:
         for group in groups.values():
             uri, remark = group[0]
             others = f", {len(group) - 1} more of its folder likewise" if len(group) > 1 else ""
-            said.append(f"mesh {uri!r} is not there; {str(remark.file)!r} is taken for it{others}")
+            what = "mesh" if Path(uri).suffix.lower() in MESH_SUFFIXES else "package"
+            said.append(f"{what} {uri!r} is not there; {str(remark.file)!r} is taken for it{others}")
         return said
 
     def _candidates(self, uri: str) -> list[Path]:

@@ -126,6 +126,11 @@ class NearbyFiles:
     _entries: int = 0
     _seconds: float = 0.0
 
+    @property
+    def own_folders(self) -> list[Path]:
+        """The folders of the robot's package, the nearest first."""
+        return [level.folder for level in self.levels if level.kind is Kind.OWN]
+
     def packages(self, name: str) -> Iterator[Path]:
         """Yield the folders whose `package.xml` declares a name, those of nearer levels first."""
         for number in range(len(self.levels)):

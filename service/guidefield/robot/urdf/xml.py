@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 _A = {"URDF": "a", "SRDF": "an"}
-EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf)"
+EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file that ends in .xacro is expanded"
 _XACRO = "http://www.ros.org/wiki/xacro"
 _XACRO_DEFINITIONS = ("macro", "property", "arg")
 _XACRO_CONTENT = ("include", "if", "unless", "insert_block", "call", "element", "attribute")

@@ -1,0 +1,87 @@
+"""Robots of the package robot_descriptions: by its own loader, and clear words where that fails."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from guidefield.engine import Engine, LocalFiles
+from guidefield.errors import RobotInvalid
+from guidefield.messages.requests import ReadRobot
+from guidefield.robot.catalog import robot_descriptions
+from guidefield.robot.catalog.catalog import Catalog
+from tests.robots import box_arm
+
+
+@pytest.fixture
+def descriptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package of the same name and form, which is found before the installed one."""
+    package = tmp_path / "path" / "robot_descriptions"
+    package.mkdir(parents=True)
+    names = ("arm_description", "slow_description", "away_description", "empty_description")
+    package.joinpath("__init__.py").write_text(f"DESCRIPTIONS = dict.fromkeys({names})")
+    package.joinpath("slow_description.py").write_text("import time; time.sleep(60)")
+    package.joinpath("away_description.py").write_text("raise OSError('x\\nfatal: Could not resolve host')")
+    package.joinpath("empty_description.py").write_text("")
+    repository = tmp_path / "cache" / "arms"
+    (repository / "arm_description" / "urdf").mkdir(parents=True)
+    urdf = repository / "arm_description" / "urdf" / "arm.urdf"
+    urdf.write_text(box_arm("y y", 2).text)
+    package.joinpath("arm_description.py").write_text(
+        f"print('Cloning ...')\nREPOSITORY_PATH = {str(repository)!r}\n"
+        f"PACKAGE_PATH = REPOSITORY_PATH + '/arm_description'\nURDF_PATH = PACKAGE_PATH + '/urdf/arm.urdf'\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    robot_descriptions.find_description.cache_clear()
+    return urdf
+
+
+def test_a_description_is_found_by_its_loader(descriptions: Path) -> None:
+    catalog = Catalog()
+    robot = catalog.load("robot_descriptions:arm_description")
+    assert robot.source.urdf_path == descriptions
+    assert len(robot.joints) == 2
+    assert catalog.load("robot_descriptions:arm_description") is robot
+    folders = robot_descriptions.find_description("robot_descriptions:arm_description").package_dirs
+    assert folders == [str(descriptions.parents[2]), str(descriptions.parents[3])]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("away_description", r"could not load 'away_description': .*Could not resolve host.*pull away_description"),
+        ("arm", r"has no 'arm'; did you mean arm_description\?"),
+        ("empty_description", "neither URDF nor MJCF"),
+        ("../os", "is no name"),
+        ("", "is no name"),
+    ],
+)
+def test_what_cant_be_had_is_told_in_a_sentence(descriptions: Path, name: str, words: str) -> None:
+    with pytest.raises(RobotInvalid, match=words) as caught:
+        Catalog().load(f"robot_descriptions:{name}")
+    assert "Traceback" not in caught.value.message
+
+
+def test_a_download_without_end_is_ended(descriptions: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(robot_descriptions, "MAX_DOWNLOAD_SECONDS", 1.0)
+    began = time.monotonic()
+    with pytest.raises(RobotInvalid, match="took more than 1 s"):
+        Catalog().load("robot_descriptions:slow_description")
+    assert time.monotonic() - began < 30.0
+
+
+def test_where_the_package_is_missing_the_command_to_install_it_is_told(
+    descriptions: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = descriptions.parents[4] / "path" / "robot_descriptions" / "__init__.py"
+    package.write_text("raise ImportError('No module named git')")
+    with pytest.raises(RobotInvalid, match=r"pip install 'guidefield\[robot_descriptions\]'"):
+        Catalog().load("robot_descriptions:arm_description")
+
+
+def test_a_service_refuses_them(descriptions: Path) -> None:
+    engine = Engine(local_files=LocalFiles.REFUSED)
+    with pytest.raises(RobotInvalid, match="in Python and on the command line only"):
+        engine.answer(ReadRobot("robot_descriptions:arm_description"))
