@@ -87,7 +87,11 @@ def test_a_robot_that_cannot_be_loaded_leaves_what_was(store: RobotStore, tmp_pa
     store.write("mine", PLAIN, load)
     broken = RobotFiles(urdf=MESHED.urdf, meshes={"package://mine/cube.obj": b"mtllib /etc/hostname\n" + CUBE})
     empty = RobotFiles(urdf=MESHED.urdf, meshes={"package://mine/cube.obj": b"v 0 0 0\n"})
-    for files, words in ((broken, "which was not sent"), (empty, "cube.obj"), (RobotFiles(urdf="<robot/>"), "name")):
+    for files, words in (
+        (broken, "which was not sent"),
+        (empty, "cube.obj"),
+        (RobotFiles(urdf="<robot/>"), "at least one <link>"),
+    ):
         with pytest.raises(RobotInvalid, match=words) as refused:
             store.write("mine", files, load)
         told = f"{refused.value.message} {refused.value.details}"

@@ -67,7 +67,7 @@ def _answer(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Future[An
     if fault is None or task.exception() is not None or not task.result()[0]:
         hand_on(answer, task)
         return
-    kind: type[PlanReply] | type[CertifyReply] = CertifyReply if run.kind == "certify" else PlanReply
+    kind: type[MotionReply] = CertifyReply if run.kind == "certify" else PlanReply
     reply = decoded(task.result()[1], kind, run.encoding)
     assert isinstance(reply, MotionReply), "it was written by a worker"
     warnings = [*reply.warnings, f"the run is not kept: {fault}"]

@@ -7,7 +7,7 @@ import sqlite3
 import time
 from collections.abc import Iterable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import msgspec
@@ -36,7 +36,7 @@ class NewRun:
         kind: What was asked for.
         request: As it came.
         encoding: How the request is written, and the reply will be.
-        began: When [s since 1970]; 0: when it is first written.
+        began: When [s since 1970].
         begun: The writing of its first row, once that is asked for.
     """
 
@@ -45,7 +45,7 @@ class NewRun:
     kind: Kind
     request: bytes
     encoding: Encoding = Encoding.JSON
-    began: float = 0.0
+    began: float = field(default_factory=time.time)
     begun: Future[int] | None = None
 
 
@@ -92,7 +92,7 @@ def insert(run: NewRun, db: sqlite3.Connection) -> int:
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     robot = head.robot if isinstance(head.robot, str) else "urdf"
     scene = head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base or ""
-    begun = (run.owner, run.run_id, run.kind, RUNNING, "", robot, scene, run.began or time.time(), len(run.request), 0)
+    begun = (run.owner, run.run_id, run.kind, RUNNING, "", robot, scene, run.began, len(run.request), 0)
     columns = "owner, run_id, kind, status, message, robot, scene, began, bytes, recording"
     values = ", ".join("?" * len(begun))
     number = db.execute(f"INSERT INTO runs ({columns}) VALUES ({values})", begun).lastrowid  # noqa: S608 - ours
@@ -126,12 +126,13 @@ def complete(number: int, run: NewRun, ending: Ending, recording: int | None, db
     db.execute("UPDATE documents SET reply = ?, error = ? WHERE number = ?", (ending.reply, ending.error, number))
 
 
-def end_abandoned(error: ErrorReply, db: sqlite3.Connection) -> None:
-    """End the runs that are under way; only for who begins to work on runs."""
-    abandoned = "(SELECT number FROM runs WHERE ended IS NULL)"
-    db.execute(f"UPDATE documents SET error = ? WHERE number IN {abandoned}", (codec.encode(error),))  # noqa: S608 - ours
-    end = "UPDATE runs SET status = ?, message = ?, ended = ? WHERE ended IS NULL"
-    db.execute(end, (error.name, error.message, time.time()))
+def end_abandoned(error: ErrorReply, since: float, db: sqlite3.Connection) -> None:
+    """End the runs that are under way and began before the service did [s since 1970]."""
+    abandoned = "ended IS NULL AND began < ?"
+    documents = f"UPDATE documents SET error = ? WHERE number IN (SELECT number FROM runs WHERE {abandoned})"  # noqa: S608
+    db.execute(documents, (codec.encode(error), since))
+    end = f"UPDATE runs SET status = ?, message = ?, ended = ? WHERE {abandoned}"  # noqa: S608 - ours
+    db.execute(end, (error.name, error.message, time.time(), since))
 
 
 def drop_runs(recordings: Recordings, runs: Iterable[tuple[int, str]], db: sqlite3.Connection) -> None:

@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -55,6 +55,8 @@ from guidefield.stores.run_rows import (
 from guidefield.stores.run_writer import RunWriter
 
 FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
+MOST_DROPPED = 100
+"""The most runs that make room for one: where far fewer are to be kept than there are, no answer waits for all."""
 AGED_EVERY_S = 60.0
 """Time between two searches for runs that are too old [s]."""
 
@@ -98,6 +100,9 @@ class RunDatabase:
         data: The data folder.
         retention: How much of each user is kept.
         bytes_of: What a user's quota says of it [bytes]; None: nothing.
+
+    Attributes:
+        unended: Runs, by owner and id, whose end could not be kept: until they are deleted they are passed over.
     """
 
     def __init__(
@@ -110,8 +115,9 @@ class RunDatabase:
         self.readers = Readers(data / FILE)
         self.writer = RunWriter(data / FILE, self._keep_up)
         self._owed: set[tuple[str, str]] = set()
-        self._unended: set[tuple[str, str]] = set()
-        self._aged = time.monotonic()
+        self.unended: set[tuple[str, str]] = set()
+        self._abandoned: ErrorReply | None = None
+        self._since, self._aged = time.time(), time.monotonic()
 
     def of(self, owner: str) -> UserRuns:
         """The runs of a user."""
@@ -121,13 +127,19 @@ class RunDatabase:
         """The recordings of a user."""
         return Recordings(user_folder(self._data, owner) / "recordings")
 
-    def sweep(self, error: ErrorReply) -> None:
-        """End the runs that a killed service was working on with `error`, and look for recordings that it owed.
+    def sweep(self, error: ErrorReply, since: float = math.inf) -> None:
+        """End the runs that a killed service was working on, and look for recordings that it owed.
+
+        Args:
+            error: How they end.
+            since: When this process began to work on runs, if it did [s since 1970].
 
         Raises:
-            DiskRefused: if the database can't be read or written.
+            DiskRefused: if the database can't be read or written; then it is tried again from time to time.
         """
-        self.writer.submit(partial(end_abandoned, error)).result()
+        self._abandoned = error
+        self.writer.submit(partial(end_abandoned, error, since)).result()
+        self._abandoned = None
         with self.readers.reading() as db:
             owed = db.execute("SELECT owner, run_id FROM runs WHERE recording IS NULL").fetchall()
             users = [owner for (owner,) in db.execute("SELECT owner FROM usage")]
@@ -187,27 +199,19 @@ class RunDatabase:
             if number == newest or (runs <= most.runs and size <= most_bytes and ended >= too_old):
                 break
             dropped.append((number, run_id))
+            if len(dropped) == MOST_DROPPED:
+                break
             runs, size = runs - 1, size - taken
         drop_runs(self.recordings(owner), dropped, db)
 
-    def unended_names(self) -> str | None:
-        """The runs that are to be forgotten, ``owner:id``, as a JSON list; None where there are none."""
-        names = [":".join(name) for name in tuple(self._unended)]
-        return msgspec.json.encode(names).decode() if names else None
-
-    def is_unended(self, name: tuple[str, str]) -> bool:
-        """Whether a run is to be forgotten."""
-        return name in self._unended
-
-    def forget_unended(self, name: tuple[str, str], done: Future[Any]) -> None:
-        """Remember to forget a run, by owner and id, until that is done: it would seem to be under way."""
-        (self._unended.discard if done.exception() is None else self._unended.add)(name)
-
     def _keep_up(self) -> None:
-        """Forget runs that are to be forgotten, note the sizes of recordings that were owed, drop what is too old."""
-        for name in tuple(self._unended):
-            forgotten = self.writer.submit(partial(execute, FORGET, name))
-            forgotten.add_done_callback(partial(self.forget_unended, name))
+        """Delete runs without an end, note the sizes of recordings that were owed, drop what is too old."""
+        if self._abandoned is not None:
+            self.sweep(self._abandoned, self._since)
+        for name in tuple(self.unended):
+            with contextlib.suppress(DiskRefused):
+                self.writer.submit(partial(execute, FORGET, name)).result()
+                self.unended.discard(name)
         for owner, run_id in tuple(self._owed):
             size = self.recordings(owner).size(run_id)
             if size is not None:
@@ -237,8 +241,8 @@ class UserRuns:
 
     def begin(self, run: NewRun) -> None:
         """Keep that a run begins; nobody waits for it."""
-        run.began = run.began or time.time()
         if run.begun is None:
+            run.began = time.time()
             run.begun = self._writer.submit(partial(insert, run), urgent=False, size=len(run.request))
 
     def finish(self, run: NewRun, reply: bytes) -> Future[None]:
@@ -273,15 +277,17 @@ class UserRuns:
         """
         self._writer.settle()
         after = 2**63 - 1 if request.after is None else int(request.after)
+        unended = [":".join(name) for name in tuple(self._database.unended)]
         wanted = {
             "status = :status": request.status,
             "robot = :robot": request.robot,
             "began >= :since": request.since,
             r"message LIKE :text ESCAPE '\'": None if request.text is None else _pattern(request.text),
-            "owner || ':' || run_id NOT IN (SELECT value FROM json_each(:unended))": self._database.unended_names(),
+            "owner || ':' || run_id NOT IN (SELECT value FROM json_each(:unended))": unended or None,
         }
         values = dict(zip(("status", "robot", "since", "text", "unended"), wanted.values(), strict=True))
         values |= {"owner": self._owner, "after": after, "limit": request.limit + 1}
+        values["unended"] = msgspec.json.encode(unended).decode()
         where = " AND ".join(clause for clause, value in wanted.items() if value is not None) or "TRUE"
         columns = "number, owner, run_id, status, message, robot, scene, began, ended, bytes + ifnull(recording, 0)"
         page = f"SELECT {columns} FROM runs %s AND number < :after AND {where} ORDER BY number DESC LIMIT :limit"  # noqa: S608
@@ -308,15 +314,15 @@ class UserRuns:
         if row is None:
             raise _unknown(run_id)
         kind, began, encoding, request, reply, error = row
-        written = Encoding(encoding)
-        ended = None if error is None else _whole(run_id, "error", error, ErrorReply, Encoding.JSON)
-        asked = _whole(run_id, "request", request, CertifyRequest if kind == "certify" else PlanRequest, written)
-        asked = msgspec.structs.replace(asked, run_id=run_id)
-        if kind == "certify":
-            judged = None if reply is None else _whole(run_id, "reply", reply, CertifyReply, written)
-            return CertifyRunReply(run_id=run_id, began=began, request=asked, reply=judged, error=ended)
-        planned = None if reply is None else _whole(run_id, "reply", reply, PlanReply, written)
-        return RunReply(run_id=run_id, began=began, request=asked, reply=planned, error=ended)
+        written, kinds = Encoding(encoding), _KINDS[kind]
+        asked = _whole(run_id, "request", request, kinds.request, written)
+        return kinds.run(
+            run_id=run_id,
+            began=began,
+            request=msgspec.structs.replace(asked, run_id=run_id),
+            reply=None if reply is None else _whole(run_id, "reply", reply, kinds.reply, written),
+            error=None if error is None else _whole(run_id, "error", error, ErrorReply, Encoding.JSON),
+        )
 
     def require(self, run_id: str) -> None:
         """Raise UnknownObject if there is no run of that name."""
@@ -363,7 +369,7 @@ class UserRuns:
     def _row(self, run_id: str, columns: str, joined: str = "") -> tuple[Any, ...] | None:
         """Columns of a run; None if there is none of that name."""
         checked_name(run_id, "run_id")
-        if self._database.is_unended((self._owner, run_id)):
+        if (self._owner, run_id) in self._database.unended:
             return None
         with self._readers.reading() as db:
             found: tuple[Any, ...] | None = db.execute(
@@ -388,12 +394,14 @@ class UserRuns:
             complete(number, run, Ending(time.time(), reply, error), recording, db)
             self._database.make_room(run.owner, number, db)
 
-        def forget_begun(done: Future[None]) -> None:
-            if done.exception() is None or (begun is not None and begun.exception() is None):
-                self._database.forget_unended((run.owner, run.run_id), done)
+        def remember_unended(done: Future[None]) -> None:
+            if done.exception() is None:
+                self._database.unended.discard((run.owner, run.run_id))
+            elif begun is not None and begun.exception() is None:
+                self._database.unended.add((run.owner, run.run_id))
 
         done = self._writer.submit(end, size=len(run.request) + len(reply or b""))
-        done.add_done_callback(forget_begun)
+        done.add_done_callback(remember_unended)
         return done
 
     def _summary(self, row: tuple[Any, ...]) -> RunSummary:
@@ -404,6 +412,19 @@ class UserRuns:
 
 Runs = NoRuns | UserRuns
 """Where an engine reads runs."""
+
+
+class _Kinds(NamedTuple):
+    request: type[PlanRequest] | type[CertifyRequest]
+    reply: type[PlanReply] | type[CertifyReply]
+    run: type[RunReply] | type[CertifyRunReply]
+
+
+_KINDS = {
+    "plan": _Kinds(PlanRequest, PlanReply, RunReply),
+    "certify": _Kinds(CertifyRequest, CertifyReply, CertifyRunReply),
+}
+"""The messages of a kind of run."""
 
 
 def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> MotionReply:
