@@ -17,6 +17,7 @@ from lxml import etree
 
 from guidefield.collision.world import World
 from guidefield.geometry.closed import boundary, compact
+from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.kept import kept_with
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
@@ -27,7 +28,6 @@ from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.shapes import hull
 from guidefield.robot.urdf import xml
 from guidefield.scene import obstacle
-from guidefield.scene.mesh import mesh_surface
 from guidefield.whole_file import write_whole
 
 FORMAT = "guidefield cases 1"

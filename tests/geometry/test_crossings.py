@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import crossings as module
 from guidefield.geometry.crossings import crossings
-from guidefield.scene.mesh import crossing_warnings, joined_mesh
+from guidefield.geometry.mesh_surface import crossing_warnings, joined_mesh
 from guidefield.scene.obstacle import build
 from tests.kernels.evaluation import rigid_motions
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, mesh_message, moebius, room

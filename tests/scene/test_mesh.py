@@ -6,7 +6,7 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry.closed import connected_pieces, volume
-from guidefield.scene.mesh import _SOME, _is_dented, mesh_surface
+from guidefield.geometry.mesh_surface import _SOME, _is_dented, mesh_surface
 from tests.scene.solids import box_mesh, klein_bottle, l_prism, moebius, room
 
 

@@ -13,6 +13,7 @@ from guidefield.collision.pairs import PairNames
 from guidefield.collision.world import World
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.extents import box_about
+from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.kept import MISSING, Answers, kept_with
 from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
 from guidefield.kernels.cover.winding import winding_by_angles
@@ -21,7 +22,6 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
 from guidefield.robot.model.spaces import ModelConfiguration
-from guidefield.scene.mesh import mesh_surface
 from guidefield.scene.obstacle import Obstacle
 
 

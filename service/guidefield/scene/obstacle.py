@@ -15,6 +15,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.geometry import surfaces
 from guidefield.geometry.cache import is_large
 from guidefield.geometry.charged import convex_quads
+from guidefield.geometry.mesh_surface import MeshSurface
 from guidefield.geometry.placements import moved, se3
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
 from guidefield.messages import scene as messages
@@ -23,7 +24,7 @@ from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_sur
 from guidefield.scene.content import Content, content_of
 from guidefield.scene.facets import Facets
 from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, JudgedMesh, MeshSurface, as_judged, extent_of, judged_mesh
+from guidefield.scene.mesh import MOST_FACES, JudgedMesh, as_judged, extent_of, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES

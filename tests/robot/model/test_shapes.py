@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+import guidefield
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import HULL_STAND_OFF, triangulation
@@ -117,3 +118,34 @@ def test_a_mesh_in_millimetres_is_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ARMS)
 def test_tight_hulls_fill_nothing(name: str) -> None:
     assert not any("fills" in warning for warning in robot(name).remarks)
+
+
+def test_a_link_of_an_open_mesh_is_told_to_be_a_thin_wall(tmp_path: Path) -> None:
+    outline = np.array([(0, 0), (0.3, 0), (0.3, 0.1), (0.1, 0.1), (0.1, 0.3), (0, 0.3)])
+    halves = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])
+    bent = trimesh.creation.extrude_triangulation(outline, halves, 0.1)
+    whole = np.array(bent.vertices), np.array(bent.faces)
+    topless = whole[0], whole[1][bent.face_normals[:, 2] < 0.9]
+    open_at = "its surface is open (6 edges belong to one triangle): it is judged as a thin wall"
+    told = f"link 'arm': mesh 'shell.stl': {open_at}"
+    open_arm, closed_arm = _arm_of(topless, tmp_path), _arm_of(whole, tmp_path)
+    assert [one.judged_as for one in (open_arm.geometry_choices[1], closed_arm.geometry_choices[1])] == 2 * [
+        "triangle mesh"
+    ]
+    assert told in open_arm.warnings
+    box = trimesh.creation.box((0.2, 0.2, 0.2))
+    lidless = np.array(box.vertices), np.array(box.faces)[box.face_normals[:, 2] < 0.9]
+    turned = whole[0], np.where(np.arange(len(whole[1]))[:, None] % 2, whole[1], whole[1][:, ::-1])
+    for closed in (closed_arm, _arm_of(turned, tmp_path)):
+        assert not any("thin wall" in warning for warning in closed.warnings)
+    assert _arm_of(lidless, tmp_path).geometry_choices[1].judged_as == "triangle mesh"  # its lid is 10 cm off
+    flat_box = trimesh.creation.box((0.2, 0.2, 0.004))
+    shallow = np.array(flat_box.vertices), np.array(flat_box.faces)[flat_box.face_normals[:, 2] < 0.9]
+    hulled = _arm_of(shallow, tmp_path)
+    assert hulled.geometry_choices[1].judged_as == "convex hull"
+    assert not any("thin wall" in warning for warning in hulled.warnings)
+    state = {"robot": {"type": "urdf_file", "path": str(tmp_path / "r.urdf")}, "scene": {"name": "s", "obstacles": []}}
+    trimesh.Trimesh(*topless, process=False).export(tmp_path / "shell.stl")
+    plan = {**state, "goal": {"type": "joints", "positions": {"j1": 0.1}}, "guide_planes": [], "recording": "off"}
+    assert told in guidefield.answer(plan).warnings
+    assert told in guidefield.answer({**state, "type": "clearance", "configurations": [{}]}).warnings

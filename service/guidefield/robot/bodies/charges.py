@@ -30,6 +30,9 @@ POINTS_PER_SHAPE = 33
 SPREAD = 0.76
 """Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
 
+LEAST_SPACING = 1e-3
+"""Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line."""
+
 ALWAYS_CLOSE = 2.0
 """Links whose gap at rest is below this many radii of their capsules don't repel each other."""
 
@@ -111,7 +114,8 @@ def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Cha
 def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Arrays:
     capsule = fit_capsule(_hull_vertices(vertices))
     # a thin edge must not slip between the points of a thin link
-    points: SurfacePoints = surface_points(vertices, triangles, min(spacing, 2.0 * capsule.radius))
+    across = max(2.0 * capsule.radius, LEAST_SPACING)
+    points: SurfacePoints = surface_points(vertices, triangles, min(spacing, across))
     return {
         "points": points.points,
         "weights": points.weights,

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
@@ -14,6 +16,10 @@ from guidefield.geometry.bvh import bvh
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh
 from guidefield.robot.urdf.facts import UrdfFacts
+from guidefield.robot.urdf.links import THICKNESS
+
+SLIVER = 1e-12
+"""Twice the area of a triangle over its longest edge's square, up to which it is a line."""
 
 Meshes = Mapping[str, tuple[Path, np.ndarray, FileMesh]]
 """File, scale (3,) and triangles of each mesh, by the name of its collision shape."""
@@ -55,6 +61,11 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
             except MeshFault as fault:
                 message = f"line {line}: mesh {uri!r} of link {name!r} {fault}"
                 raise RobotInvalid(message, link=name, uri=uri, line=line) from None
+            if not _has_area(known[file, written]):
+                warnings.append(
+                    f"line {line}: link {name!r}: mesh {uri!r} has no area: it is judged as a line or point of"
+                    f" {1e3 * THICKNESS:g} mm"
+                )
             meshes[f"{name}_{number}"] = Path(file), scale, known[file, written]
             collision.find("geometry").replace(mesh, etree.Element("sphere", radius="1"))
     return etree.tostring(root, encoding="unicode"), meshes
@@ -69,8 +80,30 @@ def put_meshes(geometry: Any, meshes: Meshes) -> None:
     """
     trees: dict[int, Any] = {}
     for shape in geometry.geometryObjects:
-        if shape.name in meshes:
-            path, scale, mesh = meshes[shape.name]
-            shape.geometry = trees.setdefault(id(mesh), None) or bvh(mesh.vertices, mesh.triangles)
-            trees[id(mesh)] = shape.geometry
-            shape.meshPath, shape.meshScale = str(path), scale
+        if shape.name not in meshes:
+            continue
+        path, scale, mesh = meshes[shape.name]
+        if _has_area(mesh):
+            if id(mesh) not in trees:
+                trees[id(mesh)] = bvh(mesh.vertices, mesh.triangles)
+            shape.geometry, shape.meshPath, shape.meshScale = trees[id(mesh)], str(path), scale
+        else:
+            shape.geometry, placement = _thin_box(mesh.vertices)
+            shape.placement = shape.placement * placement
+
+
+def _has_area(mesh: FileMesh) -> bool:
+    """Check that some triangle has an area, but for rounding."""
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    edges = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return bool((areas > SLIVER * edges).any())
+
+
+def _thin_box(points: np.ndarray) -> tuple[Any, Any]:
+    """A box that contains points (n, 3) on a line, or at one place, and its placement, pinocchio.SE3."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    axes = np.linalg.svd(points - middle)[2]
+    axes[2] *= np.sign(np.linalg.det(axes))
+    extents = 2.0 * np.abs((points - middle) @ axes.T).max(axis=0)
+    return coal.Box(*(extents + THICKNESS).tolist()), pin.SE3(axes.T, middle)

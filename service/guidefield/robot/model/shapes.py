@@ -6,6 +6,7 @@ import functools
 import hashlib
 import threading
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import coal
@@ -16,10 +17,12 @@ from guidefield.geometry.cache import remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.entries import Arrays
+from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.nested import nested
 from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
+from guidefield.robot.mesh_files.reading import unit_of
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.system import usable_processors
 
@@ -51,8 +54,8 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
         model: Pinocchio model that the geometry belongs to.
         geometry: Pinocchio geometry model; its meshes are replaced in place.
         uris: What the URDF calls a mesh, by the path of its file.
-        warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh is so large
-            that its numbers are hardly metres.
+        warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh has no inside
+            or is so large that its numbers are hardly metres.
     """
     choices = []
     settled = _all_settled(geometry)
@@ -62,19 +65,25 @@ def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[st
             choices.append(GeometryChoice(shape.name, link, type(shape.geometry).__name__.lower(), "primitive"))
             continue
         one = settled[_file_of(shape)]
+        mesh = uris.get(shape.meshPath, shape.name)
         if (extent := _extent(shape.geometry)) > HARDLY_METRES:
-            warnings.append(
-                f"link {link!r}: mesh {uris.get(shape.meshPath, shape.name)!r} is {extent:.4g} m large: are its numbers"
-                ' millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
-            )
+            warnings.append(f"link {link!r}: mesh {mesh!r} is {extent:.4g} m large: {_unit_hint(Path(shape.meshPath))}")
         shape.geometry = one.shape
         choices.append(GeometryChoice(shape.name, link, "mesh", one.judged_as, one.stand_off))
+        if one.wall:
+            warnings.append(f"link {link!r}: mesh {mesh!r}: {one.wall}")
         if one.filled > 0.0:
-            mesh = uris.get(shape.meshPath, shape.name)
             warnings.append(
                 f"link {link!r}: mesh {mesh!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
             )
     return tuple(choices)
+
+
+def _unit_hint(path: Path) -> str:
+    """A question about the unit of a large mesh."""
+    if path.suffix.lower() == ".dae":
+        return f"its file states a unit of {unit_of(path):g} m; is that right?"
+    return 'are its numbers millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
 
 
 def _file_of(shape: Any) -> tuple[str, bytes]:
@@ -105,12 +114,13 @@ def _extent(mesh: Any) -> float:
 
 
 class _Settled(NamedTuple):
-    """As what a mesh is judged, how far that stands off [m], and what it fills beyond that [m^3]."""
+    """As what a mesh is judged, how far that stands off [m], what it fills beyond that [m^3], why it has no inside."""
 
     shape: Any
     judged_as: str
     stand_off: float
     filled: float
+    wall: str
 
 
 def _told_volume(volume: float) -> str:
@@ -158,17 +168,19 @@ def _settled(mesh: Any) -> _Settled:
     found = _remembered_hull(mesh)
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance > HULL_STAND_OFF:
-        return _Settled(mesh, "triangle mesh", 0.0, 0.0)
-    return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled)
+        return _Settled(mesh, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
+    return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
 
 
 def _remembered_hull(mesh: Any) -> Arrays:
     vertices, triangles = triangulation(mesh)
-    return remembered("hull", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles))
+    return remembered(
+        "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
+    )
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
-    """Hull of a mesh, how far it stands off, and how much of hollows it fills.
+    """Hull of a mesh, how far it stands off, how much of hollows it fills, and why the mesh is a thin wall.
 
     Beyond `HULL_STAND_OFF` it is only said that it stands off further; where there is no hull, infinitely far.
     """
@@ -187,7 +199,14 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
         "triangles": around.triangles,
         "stand_off": np.array([distance]),
         "filled": np.array([filled]),
+        "wall": np.frombuffer(_wall(vertices, triangles).encode() if distance > HULL_STAND_OFF else b"", np.uint8),
     }
+
+
+def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
+    """Why a mesh has no inside, in words; "" of a closed one."""
+    judged = mesh_surface(vertices, triangles)
+    return "" if judged is None or judged.solid else judged.warnings[-1]
 
 
 def _filled(around: Surface, distance: float, body: Solid) -> float:

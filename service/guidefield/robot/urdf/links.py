@@ -33,6 +33,9 @@ SHAPES = {
 }
 """What a `<geometry>` can be, and how many numbers each of its required attributes has (0: it is a name)."""
 
+THICKNESS = 2e-6
+"""Thickness of a collision body that has none [m]."""
+
 CAPSULE_SINCE = (1, 1)
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -76,7 +79,7 @@ def check_link(
         warn_of_repeated(part, "origin", warnings)
     for collision in link.findall("collision"):
         _split(collision, warnings)
-    return tuple(_check_collision(collision, version, resolver) for collision in link.findall("collision"))
+    return tuple(_check_collision(collision, version, resolver, warnings) for collision in link.findall("collision"))
 
 
 def _split(collision: Element, warnings: list[str]) -> None:
@@ -101,9 +104,12 @@ def _split(collision: Element, warnings: list[str]) -> None:
             collision.remove(geometry)
 
 
-def _check_collision(collision: Element, version: tuple[int, int], resolver: MeshResolver) -> CollisionFacts:
+def _check_collision(
+    collision: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]
+) -> CollisionFacts:
     check_origins(collision, version)
     shape = _check_geometry(collision, version, _refuse)
+    _thicken(shape, warnings)
     mesh = _settle_mesh(shape, resolver) if shape.tag == "mesh" else None
     return CollisionFacts(link=name_of(collision.getparent()), shape=shape.tag, mesh=mesh, line=collision.sourceline)
 
@@ -142,12 +148,29 @@ def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complai
         if not shape.get(attribute, "").strip():
             raise fault(shape, f"<{shape.tag}> must have {attribute!r}", attribute=attribute)
         sizes = numbers(shape, attribute, count, LARGEST_LENGTH) if count else None
-        if sizes and min(sizes) <= 0.0:
+        if sizes and (min(sizes) < 0.0 or (min(sizes) == 0.0 and owner.tag == "visual")):
             complain(shape, f"{attribute!r} of <{shape.tag}> must be positive, got {shape.get(attribute)!r}")
     scale = numbers(shape, "scale", 3, LARGEST_LENGTH) if shape.tag == "mesh" else None
-    if scale and 0.0 in scale:
+    if scale and 0.0 in scale and owner.tag == "visual":
         complain(shape, f"'scale' of <mesh> must not be zero, got {shape.get('scale')!r}")
     return shape
+
+
+def _thicken(shape: Element, warnings: list[str]) -> None:
+    """Give a `<collision>` without extent along some direction a thickness, so that it has an inside.
+
+    A point, a line or a face is contained in what is judged then, which stands off by half of `THICKNESS`.
+    """
+    thin = []
+    for attribute, count in SHAPES[shape.tag].items():
+        sizes = numbers(shape, attribute, count) if count else None
+        if sizes and 0.0 in sizes:
+            least = 0.5 * THICKNESS if attribute == "radius" else THICKNESS
+            thin.append(f"{attribute!r} of {shape.get(attribute)!r}")
+            shape.set(attribute, " ".join(repr(size or least) for size in sizes))
+    if thin:
+        told = f"<{shape.tag}> has the {' and the '.join(thin)}; what is zero is judged as {1e3 * THICKNESS:g} mm"
+        warnings.append(warning(shape, told))
 
 
 def _settle_mesh(mesh: Element, resolver: MeshResolver) -> Path:

@@ -1,0 +1,286 @@
+"""The surface of a triangle mesh as it is judged: closed or open, consistent or not, convex or something else."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from guidefield.geometry.closed import compact, connected_pieces, volume
+from guidefield.geometry.convex import convex, convex_hull
+from guidefield.geometry.cracks import are_proper, crack_lids, seams
+from guidefield.geometry.crossings import crossings
+from guidefield.geometry.edges import edge_counts, numbered_edges
+from guidefield.geometry.extents import extents
+from guidefield.geometry.surfaces import Surface
+
+_FLAT = 1e-9
+"""A closed mesh with less volume than this fraction of its size cubed has no inside."""
+
+_SOME = 4096
+"""So many triangles are looked at together for one that has an area."""
+
+_CONVEX = 1e-7
+"""How far a mesh may dent in and still be judged by its hull, as a fraction of its size."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSurface:
+    """A triangle mesh as it is judged.
+
+    Attributes:
+        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
+        triangles: Shape (t, 3), counter-clockwise from outside where the mesh is solid.
+        solid: Whether it is closed around a volume.
+        hull: Its convex hull as a Coal shape if it is that hull, else None.
+        warnings: What was odd: open, inside out, inconsistent; one sentence each.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    solid: bool
+    hull: Any | None
+    warnings: tuple[str, ...]
+
+
+class Joined(NamedTuple):
+    """A mesh whose vertices at one place are one, with the cracks that could be closed.
+
+    Attributes:
+        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
+        triangles: Those with three different ones, shape (t, 3).
+        given: Which of the given ones each is, shape (t,).
+        seams: For each vertex the one that it should be, shape (v,), as of `cracks.seams`.
+        width: Of the widest crack [m].
+        edges: Which edge each side of the triangles is, shape (3 t,), and how many edges there are.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    given: np.ndarray
+    seams: np.ndarray
+    width: float
+    edges: tuple[np.ndarray, int]
+
+    @property
+    def welded(self) -> np.ndarray:
+        """The triangles with each vertex as the one it should be, but those that are none then, shape (k, 3)."""
+        if self.width == 0.0:
+            return self.triangles
+        corners = self.seams[self.triangles]
+        welded: np.ndarray = corners[are_proper(corners)]
+        return welded
+
+
+def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
+    """Merge a mesh's vertices, and find its cracks.
+
+    Args:
+        vertices: Shape (v, 3) [m], in any frame.
+        triangles: Indices of vertices, shape (t, 3).
+    """
+    distinct, corners, given = compact(vertices, triangles)
+    edges = numbered_edges(corners)
+    return Joined(distinct, corners, given, *seams(distinct, corners, numbered=edges), edges)
+
+
+def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+    """Judge a triangle mesh; None if its triangles have no area.
+
+    Vertices at the same place become one. Cracks between corners at most `WIDEST_CRACK` apart are closed by thin lids,
+    as long as nothing else is open. Where the mesh is closed then, triangles that face inwards are turned.
+
+    Args:
+        vertices: Shape (v, 3) [m], in any frame; the result is in the same.
+        triangles: Indices of vertices, shape (t, 3).
+    """
+    return surface_of(joined_mesh(vertices, triangles))
+
+
+def surface_of(mesh: Joined) -> MeshSurface | None:
+    """The same of a mesh whose vertices are merged."""
+    vertices = mesh.vertices
+    if not has_area(vertices, mesh.triangles):
+        return None
+    triangles, solid, warnings = _facing_outwards(mesh)
+    hull = _own_hull(vertices, mesh._replace(triangles=triangles).welded) if solid else None
+    if solid and mesh.width > 0.0:
+        triangles = np.concatenate([triangles, crack_lids(triangles, mesh.seams)])
+        warnings.append(f"its surface had cracks up to {1000.0 * mesh.width:.2g} mm wide, which were closed")
+    for array in (vertices, triangles):
+        array.setflags(write=False)
+    return MeshSurface(vertices, triangles, solid, hull, tuple(warnings))
+
+
+def crossing_warnings(mesh: Joined) -> tuple[str, ...]:
+    """What to tell of triangles that cross each other, by the indices they are given with; nothing if none do.
+
+    Those that overlap at a crack alone don't count.
+    """
+    found = crossings(mesh.vertices, mesh.welded)
+    warnings = []
+    if len(found.pairs):
+        given = mesh.given[are_proper(mesh.seams[mesh.triangles])]
+        count = f"{len(found.pairs)} pairs" if len(found.pairs) > 1 else "1 pair"
+        least = "" if found.complete else "at least "
+        first, second = given[found.pairs[0]]
+        warnings.append(f"it intersects itself: {least}{count} of its triangles cross, such as {first} and {second}")
+    if not found.complete:
+        warnings.append("it is too large to look for all places where it intersects itself")
+    return tuple(warnings)
+
+
+def has_area(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Check that one of the triangles (t, 3) of vertices (v, 3) has an area."""
+    least = 1e-12 * extents(vertices).max() ** 2 if len(triangles) else 0.0
+    some = (triangles[start : start + _SOME] for start in range(0, len(triangles), _SOME))
+    return any(_areas(vertices, few).max() > least for few in some)
+
+
+def _areas(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = (vertices[column] for column in triangles.T)
+    areas: np.ndarray = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
+
+
+def _edges(triangles: np.ndarray) -> np.ndarray:
+    """Directed edges (3 t, 2): edge i of every triangle, then edge i + 1."""
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+
+
+def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
+    """Triangles, turned where that makes a closed mesh consistent; whether it is solid; warnings.
+
+    It is looked at with its cracks closed.
+    """
+    vertices, triangles, welded = mesh.vertices, mesh.triangles, mesh.welded
+    if not len(welded):
+        return triangles, False, ["it is as small as a crack: it is judged as a thin wall"]
+    forward, backward = edge_counts(welded, mesh.edges if mesh.width == 0.0 else None)
+    warnings = []
+    if not np.array_equal(forward, backward):
+        open_edges = int(((forward + backward) == 1).sum())
+        if open_edges:
+            fault = f"its surface is open ({open_edges} edges belong to one triangle): it is judged as a thin wall"
+            return triangles, False, [fault]
+        consistent = _turned_alike(vertices, welded) if ((forward + backward) == 2).all() else None
+        if consistent is None:
+            return triangles, False, ["its triangles can't be turned to face outwards: it is judged as a thin wall"]
+        proper = np.flatnonzero(are_proper(mesh.seams[triangles]))
+        turned = proper[(consistent != welded).any(axis=1)]
+        warnings.append(f"{len(turned)} of its triangles faced inwards and were turned")
+        triangles = triangles.copy()
+        triangles[turned] = triangles[turned][:, ::-1]
+        welded = consistent
+    enclosed = volume(vertices, welded)
+    if abs(enclosed) <= _FLAT * np.linalg.norm(extents(vertices)) ** 3:
+        return triangles, False, [*warnings, "it is closed around no volume: it is judged as a thin wall"]
+    if enclosed < 0.0:
+        if not warnings:
+            warnings.append("its triangles ran clockwise from outside and were turned")
+        triangles = triangles[:, ::-1]
+    return np.ascontiguousarray(triangles), True, warnings
+
+
+def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
+    """Triangles turned so that neighbours agree, piece by piece; None if the surface has only one side.
+
+    Every edge must belong to two triangles. Every piece of the result encloses a positive volume, so that a hollow in
+    another piece counts as filled: the safe side, where nobody can tell any more.
+    """
+    edges, count = _edges(triangles), len(triangles)
+    order = np.lexsort(np.sort(edges, axis=1).T)
+    pairs = order.reshape(-1, 2)
+    same_way = edges[pairs[:, 0], 0] == edges[pairs[:, 1], 0]
+    neighbours: list[list[tuple[int, bool]]] = [[] for _ in range(count)]
+    for (first, second), disagree in zip((pairs % count).tolist(), same_way.tolist(), strict=True):
+        neighbours[first].append((second, disagree))
+        neighbours[second].append((first, disagree))
+    flipped: list[bool | None] = [None] * count
+    turned = triangles.copy()
+    for root in range(count):
+        if flipped[root] is not None:
+            continue
+        piece = _flip_from(root, neighbours, flipped)
+        if piece is None:
+            return None
+        wrong = [triangle for triangle in piece if flipped[triangle]]
+        turned[wrong] = turned[wrong][:, ::-1]
+        if volume(vertices, turned[piece]) < 0.0:
+            turned[piece] = turned[piece][:, ::-1]
+    return turned
+
+
+def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: list[bool | None]) -> list[int] | None:
+    """Decide for the piece of a triangle which of its triangles to flip; the piece, or None on a contradiction."""
+    flipped[root] = False
+    piece, waiting = [root], deque([root])
+    while waiting:
+        here = waiting.popleft()
+        for there, disagree in neighbours[here]:
+            wanted = flipped[here] != disagree
+            if flipped[there] is None:
+                flipped[there] = wanted
+                piece.append(there)
+                waiting.append(there)
+            elif flipped[there] != wanted:
+                return None
+    return piece
+
+
+def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
+    """The hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume."""
+    size = float(np.linalg.norm(extents(vertices)))
+    if _is_dented(vertices, _first_ones(vertices, triangles), _CONVEX * size):
+        return None
+    forward, backward = edge_counts(triangles)
+    if not ((forward == 1) & (backward == 1)).all():
+        return None
+    pieces = np.unique(connected_pieces(len(vertices), triangles)[triangles])
+    if len(pieces) > 1 or _is_dented(vertices, triangles, _CONVEX * size):
+        return None
+    try:
+        around = convex_hull(vertices)
+    except ValueError:  # it is flat, or too fine for Coal
+        return None
+    enclosed = volume(around.vertices, around.triangles)
+    if abs(enclosed - volume(vertices, triangles)) > 1e-6 * enclosed:
+        return None
+    return hull_shape(around)
+
+
+def hull_shape(around: Surface) -> Any:
+    """Return a hull as Coal's shape, with its box."""
+    hull = convex(around.vertices, around.triangles)
+    hull.computeLocalAABB()
+    return hull
+
+
+def _first_ones(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The first triangles and those that share a vertex with them: most surfaces of many are dented there."""
+    marked = np.zeros(len(vertices), bool)
+    marked[triangles[:_SOME]] = True
+    a, b, c = triangles.T
+    few: np.ndarray = triangles[marked[a] | marked[b] | marked[c]]
+    return few
+
+
+def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> bool:
+    """Whether a triangle's far vertex is more than is let above its neighbour's plane [m].
+
+    Edges of one triangle only don't count; an edge of more than two, which none of a hull is, may count or not.
+    """
+    edges, count = _edges(triangles), len(triangles)
+    opposite = np.concatenate([triangles[:, 2], triangles[:, 0], triangles[:, 1]])
+    keys = edges.min(axis=1) * len(vertices) + edges.max(axis=1)
+    order = np.argsort(keys, kind="stable")
+    at = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    pairs = np.column_stack([order[at], order[at + 1]])
+    a, b, c = (vertices[column] for column in triangles.T)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    first, second = pairs.T
+    heights = np.einsum("ij,ij->i", normals[first % count], vertices[opposite[second]] - vertices[edges[first, 0]])
+    return bool(heights.max(initial=-np.inf) > deepest)
