@@ -117,6 +117,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to work in, with what the pages take for granted: a robot of one's own, and the source's tools."""
     (tmp_path / "my_robot.urdf").write_text(ARM)
+    argument = 'xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="with_tool" default="false"/>'
+    (tmp_path / "my_robot.urdf.xacro").write_text(ARM.replace(">", f" {argument}", 1))
     (tmp_path / "tools").symlink_to(HOUSE / "tools")
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -24,10 +24,13 @@ from guidefield.errors import GuidefieldError, InternalFailure  # noqa: E402
 from guidefield.messages.replies import PlanReply  # noqa: E402
 from guidefield.messages.requests import JointsGoal, PlanRequest, RobotReference, UrdfFile  # noqa: E402
 from guidefield.messages.scene import Scene  # noqa: E402
+from guidefield.robot.urdf.xacro_files import is_xacro  # noqa: E402
 
 PLANS = 2
 DRAWS = 60
 """Goals that are tried."""
+NO_LINK = "at least one <link>"
+"""In the message about a URDF without links."""
 OBSTACLES = 3
 """How many stand about for the second plan."""
 
@@ -55,6 +58,9 @@ class Trial:
         try:
             self._load()
         except GuidefieldError as error:
+            if isinstance(self.reference, UrdfFile) and is_xacro(Path(self.reference.path)) and NO_LINK in str(error):
+                self._tell(kind="no robot", message="a xacro file that defines no link, to be included by others")
+                return
             self._tell(kind=_kind_of(error), status=error.code.name, message=str(error))
         except Exception as error:
             self._tell(kind="traceback", message=_said(error))

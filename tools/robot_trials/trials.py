@@ -27,7 +27,7 @@ MOST_WORDS = 160
 
 BROKEN = ("traceback", "false certificate")
 """Kinds of result that are bugs."""
-KINDS = (*BROKEN, "contradiction", "time limit", "refused", "no free goal", "not planned", "planned")
+KINDS = (*BROKEN, "contradiction", "time limit", "refused", "no free goal", "not planned", "planned", "no robot")
 """Kinds of result, worst first; a robot's is the worst of its plans'."""
 COLUMNS = {
     "robot": "robot",

@@ -37,8 +37,12 @@ def enclosing_folders(folder: Path) -> list[Path]:
     They end at the repository, else beside the package (the nearest folder with a `package.xml`), else `MAX_LEVELS` up,
     and below the home folder. Neither the home folder nor one above it is ever among them.
     """
-    home = Path.home().resolve()
-    usable = list(takewhile(lambda f: f not in (home, *home.parents) and len(f.parts) > MIN_DEPTH, _upwards(folder)))
+    try:
+        home = Path.home().resolve()
+    except RuntimeError:  # a user without one
+        home = Path("/")
+    barred = {home, *home.parents}
+    usable = list(takewhile(lambda f: f not in barred and len(f.parts) > MIN_DEPTH, (folder, *folder.parents)))
     for number, above in enumerate(usable):
         if any((above / mark).exists() for mark in REPOSITORY_MARKS):
             return usable[: number + 1]
@@ -46,11 +50,6 @@ def enclosing_folders(folder: Path) -> list[Path]:
         if (above / MANIFEST).is_file():
             return usable[: number + 2]
     return usable[: MAX_LEVELS + 1]
-
-
-def _upwards(folder: Path) -> Iterator[Path]:
-    yield folder
-    yield from folder.parents
 
 
 class Kind(enum.Enum):
