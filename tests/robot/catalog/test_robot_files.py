@@ -24,6 +24,7 @@ def shape(uri: str, kind: str = "collision") -> str:
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A package whose folder has another name than its URIs."""
+    (tmp_path / ".git").mkdir()
     mesh = tmp_path / "renamed" / "meshes" / "collision" / "tip.STL"
     mesh.parent.mkdir(parents=True)
     mesh.write_bytes(stl([[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]]))

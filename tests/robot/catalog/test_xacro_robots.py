@@ -36,6 +36,7 @@ REACHLESS = ["arm.urdf.xacro", "'reach' has no value", "--xacro-arg reach:=VALUE
 def main(tmp_path: Path) -> Path:
     """A xacro file, and beside its package another one, which it includes."""
     parts = tmp_path / "parts"
+    (tmp_path / ".git").mkdir()
     for folder in (tmp_path / "arm" / "urdf", parts / "urdf", parts / "meshes"):
         folder.mkdir(parents=True)
     (parts / "package.xml").write_text("<package><name>arm_parts</name></package>")
@@ -78,6 +79,8 @@ def test_a_change_of_an_included_file_is_seen(main: Path) -> None:
 
 def test_a_package_in_a_folder_of_another_name_is_taken_for_what_is_in_it(main: Path) -> None:
     folder = main.parents[1]
+    (main.parents[2] / "other").mkdir()
+    (main.parents[2] / "other" / "package.xml").write_text("<package><name>arm_description</name></package>")
     (folder / "parts").mkdir()
     (folder / "parts" / "link.xacro").write_text(PART)
     main.write_text(MAIN.replace("$(find arm_parts)/urdf/", "$(find arm_description)/parts/"))

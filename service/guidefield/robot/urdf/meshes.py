@@ -154,24 +154,24 @@ class MeshResolver:
 
         Args:
             name: Of the package.
-            paths: Paths in it. If no package has the name, the nearest folder about the URDF that has one of them is
-                taken, and noted in `remarks`.
+            paths: Paths in it. The first folder that has one of them is taken: if no package of the name has, the
+                nearest folder of the robot's package, which is noted in `remarks`.
         """
         inside = tuple(folder.resolve() for folder in self.folders)
-        for folder in self._holders(name):
-            if folder.is_dir() and _is_within(folder.resolve(), inside):
-                return folder
-        if self.nearby is None:
-            return None
-        declared = next(self.nearby.packages(name), None)
-        if declared is not None:
-            return declared
-        for folder in self.nearby.own_folders:
-            for path in (_folded(folder / path) for path in paths):
-                if path.is_relative_to(folder) and path.exists():
+        named = [folder for folder in self._holders(name) if folder.is_dir() and _is_within(folder.resolve(), inside)]
+        best = next((folder for folder in named if _has_one(folder, paths)), None)
+        if best is not None:
+            return best
+        own: list[Path] = []
+        if self.nearby is not None:
+            named += self.nearby.packages(name)
+            own = self.nearby.own_folders
+        for folder in (*named, *own):
+            if _has_one(folder, paths):
+                if folder not in named:
                     self.remarks[f"package://{name}"] = Remark(folder)
-                    return folder
-        return None
+                return folder
+        return named[0] if named else None
 
     def _confined(self, uri: str, path: Path) -> Path:
         """Return where a file really is, which must be allowed too."""
@@ -285,6 +285,11 @@ def _package_dirs_of_environment() -> list[Path]:
 def _folded(path: Path) -> Path:
     """Return a path that is absolute and without `..`, by its letters alone: nothing is looked up on disk."""
     return Path(os.path.normpath(path.absolute()))
+
+
+def _has_one(folder: Path, paths: Iterable[str]) -> bool:
+    """Tell whether a folder has one of some paths in it."""
+    return any(path.is_relative_to(folder) and path.exists() for path in (_folded(folder / path) for path in paths))
 
 
 def _is_within(path: Path, folders: Iterable[Path]) -> bool:

@@ -16,7 +16,7 @@ from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
 
 MAX_ENTRIES = 20_000
 """Entries of folders that one search reads; a larger tree is no package."""
-MAX_SECONDS = 3.0
+MAX_SECONDS = 10.0
 """Time that one search reads folders for [s]."""
 MAX_LEVELS = 3
 """Folders above the URDF's that are searched where no package and no repository encloses it."""
