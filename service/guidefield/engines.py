@@ -161,7 +161,7 @@ class Engines:
         return reply
 
     def _named(self, asking: str, owner: str, kind: Kind) -> list[str]:
-        """What others have stored and the one who asks may read."""
+        """The names of what others have stored and the one who asks may read."""
         found = []
         for other in self._others(owner):
             stores = self.stores.of(other)

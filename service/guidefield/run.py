@@ -73,7 +73,7 @@ class Run:
         self._place = recording_key if record_to is None else str(record_to)
 
     def cancelled(self) -> bool:
-        """Whether somebody asked the run to end; asked at every iteration, it also lets time pass for its progress."""
+        """Return whether a client asked the run to end; called at every iteration, it also lets progress be told."""
         return self._progress is not None and self._progress.pass_time_and_ask()
 
     def prepare(self, what: str) -> None:
@@ -133,7 +133,7 @@ class Run:
         return _Observers(self._progress, recording)
 
     def _where(self) -> Place | None:
-        """Where the recording goes, if there is to be one."""
+        """The place of the recording, if there is to be one."""
         recordings = self._recordings
         if self._request.recording == "off" or (self._record_to is None and recordings is None):
             return None
@@ -170,7 +170,7 @@ def _until(timing: Timing, total: float) -> Timing:
 
 
 class _Warnings:
-    """What could not be kept of a run.
+    """Warnings about what could not be kept of a run.
 
     Its own object: a recording that knew its run would leave both, and the world that was planned in, lying about until
     cycles are collected.
@@ -225,7 +225,7 @@ class _Observers(Generic[_R]):
 
 
 class _Written(Protocol):
-    """What says where a recording is."""
+    """A recording whose place is known once it is written."""
 
     written: str | None
 

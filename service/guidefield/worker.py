@@ -1,4 +1,4 @@
-"""What runs in a worker process: an engine that answers queries, bytes in and bytes out."""
+"""The engine in a worker process, which answers queries: bytes in, bytes out."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class EngineWorker:
     later: Later = field(default_factory=Later)
 
     def __call__(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
-        """Whether there is a reply, or else an error; and its bytes. None: it was set back and ended early."""
+        """Return whether it is a reply, not an error, and its bytes; None if the job was set back and ended early."""
         with self.later.answering():
             owed: list[Work] = []
             answer = self._answer(job, call, owed)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -355,6 +357,34 @@ def test_others_read_while_it_is_written(database: RunDatabase, tmp_path: Path) 
     database.close()
     assert reader.of(PLAIN).list(ALL).total == 49
     reader.close()
+
+
+READER = """
+import os, sys
+from pathlib import Path
+from guidefield.messages.identities import PLAIN
+from guidefield.stores.runs import RunDatabase
+from guidefield.messages.store_requests import ReadRuns
+
+os.setuid(65534)
+print([run.run_id for run in RunDatabase(Path(sys.argv[1])).of(PLAIN).list(ReadRuns()).runs])
+"""
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become somebody else")
+def test_who_may_write_nothing_reads_while_a_service_runs_and_after_its_end() -> None:
+    data = Path(tempfile.mkdtemp(dir="/tmp"))  # where others may look
+    data.chmod(0o755)
+    database = RunDatabase(data)
+    for number in range(2):
+        keep(database, f"r{number}")
+        done = subprocess.run([sys.executable, "-c", READER, str(data)], capture_output=True, text=True, check=True)
+        assert done.stdout == f"{[f'r{k}' for k in range(number, -1, -1)]}\n"
+    database.close()
+    assert [file.name for file in data.iterdir()] == [FILE]
+    done = subprocess.run([sys.executable, "-c", READER, str(data)], capture_output=True, text=True, check=True)
+    assert done.stdout == "['r1', 'r0']\n"
+    shutil.rmtree(data)
 
 
 def test_a_damaged_database_is_told_and_nothing_is_lost_of_it(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What grows with what a user keeps: how long a plan waits beside its own work, and a page of the list, by kept runs.
+"""The cost of kept runs: the wait of a plan beside its own work, and a page of the list, with few and many of them.
 
 Usage: tools/bench growth [--runs 0,1000,100000] [--repeats N]
 
@@ -55,7 +55,7 @@ def fill(count: int, data: Path) -> None:
 
 
 def wait_for_plan(client: Client, front: int) -> tuple[float, float]:
-    """What a plan takes beyond the planner's work, and of the processors in the service without its worker [s]."""
+    """Plan once; the time beyond the planner's work, and the processor time of the service without its worker [s]."""
     began, work = time.perf_counter(), processor_time(front) - time.process_time()
     timing = client.plan(PLAN).timing
     elapsed = time.perf_counter() - began
@@ -63,7 +63,7 @@ def wait_for_plan(client: Client, front: int) -> tuple[float, float]:
 
 
 def time_of(ask: Callable[[], object]) -> float:
-    """How long an answer takes [s]."""
+    """The time that an answer takes [s]."""
     began = time.perf_counter()
     ask()
     return time.perf_counter() - began

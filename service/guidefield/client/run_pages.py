@@ -13,7 +13,7 @@ class RunPages:
     """Pages of a list of runs, joined to one.
 
     Args:
-        wanted: What is listed; its `limit` plays no part.
+        wanted: The filters, and where the list begins; its `limit` plays no part.
         limit: At most so many runs; None: all.
     """
 

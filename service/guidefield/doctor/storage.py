@@ -19,7 +19,7 @@ LEAST = GIB
 
 
 def disk(data: Path) -> Finding:
-    """Whether runs can be kept.
+    """Look whether the data folder takes files, and at the room on its disk.
 
     Args:
         data: Folder of a service's runs, scenes and robots; need not be there yet.
@@ -33,7 +33,7 @@ def disk(data: Path) -> Finding:
 
 
 def room_found(free: int, data: Path) -> Finding:
-    """What is said about so much room [bytes] for a folder."""
+    """Judge the free room [bytes] for a data folder."""
     found = f"{free / GIB:.1f} GiB are free for {data}"
     if free < LEAST:
         return wrong("disk", found, "make room: on a full disk plans go on, but no run or recording is kept")
@@ -43,7 +43,7 @@ def room_found(free: int, data: Path) -> Finding:
 
 
 def runs(data: Path) -> Finding:
-    """Whether the database of runs can be written and isn't damaged.
+    """Look whether a database of runs can be written, and whether the one that is there is damaged.
 
     Args:
         data: Folder of a service's runs, scenes and robots; need not be there yet.
@@ -74,7 +74,7 @@ def runs(data: Path) -> Finding:
 
 
 def kernels() -> Finding:
-    """Whether the kernels' machine code is there, or can be kept."""
+    """Look whether the kernels' machine code is there, or can be kept."""
     folder = cache_parent() / "guidefield"
     there = _there(folder)
     if not (there.is_dir() and _takes_files(there)):
@@ -97,7 +97,7 @@ def kernels() -> Finding:
 
 
 def _takes_files(folder: Path) -> bool:
-    """Whether a file can be made there: rights alone don't say it, least of all to root."""
+    """Return whether a file can be made in a folder: rights alone don't say it, least of all to root."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             return True

@@ -25,7 +25,7 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Future[Answer]) -> Future[Ans
     """Have the outcome of a task kept as that of its run.
 
     Args:
-        runs: Where.
+        runs: The runs of its user.
         run: The run.
         task: Comes to the answer, or to the error in its place.
 

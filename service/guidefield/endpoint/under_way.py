@@ -1,4 +1,4 @@
-"""What is under way, by name and by client: what waits or is worked on, and what is to end before it arrives."""
+"""Work under way, by name and by client: waiting, worked on, or cancelled before it arrives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.runs import taken
 
 REMEMBERED = 10.0
-"""How long a cancel that arrives before its run is remembered [s]."""
+"""Time for which a cancel that arrives before its run is remembered [s]."""
 MOST_REMEMBERED = 1_000
 
 Name = tuple[str, str, str]
@@ -33,10 +33,10 @@ class _Work:
 
 
 class UnderWay:
-    """What is under way.
+    """The work under way.
 
     Args:
-        pool: Where it is worked on.
+        pool: The workers that do it.
     """
 
     def __init__(self, pool: Pool) -> None:
@@ -60,10 +60,10 @@ class UnderWay:
         Args:
             name: Its name, if it has one.
             task: Its task.
-            cancelled: What is answered if it is cancelled before it begins.
-            words: What it was asked with: whose link broke may ask again, and waits for the same work.
-            answer: What follows from the task and is waited for; None: the task itself.
-            kept: Finds what was answered before under this name.
+            cancelled: Makes the answer if it is cancelled before it begins.
+            words: The words of the query: a client whose link broke may ask again, and waits for the same work.
+            answer: The answer that follows from the task; None: the task itself.
+            kept: Finds the answer to come of an earlier run of this name.
 
         Returns:
             The answer to wait for: this one, or that of the work under way.

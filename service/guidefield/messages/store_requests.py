@@ -1,4 +1,4 @@
-"""What a client may ask about what there is: robots, scenes, runs, and the service itself."""
+"""Requests about what is stored, robots, scenes and runs, and about the service itself."""
 
 from __future__ import annotations
 

@@ -18,14 +18,14 @@ from guidefield.stores.scenes import SceneStore
 from guidefield.stores.shared import Kind, Shared
 
 MOST_USERS = 1_000
-"""How many users may have something stored."""
+"""The most users who may have something stored."""
 MOST_OPEN = 100
-"""Of how many users the stores are kept open."""
+"""The most users whose stores are kept open."""
 
 
 @dataclass(frozen=True)
 class Stores:
-    """What one user has."""
+    """The stores of one user."""
 
     runs: Runs
     recordings: Recordings
@@ -68,7 +68,7 @@ class StoresByUser:
         return self._folder(user) / "streams"
 
     def bytes_of(self, user: str) -> int | None:
-        """What a user's quota says of what is kept [bytes]; None: nothing."""
+        """A user's quota for what is kept [bytes]; None: no quota."""
         return self._quotas.of(user).bytes
 
     def users(self) -> list[str]:
@@ -76,7 +76,7 @@ class StoresByUser:
         return users_in(self._data)
 
     def may_read(self, asking: str, owner: str, kind: Kind, name: str) -> bool:
-        """Whether somebody may read what is another's: operators may, on the plain keys, and others what is shared."""
+        """Return whether a user may read another's thing: operators may, on the plain keys, others if it is shared."""
         if asking in (owner, PLAIN):
             return True
         if kind == "runs":

@@ -64,6 +64,6 @@ def _add(owner: str, folder: Path, shared: bool, db: sqlite3.Connection) -> None
 
 
 def _began(folder: Path) -> float:
-    """When a run began [s since 1970]."""
+    """The time at which a run began [s since 1970]."""
     request = folder / "request.json"
     return (request if request.exists() else folder).stat().st_mtime

@@ -21,7 +21,7 @@ _NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,127}")
 
 
 def default_data_folder(instance: str) -> Path:
-    """Where a service of that name keeps its data unless told otherwise: the user's data folder of the platform."""
+    """The default folder of a service's data: below the user's data folder of the platform."""
     base = os.environ.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
     return Path(base) / "guidefield" / checked_name(instance, "instance")
 
@@ -52,7 +52,7 @@ def alone(lock: Path) -> Iterator[None]:
 
 
 def read_if_any(path: Path) -> bytes | None:
-    """What the file holds, or None where there is none."""
+    """The content of a file, or None if there is none."""
     try:
         return path.read_bytes()
     except FileNotFoundError:

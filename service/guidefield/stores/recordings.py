@@ -13,7 +13,7 @@ from guidefield.system import is_alive, told_apart
 from guidefield.whole_file import write_whole
 
 RECORDING, OWED, LOST = ".rrd", ".owed", ".lost"
-"""How names end: of a recording, of the mark that says which process writes it, of the one that says why none came."""
+"""Endings of file names: a recording, the mark of the process that writes it, the reason why none was written."""
 LONGEST_WRITING_S = 60.0
 """Longest wait for a recording that is being written [s]."""
 POLL_INTERVAL_S = 0.01
@@ -35,7 +35,7 @@ class Recordings:
         return self.folder.with_name("runs-robots")
 
     def path(self, run_id: str) -> Path:
-        """Where a run's recording is, or would be.
+        """The path of a run's recording, whether it exists or not.
 
         Raises:
             MalformedRequest: if the name can't be a file's.
@@ -65,8 +65,12 @@ class Recordings:
         why = "" if lost is None else f": {lost.decode()}"
         raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
 
+    def is_owed(self, run_id: str) -> bool:
+        """Return whether a process announced a run's recording that isn't finished."""
+        return self._file(run_id, OWED).exists()
+
     def size(self, run_id: str) -> int | None:
-        """How large a run's recording is [bytes]: 0 if there is none, None while a living process still writes it."""
+        """The size of a run's recording [bytes]: 0 if there is none, None while a living process still writes it."""
         owed = read_if_any(self._file(run_id, OWED))
         if owed is not None and is_alive(owed.decode()):
             return None

@@ -9,6 +9,7 @@ requests and replies, which are long, are rows of `documents`, so that listing a
 from __future__ import annotations
 
 import contextlib
+import os
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -109,8 +110,10 @@ def connect_reader(file: Path) -> sqlite3.Connection:
     Raises:
         DiskRefused: if it can't be read.
     """
+    # Where no log is left, and none can be made beside it, nobody writes it either.
+    is_still = not file.with_name(f"{file.name}-wal").exists() and not os.access(file.parent, os.W_OK)
     with contextlib.ExitStack() as failed, telling_faults(file):
-        db = failed.enter_context(contextlib.closing(_connected(file, "ro")))
+        db = failed.enter_context(contextlib.closing(_connected(file, "ro&immutable=1" if is_still else "ro")))
         _require_version(db, file)
         failed.pop_all()
     return db

@@ -33,10 +33,10 @@ class NewRun:
     Attributes:
         owner: Its user.
         run_id: Its name.
-        kind: What was asked for.
+        kind: The kind of request.
         request: As it came.
-        encoding: How the request is written, and the reply will be.
-        began: When [s since 1970].
+        encoding: The encoding of the request and of its reply.
+        began: Time of its beginning [s since 1970].
         begun: The writing of its first row, once that is asked for.
     """
 
@@ -54,7 +54,7 @@ class Ending:
     """The end of a run.
 
     Attributes:
-        ended: When [s since 1970].
+        ended: Its time [s since 1970].
         reply: The reply, if there is one, as it is sent.
         error: JSON of the error in its place.
     """

@@ -69,7 +69,7 @@ class RunWriter:
 
         Args:
             apply: Makes it, within a transaction; may be called a second time, after a rollback.
-            urgent: Whether somebody waits for it.
+            urgent: True if somebody waits for it.
             size: Memory that it takes until then [bytes].
 
         Returns:
@@ -179,7 +179,7 @@ class RunWriter:
 
 
 def _outcome(change: _Change, db: sqlite3.Connection) -> Any:
-    """What a change comes to; a refusal of its own is no reason to undo others."""
+    """Make a change; return its result, or its own refusal, which is no reason to undo other changes."""
     try:
         return change.apply(db)
     except sqlite3.Error:

@@ -63,7 +63,7 @@ AGED_EVERY_S = 60.0
 
 @dataclass(frozen=True)
 class Retention:
-    """How much of each user is kept before the oldest runs are dropped: how many, how large together, how old [s]."""
+    """Limits for each user, beyond which the oldest runs are dropped: number, total size, age [s]."""
 
     runs: int = 1_000
     bytes: int = 20 * 2**30
@@ -98,8 +98,8 @@ class RunDatabase:
 
     Args:
         data: The data folder.
-        retention: How much of each user is kept.
-        bytes_of: What a user's quota says of it [bytes]; None: nothing.
+        retention: The limits of what is kept.
+        bytes_of: Returns a user's quota for it [bytes]; None: no quota.
 
     Attributes:
         unended: Runs, by owner and id, whose end could not be kept: until they are deleted they are passed over.
@@ -131,8 +131,8 @@ class RunDatabase:
         """End the runs that a killed service was working on, and look for recordings that it owed.
 
         Args:
-            error: How they end.
-            since: When this process began to work on runs, if it did [s since 1970].
+            error: Their end.
+            since: Time at which this process began to work on runs, if it did [s since 1970].
 
         Raises:
             DiskRefused: if the database can't be read or written; then it is tried again from time to time.
@@ -175,10 +175,11 @@ class RunDatabase:
 
     def look_for(self, owner: str, run_id: str) -> int | None:
         """The size of a recording [bytes]; None: it is being written, and its size will be noted."""
-        size = self.recordings(owner).size(run_id)
-        if size is None:
-            self._owed.add((owner, run_id))
-        return size
+        recordings = self.recordings(owner)
+        if not recordings.is_owed(run_id):
+            return recordings.size(run_id)
+        self._owed.add((owner, run_id))
+        return None
 
     def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
         """Drop the oldest runs of a user that are too many, too large or too old.
@@ -266,7 +267,7 @@ class UserRuns:
         return self._writer.submit(partial(execute, FORGET, (run.owner, run.run_id)))
 
     def has(self, run_id: str) -> bool:
-        """Whether there is such a run."""
+        """Return whether there is a run of that name."""
         return self._row(run_id, "1") is not None
 
     def list(self, request: ReadRuns) -> RunsReply:
@@ -361,7 +362,7 @@ class UserRuns:
             raise _unknown(run_id)
 
     def is_shared(self, run_id: str) -> bool:
-        """Whether every user may read a run."""
+        """Return whether every user may read a run."""
         with contextlib.suppress(DiskRefused):
             return self._row(run_id, "shared") == (1,)
         return False
@@ -411,7 +412,7 @@ class UserRuns:
 
 
 Runs = NoRuns | UserRuns
-"""Where an engine reads runs."""
+"""The source of an engine's answers about runs."""
 
 
 class _Kinds(NamedTuple):
@@ -444,7 +445,7 @@ def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> Moti
 
 
 def taken(run_id: str) -> MalformedRequest:
-    """What is told of a name that another run has."""
+    """The refusal of a name that another run has."""
     return MalformedRequest(f"run_id {run_id!r} is taken; leave it out to be given a new one", run_id=run_id)
 
 
