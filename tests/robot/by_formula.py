@@ -24,7 +24,7 @@ class ByFormula:
 
     def __init__(self, text: str) -> None:
         self.text, self._planar = without_planar(text)
-        self.model = pin.buildModelFromXML(self.text)
+        self.model, _ = built(self.text)
         self.data = self.model.createData()
         self._followed = {
             joint.get("name"): (m.get("joint"), float(m.get("multiplier", 1.0)), float(m.get("offset", 0.0)))
@@ -59,6 +59,36 @@ class ByFormula:
         return {name: T.homogeneous for name, T in list(zip(self.model.names, self.data.oMi, strict=True))[1:]}
 
 
+def built(text: str, *root: Any) -> tuple[Any, Any]:
+    """Pinocchio's model and collision geometry of a URDF; its parts are numbered meanwhile.
+
+    Pinocchio takes some names for its own, such as `universe`. Numbers keep the order of the names, as it sorts them.
+    """
+    numbered, names = ElementTree.fromstring(text), {}
+    for kind in ("link", "joint"):
+        parts = sorted(numbered.findall(kind), key=lambda part: part.get("name", "").encode())
+        names |= {f"{kind} {number:04}": part.get("name", "") for number, part in enumerate(parts)}
+        numbers = {part.get("name"): f"{kind} {number:04}" for number, part in enumerate(parts)}
+        for part in parts:
+            part.set("name", numbers[part.get("name")])
+        for end in [*numbered.iterfind("joint/parent"), *numbered.iterfind("joint/child")] if kind == "link" else []:
+            end.set("link", numbers[end.get("link")])
+    for joint in numbered.findall("joint"):
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+    plain, geometry = ElementTree.tostring(numbered, "unicode"), pin.GeometryModel()
+    model = pin.buildModelFromXML(plain, *root)
+    pin.buildGeomFromUrdfString(model, plain, pin.GeometryType.COLLISION, geometry, [])
+    for index in range(1, model.njoints):
+        model.names[index] = names.get(model.names[index], model.names[index])
+    for frame in model.frames:
+        frame.name = names.get(frame.name, frame.name)
+    for shape in geometry.geometryObjects:
+        link, _, number = shape.name.rpartition("_")
+        shape.name = f"{names[link]}_{number}"
+    return model, geometry
+
+
 def without_planar(text: str) -> tuple[str, dict[str, tuple[str, int]]]:
     """A URDF whose planar joints are chains of two slides and a turn.
 
@@ -69,6 +99,8 @@ def without_planar(text: str) -> tuple[str, dict[str, tuple[str, int]]]:
         The text; and of each joint of a chain the planar joint's name and which of its values it has.
     """
     root, parts = ElementTree.fromstring(text), {}
+    if not any(one.get("type") == "planar" for one in root.findall("joint")):
+        return text, {}
     for joint in [one for one in root.findall("joint") if one.get("type") == "planar"]:
         name, axis = joint.get("name", ""), joint.find("axis")
         normal = np.array((axis.get("xyz") if axis is not None else "1 0 0").split(), float)

@@ -202,3 +202,25 @@ def test_locked_joints_are_where_pinocchio_has_them(name: str) -> None:
     pairs = [{(p.first, p.second) for p in shapes.collisionPairs} for shapes in (our_shapes, their_shapes)]
     assert pairs[0] == pairs[1]
     np.testing.assert_array_equal(ours.lowerPositionLimit, theirs.lowerPositionLimit)
+
+
+@pytest.mark.parametrize("tip", ["b", "j2"])
+def test_what_is_picked_up_with_a_joints_frame_is_held_by_the_link_below(tip: str) -> None:
+    """The held ball meets a post where the second link carries it, whichever of its frames is the tip."""
+    joint = (
+        '<joint name="{}" type="revolute"><origin xyz="{} 0 0"/><parent link="{}"/><child link="{}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+    )
+    body = '<collision><origin xyz="0.1 0 0"/><geometry><box size="0.14 0.02 0.02"/></geometry></collision>'
+    text = f'<robot name="n"><link name="w"/><link name="a">{body}</link><link name="b">{body}</link>'
+    text += joint.format("j1", 0, "w", "a") + joint.format("j2", 0.2, "a", "b") + "</robot>"
+    ball = {"type": "sphere", "name": "ball", "radius": 0.01, "position": [0.45, 0, 0]}
+    place = [0.2 * np.cos(0.3) + 0.25 * np.cos(1.3), 0.2 * np.sin(0.3) + 0.25 * np.sin(1.3), 0.0]
+    post = {"type": "sphere", "name": "post", "radius": 0.02, "position": place}
+    take = {"goal": {"type": "joints", "positions": {"j1": 0.0, "j2": 0.0}}, "attach": {"object": "ball"}}
+    carry = {"goal": {"type": "joints", "positions": {"j1": 0.3, "j2": 1.0}}}
+    scene = {"name": "s", "obstacles": [ball, post]}
+    ask = {"robot": {"type": "urdf", "text": text}, "scene": scene, "tip": tip, "start": {"j2": 0.5}}
+    reply = answer({**ask, "steps": [take, carry]})
+    assert reply.status.name != "SUCCESS"
+    assert "ball and post" in reply.status.message

@@ -1,4 +1,7 @@
-"""A robot as Pinocchio reads its URDF, at many configurations: followers by their own words, nothing of our code."""
+"""A robot as Pinocchio reads its URDF, at many configurations; nothing of our code.
+
+Mimic joints follow their own words. A planar joint is two slides and a turn, as Pinocchio's own ignores its axis.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pinocchio as pin
+from tests.robot.by_formula import built, without_planar
 
 from doubting.curve import Values
 
@@ -22,28 +26,31 @@ class Formula:
         model: Its model, in which followers are joints like others, and balls are floating joints that stay.
         geometry: Its collision geometry.
         followed: By follower: the joint that it follows, multiplier and offset.
+        planar: By part of a planar joint: the planar joint, and which of its values the part has.
     """
 
     model: Any
     geometry: Any
     followed: dict[str, tuple[str, float, float]]
+    planar: dict[str, tuple[str, int]]
 
     @classmethod
     def of(cls, text: str, root_joint: str) -> Formula:
-        root = ROOTS[root_joint]
-        model = pin.buildModelFromXML(text, root()) if root else pin.buildModelFromXML(text)
-        geometry = pin.GeometryModel()
-        pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION, geometry, [])
+        root, (text, planar) = ROOTS[root_joint], without_planar(text)
+        model, geometry = built(text, *([root()] if root else []))
         followed = {
             joint.get("name", ""): (m.get("joint", ""), float(m.get("multiplier", 1)), float(m.get("offset", 0)))
             for joint in ElementTree.fromstring(text).findall("joint")  # noqa: S314 - drawn here, or of the catalog
             if joint.get("type") != "fixed"
             for m in joint.findall("mimic")[:1]
         }
-        return cls(model, geometry, followed)
+        return cls(model, geometry, followed, planar)
 
     def value(self, name: str, given: Values) -> np.ndarray:
         """Values of a joint: as given, else multiplier * those of the joint that it follows + offset."""
+        if name in self.planar:
+            joint, index = self.planar[name]
+            return given[joint][:, index]
         if name not in self.followed:
             return given[name]
         driver, multiplier, offset = self.followed[name]
@@ -65,13 +72,13 @@ class Formula:
 
     def moved_by(self, planned: set[str]) -> list[frozenset[int]]:
         """Which of the planned joints, or their followers, are before each shape: indices of `model`."""
-        moving = {name for name in self.model.names if self._leader(name) in planned}
+        moving = {j for j in range(1, self.model.njoints) if self._leader(self.model.names[j]) in planned}
         return [
-            frozenset(j for j in self.model.supports[shape.parentJoint] if self.model.names[j] in moving)
+            frozenset(j for j in self.model.supports[shape.parentJoint] if j in moving)
             for shape in self.geometry.geometryObjects
         ]
 
     def _leader(self, name: str) -> str:
         while name in self.followed:
             name = self.followed[name][0]
-        return name
+        return self.planar.get(name, (name, 0))[0]

@@ -495,9 +495,9 @@ class Judge:
 
 
 def _frame(model: Any, name: str) -> int:
-    """Index of the frame of a link, or else of a joint, of that name."""
-    kind = pin.BODY if model.existBodyName(name) else pin.JOINT | pin.FIXED_JOINT | pin.OP_FRAME
-    return int(model.getFrameId(name, kind))
+    """Index of the frame of a link, or else of a joint, of that name; Pinocchio's own frame of the world is neither."""
+    named = [index for index, frame in enumerate(model.frames) if index and frame.name == name]
+    return next((index for index in named if model.frames[index].type == pin.BODY), named[0])
 
 
 def _radius(shape: Any) -> float:

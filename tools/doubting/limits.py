@@ -10,6 +10,7 @@ from tests.planner.limit_attack import extremes, ranges
 from doubting.curve import ROTATION, Curve
 from doubting.loaded import Loaded
 from guidefield.messages.requests import CertifyRequest, PlanRequest
+from guidefield.robot.model.model import LimitSource
 
 Request = PlanRequest | CertifyRequest
 RATES = ("velocity", "acceleration", "jerk")
@@ -52,16 +53,36 @@ def standing(loaded: Loaded, request: Request, curve: Curve) -> Standing:
 
 
 def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.ndarray:
-    """Limits of a rate of the chart's coordinates, shape (nv,); infinite where there is none."""
+    """Limits of a rate of the chart's coordinates, shape (nv,); infinite where there is none.
+
+    A joint that others follow is as slow as each of these needs it to be, by limits that somebody stated.
+    """
     found = np.empty(curve.points.shape[1])
     scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
     for part in curve.parts:
-        asked, known = request.limits.get(part.name), loaded.model.joint(part.name)
-        assert known is not None, "it is one of the robot's"
-        given = None if asked is None else getattr(asked, rate)
-        own = np.inf if rate == "jerk" else getattr(known, rate)
-        found[part.at] = scale.get(rate, 1.0) * (own if given is None else given)
+        found[part.at] = _own(loaded, request, part.name, rate)
+        for name, (_, _, multiplier, _, driver) in ranges(loaded.text).items():
+            if driver == part.name != name and multiplier != 0.0:
+                found[part.at] = np.minimum(found[part.at], _own(loaded, request, name, rate) / abs(multiplier))
+        found[part.at] *= scale.get(rate, 1.0)
     return found
+
+
+def _own(loaded: Loaded, request: Request, name: str, rate: str) -> np.ndarray | float:
+    """A joint's limit by itself; of one that follows another only if somebody stated it, or what it comes of."""
+    asked, known = request.limits.get(name), loaded.model.joint(name)
+    assert known is not None, "it is one of the robot's"
+    given = None if asked is None else getattr(asked, rate)
+    if given is not None:
+        return float(given)
+    if rate == "jerk":
+        return np.inf
+    source = known.velocity_source
+    if rate == "acceleration" and known.acceleration_source is not LimitSource.DEFAULT:
+        source = known.acceleration_source
+    unsaid = known.mimic is not None and source is LimitSource.DEFAULT
+    own: np.ndarray = getattr(known, rate)
+    return np.inf if unsaid else own
 
 
 def _excesses(loaded: Loaded, at: dict[str, int], low: np.ndarray, high: np.ndarray) -> list[tuple[float, str]]:

@@ -30,6 +30,10 @@ CATALOG = (
 )
 """Robots of the catalog: arms with meshes, and chains of ball, universal, planar and floating joints."""
 
+MOVING = "root_joint"
+NAMES = ("universe", MOVING, "world", "l0", "l1", "j1", "j2", "l1_0", "frame 0", "joint j1", "a b/c", "tf#/")
+"""Names that Pinocchio, the service or other parts of a robot have."""
+
 MOST_JOINTS = 7
 FOLDER = "MESHES/"
 """How a robot's text names the folder of its meshes."""
@@ -88,7 +92,23 @@ def drawn(rng: np.random.Generator) -> Robot:
     meshes: dict[str, bytes] = {}
     if rng.random() < 0.4:
         text = _with_meshes(text, rng, meshes)
-    return Robot(text=text, meshes=meshes, root_joint=root)
+    return Robot(text=_renamed(text, rng, root), meshes=meshes, root_joint=root)
+
+
+def _renamed(text: str, rng: np.random.Generator, root: RootJoint) -> str:
+    """Of three robots one has a link or a joint with a name that somebody else has given."""
+    if rng.random() < 2 / 3:
+        return text
+    parts = re.findall(r'<(link|joint) name="([^"]*)"', text)
+    kind, old = parts[rng.integers(len(parts))]
+    taken = {name for of, name in parts if of == kind}
+    names = [
+        name for name in NAMES if name not in taken and not (kind == "joint" and root != "fixed" and name == MOVING)
+    ]
+    new = names[rng.integers(len(names))]
+    if kind == "link":
+        return re.sub(rf'((?:<link name|link)=)"{old}"', rf'\1"{new}"', text)
+    return re.sub(rf'((?:<joint name|mimic joint)=)"{old}"', rf'\1"{new}"', text)
 
 
 def geared(rng: np.random.Generator, robot: Robot) -> Robot | None:

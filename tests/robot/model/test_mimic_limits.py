@@ -70,7 +70,7 @@ def test_a_driver_goes_no_further_than_can_be_asked_for():
 
 def test_what_cannot_be_kept_is_told():
     robot = load(arm(("revolute", 0, 1, ""), ("revolute", 5, 6, mimic(1, 1.0, 0.0))))
-    assert any("no value at which 'j2' is within its limits" in warning for warning in robot.warnings)
+    assert any("can't move with 'j2' within its limits: they are not kept" in warning for warning in robot.warnings)
     assert robot.joints[0].upper == 1.0
     assert np.isinf([robot.joints[1].lower, robot.joints[1].upper]).all()
     assert not limit_faults(robot.joints, robot.rest), "nothing that is told as not kept is a fault of a start"
@@ -80,7 +80,7 @@ def test_what_cannot_be_kept_is_told():
     robot = load(turning)
     assert robot.joints[0].kind == "revolute"
     assert (robot.joints[0].lower[0], robot.joints[0].upper[0]) == (5.0, 6.0)
-    assert any("no value at which 'j3' is within its limits" in warning for warning in robot.warnings)
+    assert any("can't move with 'j3' within its limits: they are not kept" in warning for warning in robot.warnings)
     assert not limit_faults(robot.joints, robot.rest)
 
 
@@ -169,6 +169,9 @@ def test_a_request_may_limit_a_follower():
     assert fastest(limits={"b": {"velocity": 9.0}})[0] == pytest.approx(0.5, rel=1e-2)
     assert fastest(limits={"a": {"velocity": 9.0}})[0] <= 1 / 2.4 + 1e-9, "b keeps its own"
     assert fastest(limits={"c": {"velocity": 0.12}})[0] <= 0.1 + 1e-9, "followers of followers, too"
+    steps = [{"goal": {"type": "joints", "positions": {"a": value}}} for value in (0.9, -0.5)]
+    reply = answer({"robot": geared(), "scene": EMPTY, "steps": steps, "limits": {"b": {"velocity": 0.5}}})
+    assert np.abs(reply.trajectory.velocities).max() <= 0.5 / 2.4 + 1e-9
 
 
 def test_certify_judges_the_follower_and_names_it():
@@ -197,5 +200,13 @@ def test_the_listing_has_the_limits_that_hold():
 def test_a_limit_that_follows_from_another_is_no_negative_zero():
     robot = load(arm(("revolute", -2, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
     assert any("only goes from -1 to 0," in told for told in robot.warnings), robot.warnings
+
+
+def test_a_follower_that_would_let_nothing_move_has_no_limits():
+    """The sign of the multiplier is wrong in many a gripper's file."""
     robot = load(arm(("revolute", 0, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
-    assert any("only goes from 0 to 0," in told for told in robot.warnings), robot.warnings
+    assert any(
+        "joint 'j1', which 'j2' follows, can't move with 'j2' within its limits" in told for told in robot.warnings
+    )
+    assert robot.joints[0].upper == [2.0]
+    assert robot.joints[1].upper == [np.inf]

@@ -19,7 +19,8 @@ _NOBODY = LimitSource.DEFAULT
 def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
     """The same joints; those that others follow only go where their followers stay within their own limits.
 
-    A follower whose limits can't be kept so has none: a plan must not be refused for what no joint can be blamed for.
+    A follower whose limits would leave no room to move has none: a wrong sign of a multiplier is common, and a plan
+    must not be refused for what no joint can be blamed for.
 
     Args:
         joints: Movable joints.
@@ -35,8 +36,9 @@ def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
             continue
         both = max(lower, float(driver.lower[0]), -FURTHEST) + 0.0, min(upper, float(driver.upper[0]), FURTHEST) + 0.0
         who = f"joint {driver.name!r}, which {follower.name!r} follows,"
-        if both[0] > both[1]:
-            warnings.append(f"{who} has no value at which {follower.name!r} is within its limits: they are not kept")
+        stuck = both[1] - both[0] <= ROUNDING < driver.upper[0] - driver.lower[0]
+        if stuck or both[0] > both[1]:
+            warnings.append(f"{who} can't move with {follower.name!r} within its limits: they are not kept")
             by_name[follower.name] = _limited(follower, -np.inf, np.inf)
         elif both != (driver.lower[0], driver.upper[0]):
             if max(both[0] - driver.lower[0], driver.upper[0] - both[1]) > ROUNDING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ import pinocchio as pin
 def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
     """The same Pinocchio model with other joints; the indices of joints and frames stay the same.
 
-    Limits are kept where a joint has as many values as before; what replaces another has no limits of positions else.
+    Limits of positions are kept where a joint has as many values as before; what replaces another has none else.
 
     Args:
         model: Pinocchio model.
@@ -55,6 +55,7 @@ def _rebuilt(
     pin.forwardKinematics(model, data, q)
     made = pin.Model()
     made.name = model.name
+    kept: list[tuple[Any, Any]] = []
     places: list[tuple[int, Any]] = [(0, pin.SE3.Identity())]
     for index in range(1, model.njoints):
         carrier, offset = places[model.parents[index]]
@@ -63,7 +64,7 @@ def _rebuilt(
         else:
             joint = replacements.get(index) or model.joints[index].extract()
             carrier = made.addJoint(carrier, joint, offset * model.jointPlacements[index], model.names[index])
-            _copy_limits(model, model.joints[index], made, made.joints[carrier])
+            kept.append((model.joints[index], made.joints[carrier]))
             places.append((carrier, pin.SE3.Identity()))
         made.appendBodyToJoint(places[index][0], model.inertias[index], places[index][1])
     for number, frame in enumerate(list(model.frames)[1:]):
@@ -71,17 +72,16 @@ def _rebuilt(
         # under a name of its own, as Pinocchio merges frames that share name and type
         copied = pin.Frame(f"frame {number}", carrier, frame.parentFrame, offset * frame.placement, frame.type)
         made.frames[made.addFrame(copied, False)].name = frame.name
+    _copy_limits(model, made, kept)
     return made, places
 
 
-def _copy_limits(source: Any, joint: Any, target: Any, copied: Any) -> None:
-    at_q, to_q = slice(joint.idx_q, joint.idx_q + joint.nq), slice(copied.idx_q, copied.idx_q + copied.nq)
-    at_v, to_v = slice(joint.idx_v, joint.idx_v + joint.nv), slice(copied.idx_v, copied.idx_v + copied.nv)
+def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> None:
+    """Copy limits of positions from joints of one model to those of another, in the other's order."""
     for name, none in (("lowerPositionLimit", -math.inf), ("upperPositionLimit", math.inf)):
-        limits = getattr(target, name)
-        limits[to_q] = getattr(source, name)[at_q] if joint.nq == copied.nq else none
-        setattr(target, name, limits)
-    for name in ("lowerVelocityLimit", "upperVelocityLimit"):
-        limits = getattr(target, name)
-        limits[to_v] = getattr(source, name)[at_v] if joint.nv == copied.nv else math.inf
-        setattr(target, name, limits)
+        limits = getattr(source, name)
+        parts = [
+            limits[joint.idx_q : joint.idx_q + joint.nq] if joint.nq == copied.nq else np.full(copied.nq, none)
+            for joint, copied in kept
+        ]
+        setattr(target, name, np.concatenate([np.empty(0), *parts]))
