@@ -61,10 +61,22 @@ def _limits(loaded: Loaded, request: Request, curve: Curve, rate: str) -> np.nda
     scale = {"velocity": request.max_velocity_scaling_factor, "acceleration": request.max_acceleration_scaling_factor}
     for part in curve.parts:
         found[part.at] = _own(loaded, request, part.name, rate)
-        for name, (_, _, multiplier, _, driver) in ranges(loaded.text).items():
-            if driver == part.name != name and multiplier != 0.0:
+        for name, (driver, multiplier) in _followers(loaded).items():
+            if driver == part.name and multiplier != 0.0:
                 found[part.at] = np.minimum(found[part.at], _own(loaded, request, name, rate) / abs(multiplier))
         found[part.at] *= scale.get(rate, 1.0)
+    return found
+
+
+def _followers(loaded: Loaded) -> dict[str, tuple[str, float]]:
+    """By joint that follows another: the one at the end of its chain, and how many times as much it moves."""
+    followed, found = loaded.subject.formula.followed, {}
+    for name in followed:
+        source, total = name, 1.0
+        while source in followed:
+            source, multiplier, _ = followed[source]
+            total *= multiplier
+        found[name] = source, total
     return found
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin
 def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
     """The same Pinocchio model with other joints; the indices of joints and frames stay the same.
 
-    Limits of positions are kept where a joint has as many values as before; what replaces another has none else.
+    Limits are kept where a joint has as many values as before; what replaces another has no limits of positions else.
 
     Args:
         model: Pinocchio model.
@@ -77,11 +77,18 @@ def _rebuilt(
 
 
 def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> None:
-    """Copy limits of positions from joints of one model to those of another, in the other's order."""
+    """Copy limits of joints of one model to those of another, in the other's order."""
     for name, none in (("lowerPositionLimit", -math.inf), ("upperPositionLimit", math.inf)):
         limits = getattr(source, name)
         parts = [
             limits[joint.idx_q : joint.idx_q + joint.nq] if joint.nq == copied.nq else np.full(copied.nq, none)
+            for joint, copied in kept
+        ]
+        setattr(target, name, np.concatenate([np.empty(0), *parts]))
+    for name in ("lowerVelocityLimit", "upperVelocityLimit"):
+        limits = getattr(source, name)
+        parts = [
+            limits[joint.idx_v : joint.idx_v + joint.nv] if joint.nv == copied.nv else np.full(copied.nv, math.inf)
             for joint, copied in kept
         ]
         setattr(target, name, np.concatenate([np.empty(0), *parts]))
