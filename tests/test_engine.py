@@ -395,5 +395,5 @@ def test_two_of_one_name_in_a_change_of_a_stored_scene_are_refused(tmp_path: Pat
     twin = {"type": "sphere", "name": "a", "radius": 0.1}
     with pytest.raises(SceneInvalid, match="two obstacles 'a'") as refused:
         keeps.answer({"type": "change_scene", "name": "cell", "diff": {"type": "scene_diff", "add": [twin, twin]}})
-    assert refused.value.details["path"] == "add[1].name"
+    assert refused.value.details["path"] == "$.diff.add[1].name"
     assert store.read("cell") == (Scene("cell"), 1)

@@ -14,7 +14,7 @@ import logging
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -23,10 +23,19 @@ import msgspec
 
 from guidefield.aside import StoppedError, wait_for_others
 from guidefield.collector import waiting_collector
-from guidefield.errors import GuidefieldError, MalformedRequest, Preempted, RobotInvalid, unforeseen
+from guidefield.errors import (
+    GuidefieldError,
+    MalformedRequest,
+    Preempted,
+    RobotInvalid,
+    SceneInvalid,
+    at_path,
+    unforeseen,
+)
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
+from guidefield.messages.faults import of_field
 from guidefield.messages.keys import WorkHead
 from guidefield.messages.known_payloads import read_again
 from guidefield.messages.own_scenes import to_give
@@ -42,7 +51,7 @@ from guidefield.messages.replies import (
     SceneReply,
     ScenesReply,
 )
-from guidefield.messages.scene import Scene as SceneMessage
+from guidefield.messages.scene import Obstacle, Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
@@ -220,8 +229,10 @@ class Engine:
                     ready = self._was_ready(decoded, load)
                     received = began = came if ready else time.monotonic() - read
                 reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, load, began))
-        except GuidefieldError:
+        except GuidefieldError as error:
             self._counters["refused"] += 1
+            if "path" not in error.details and (path := of_field(error.message, "$")) != "$":
+                error.details["path"] = path
             raise
         except Exception as error:
             self._counters["refused"] += 1
@@ -438,8 +449,13 @@ class Engine:
 
     def _change_scene(self, request: requests.ChangeScene) -> Done:
         coming = request.diff.add
-        warnings = self._scene(changed(SceneMessage(request.name), SceneDiff(add=coming))).warnings if coming else ()
-        _, version = self._scenes.change(request.name, request.diff)
+        with at_path("$.diff"):
+            warnings: Sequence[str] = ()
+            if coming:
+                added = changed(SceneMessage(request.name), SceneDiff(add=coming))
+                with _at_added(coming):
+                    warnings = self._loaded.built.of(added).warnings
+            _, version = self._scenes.change(request.name, request.diff)
         return Done(done=f"scene {request.name!r} is changed", warnings=list(warnings), version=version)
 
     def _delete_scene(self, request: requests.DeleteScene) -> Done:
@@ -482,15 +498,17 @@ class Engine:
                 "store it with its meshes (`Client.store_robot`), or send its text as a `urdf`",
                 path=reference if isinstance(reference, str) else reference.path,
             )
-        if not isinstance(reference, str):
-            return self._loaded.catalog.load(reference)
-        holder, name = self._holder("robots", reference)
-        sent = holder._robots.find(name)
-        return self._loaded.catalog.load(name if sent is None else sent)
+        with at_path("$.robot"):
+            if not isinstance(reference, str):
+                return self._loaded.catalog.load(reference)
+            holder, name = self._holder("robots", reference)
+            sent = holder._robots.find(name)
+            return self._loaded.catalog.load(name if sent is None else sent)
 
     def _scene(self, reference: requests.SceneReference) -> Scene:
         """The scene that a request means, built."""
-        return self._loaded.built.of(self._declared(reference))
+        with at_path("$.scene"), _at_declared(reference):
+            return self._loaded.built.of(self._declared(reference))
 
     def _scene_in_time(self, reference: requests.SceneReference, until: float, cancelled: Callable[[], bool]) -> Scene:
         """The same, built by a time on the clock of `time.monotonic` [s].
@@ -503,7 +521,8 @@ class Engine:
             return cancelled() or time.monotonic() >= until
 
         wait_for_others(spent)  # what they use may be used here, too
-        return self._loaded.built.of(self._declared(reference), spent)
+        with at_path("$.scene"), _at_declared(reference):
+            return self._loaded.built.of(self._declared(reference), spent)
 
     def _declared(self, reference: requests.SceneReference) -> SceneMessage:
         """The scene that a request means."""
@@ -517,6 +536,35 @@ class Engine:
     def _stored_scene(self, reference: str, version: int | None) -> SceneMessage:
         holder, name = self._holder("scenes", reference)
         return holder._scenes.read(name, version)[0]
+
+
+@contextlib.contextmanager
+def _at_declared(reference: requests.SceneReference) -> Iterator[None]:
+    """Say where in a request's scene a fault is: one of the scene that it is built of has no place there."""
+    if isinstance(reference, RequestScene) and reference.base is not None:
+        with _at_added(reference.add):
+            yield
+    elif isinstance(reference, str):
+        try:
+            yield
+        except SceneInvalid as error:
+            error.details.pop("path", None)
+            raise
+    else:
+        yield
+
+
+@contextlib.contextmanager
+def _at_added(coming: Sequence[Obstacle]) -> Iterator[None]:
+    """Say which of some obstacles that are added to a scene a fault is about."""
+    try:
+        yield
+    except SceneInvalid as error:
+        index = next((k for k, one in enumerate(coming) if one.name == error.details.get("obstacle")), None)
+        _, among, field = str(error.details.get("path", "")).partition("$.obstacles[")
+        if among and index is not None:
+            error.details["path"] = f"$.add[{index}]{field.partition(']')[2]}"
+        raise
 
 
 def _never() -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import re
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 
@@ -64,6 +66,18 @@ class GuidefieldError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         # Exceptions with keyword arguments don't pickle by themselves; workers send theirs to the endpoint.
         return (_rebuild, (type(self), self.message, self.details))
+
+
+@contextlib.contextmanager
+def at_path(path: str) -> Iterator[None]:
+    """Say where in a request the faults found meanwhile are: `path`, before the path that they have within it."""
+    try:
+        yield
+    except GuidefieldError as error:
+        inner = str(error.details.get("path", "$"))
+        if inner.startswith("$"):
+            error.details["path"] = path + inner[1:]
+        raise
 
 
 def _rebuild(kind: type[GuidefieldError], message: str, details: dict[str, Any]) -> GuidefieldError:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,7 +18,7 @@ from guidefield.messages import codec, keys
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
 from guidefield.messages.replies import MotionReply, error_reply
-from guidefield.messages.requests import MotionRequest
+from guidefield.messages.requests import ChangeScene, MotionRequest, Request, StoreRobot, StoreScene
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
@@ -110,16 +112,34 @@ class EngineWorker:
         request = keys.request_of(query)
         if isinstance(request, MotionRequest) and request.run_id is None:
             request = msgspec.structs.replace(request, run_id=job.run_id)
-        reply = self.engines.answer(
-            query.user,
-            query.owner,
-            request,
-            size=len(query.payload),
-            received=job.received,
-            watcher=call,
-            later=owed.append,
-        )
+        with _from_payload(request):
+            reply = self.engines.answer(
+                query.user,
+                query.owner,
+                request,
+                size=len(query.payload),
+                received=job.received,
+                watcher=call,
+                later=owed.append,
+            )
         if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
         return True, codec.encode(reply, query.encoding)
+
+
+PAYLOADS = {StoreScene: "scene", ChangeScene: "diff", StoreRobot: "files"}
+"""The field of a request that is the payload that came for it."""
+
+
+@contextlib.contextmanager
+def _from_payload(request: Request) -> Iterator[None]:
+    """Say where in its payload a fault of a request is."""
+    try:
+        yield
+    except GuidefieldError as error:
+        holder = f"$.{PAYLOADS.get(type(request), '')}"
+        path = str(error.details.get("path", ""))
+        if type(request) in PAYLOADS and path.startswith(holder):
+            error.details["path"] = f"${path[len(holder) :]}"
+        raise

@@ -52,10 +52,10 @@ def _refused(form: str, fields: dict[str, Any]) -> MalformedRequest:
         ({"start": {"a": 1.0, "b ": "1", "c": 2}}, "$.start['b ']", "Expected `float | array`, got `str`"),
         ({"limits": {"x": {"velocity": 1}, "y": {"velocity": 0}}}, "$.limits.y.velocity", "> 0.0"),
         ({"limits": {"x": {"jerk": 1}, "y": {"jrk": 1}}}, "$.limits.y", "did you mean `jerk`?"),
-        ({"limits": {"x": {"jerk": 1e10}}}, "$.limits.x", "`jerk` must be within 1e+09"),
+        ({"limits": {"x": {"jerk": 1e10}}}, "$.limits.x.jerk", "`jerk` must be within 1e+09"),
         ({"goal": {"type": "joint_set", "positions": [{"a": 1}, {"b": 1, "c": "x"}]}}, "$.goal.positions[1].c", "str"),
-        ({"start": {"a": 1e10}}, "$", "`start.a` must be within 1e+09, got 1"),
-        ({"start": {"a": [0.0, 1e10]}}, "$", "`start.a[1]` must be within 1e+09"),
+        ({"start": {"a": 1e10}}, "$.start.a", "`start.a` must be within 1e+09, got 1"),
+        ({"start": {"a": [0.0, 1e10]}}, "$.start.a[1]", "`start.a[1]` must be within 1e+09"),
     ],
 )
 def test_a_fault_is_told_with_what_would_be_right(form: str, fields: dict[str, Any], path: str, says: str) -> None:

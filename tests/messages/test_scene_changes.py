@@ -55,14 +55,19 @@ def test_what_is_removed_and_added_in_one_change_is_replaced():
 @pytest.mark.parametrize(
     ("diff", "fault", "obstacle", "path"),
     [
-        (SceneDiff(remove=["crat"]), "no obstacle 'crat'; did you mean crate", "crat", "remove[0]"),
-        (SceneDiff(remove=["crate", "crate"]), "no obstacle 'crate'", "crate", "remove[1]"),
-        (SceneDiff(move={"nothing": Placement()}), "no obstacle 'nothing'; there are crate", "nothing", "move.nothing"),
-        (SceneDiff(move={"floor": Placement()}), "a half_space has no placement", "floor", "move.floor"),
-        (SceneDiff(move={"door": Placement()}), "a polygon has no placement", "door", "move.door"),
-        (SceneDiff(move={"cart": Placement()}), "its `trajectory` says where it is", "cart", "move.cart"),
-        (SceneDiff(add=[Sphere(name="ball", radius=1)]), "has an obstacle 'ball' already", "ball", "add[0].name"),
-        (SceneDiff(move={"ball": Placement()}, remove=["ball"]), "no obstacle 'ball'", "ball", "move.ball"),
+        (SceneDiff(remove=["crat"]), "no obstacle 'crat'; did you mean crate", "crat", "$.remove[0]"),
+        (SceneDiff(remove=["crate", "crate"]), "no obstacle 'crate'", "crate", "$.remove[1]"),
+        (
+            SceneDiff(move={"nothing": Placement()}),
+            "no obstacle 'nothing'; there are crate",
+            "nothing",
+            "$.move.nothing",
+        ),
+        (SceneDiff(move={"floor": Placement()}), "a half_space has no placement", "floor", "$.move.floor"),
+        (SceneDiff(move={"door": Placement()}), "a polygon has no placement", "door", "$.move.door"),
+        (SceneDiff(move={"cart": Placement()}), "its `trajectory` says where it is", "cart", "$.move.cart"),
+        (SceneDiff(add=[Sphere(name="ball", radius=1)]), "has an obstacle 'ball' already", "ball", "$.add[0].name"),
+        (SceneDiff(move={"ball": Placement()}, remove=["ball"]), "no obstacle 'ball'", "ball", "$.move.ball"),
     ],
 )
 def test_a_change_that_does_not_fit_is_refused_and_names_what(diff, fault, obstacle, path):
@@ -130,4 +135,4 @@ def test_two_of_one_name_in_a_change_are_refused_with_their_path():
     twins = [Sphere(name="a", radius=0.1), Sphere(name="a", radius=0.2)]
     with pytest.raises(SceneInvalid, match="two obstacles 'a'") as refused:
         changed(HALL, SceneDiff(add=twins))
-    assert refused.value.details == {"obstacle": "a", "path": "add[1].name"}
+    assert refused.value.details == {"obstacle": "a", "path": "$.add[1].name"}

@@ -128,7 +128,7 @@ def _npz(file: Path) -> dict[str, Any]:
 
 def _csv(file: Path) -> dict[str, Any]:
     with file.open(newline="", encoding="utf-8-sig") as text:
-        lines = [line for line in csv.reader(text) if line]
+        lines = [line for line in csv.reader(text, skipinitialspace=True) if line]
     if len(lines) < 2:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]
@@ -147,7 +147,7 @@ def _csv(file: Path) -> dict[str, Any]:
 
 def _column(name: str) -> tuple[str, str]:
     """The kind of a column's values, and the name of the column that they are of."""
-    kind, colon, column = name.partition(":")
+    kind, colon, column = (part.strip() for part in name.partition(":"))
     if colon and kind not in ("position", "velocity", "acceleration"):
         raise ValueError(
             f"column {name!r} is neither of `position:`, `velocity:`, `acceleration:` nor a name; a joint's name with a"

@@ -211,8 +211,18 @@ def json_schemas() -> dict[str, Any]:
 
 
 def _malformed(error: Exception, data: bytes, kind: Any, encoding: Encoding) -> MalformedRequest:
+    is_explained = encoding is Encoding.JSON and len(data) <= EXPLAINED_BYTES
     if isinstance(error, msgspec.ValidationError):
+        if is_explained and (found := faults.number_out_of_range(data)) is not None:
+            path, said = found
+            message = f"`{path.rpartition('.')[2]}` must be a finite number, got {said[: faults.LONGEST]}"
+            return MalformedRequest(f"{message} (at {path})", path=path)
         return _refused(error, _plain(data, encoding), kind)
+    if is_explained and (found := faults.no_number(data)) is not None:
+        path, said = found
+        place = faults.place_in_text(str(error), data).rpartition(" (")[2]
+        hint = f"{said} is no number of JSON, a finite one is needed"
+        return MalformedRequest(f"the payload is not {encoding.value}: {hint} ({place} (at {path})", path=path)
     text = faults.place_in_text(str(error), data) if encoding is Encoding.JSON else str(error)
     return MalformedRequest(f"the payload is not {encoding.value}: {text}", path="$")
 
@@ -229,8 +239,9 @@ def _refused(error: msgspec.ValidationError, data: Any, kind: Any, at: str = "$"
     """What is wrong with plain data; without advice where there is none to look at again."""
     if data is None:
         message, path = faults.split(str(error))
+        path = faults.of_field(message, path)
         return MalformedRequest(f"{message} (at {path})", path=path)
     check = functools.partial(msgspec.convert, type=kind)
     message, path, choices = faults.explained(str(error), data, kind, check)
-    path = faults.within(path, at, first)
+    path = faults.within(faults.of_field(message, path), at, first)
     return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import difflib
+import json
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -35,6 +37,7 @@ _STEP = re.compile(r"\.(?P<field>[^.\[\]]+)|\[(?P<index>\d+)\]|\[\.\.\.\]")
 _INDEX = re.compile(r"\$\[(\d+)\]")
 _VALUE = re.compile(r"Invalid (?:enum )?value (?P<value>.+)", re.DOTALL)
 _FIELD = re.compile(r"Object contains unknown field `(?P<field>.+)`", re.DOTALL)
+_NAMED = re.compile(r"`(?P<field>[a-z_][a-z0-9_]*(?:[.\[][^`:]*)?)(?:: [^`]*)?`")
 _BYTE = re.compile(r" \(byte (?P<byte>\d+)\)$")
 
 
@@ -42,6 +45,72 @@ def split(text: str) -> tuple[str, str]:
     """The message and the path of what msgspec says; `$` where it names none."""
     message, _, path = text.rpartition(" - at `")
     return (message, path.rstrip("`")) if message else (text, "$")
+
+
+def of_field(message: str, path: str) -> str:
+    """The path of the value that a message of ours is about: it begins with the field's name, in backticks.
+
+    Args:
+        message: What is wrong.
+        path: Of what holds the field.
+    """
+    named = _NAMED.match(message)
+    return path if named is None else f"{path}.{named['field']}"
+
+
+def number_out_of_range(payload: bytes) -> tuple[str, str] | None:
+    """The path and the text of the first number of a JSON payload that no float can hold; None if there is none."""
+    return _first_odd(payload, lambda text: math.isinf(_as_float(text)), lambda _: False)
+
+
+def no_number(payload: bytes) -> tuple[str, str] | None:
+    """The path and the word of the first NaN or Infinity, which aren't JSON; None where it is otherwise malformed."""
+    return _first_odd(payload, lambda _: False, lambda _: True)
+
+
+class _Odd(str):
+    """A number's text as it stood in a payload."""
+
+
+def _first_odd(
+    payload: bytes, is_odd: Callable[[str], bool], is_odd_word: Callable[[str], bool]
+) -> tuple[str, str] | None:
+    """The path and the text of the first number, or word in a number's place, that is odd."""
+
+    def number(text: str) -> Any:
+        return _Odd(text) if is_odd(text) else 0
+
+    try:
+        plain = json.loads(
+            payload,
+            parse_float=number,
+            parse_int=number,
+            parse_constant=lambda word: _Odd(word) if is_odd_word(word) else 0,
+        )
+    except (ValueError, RecursionError):
+        return None
+    return _odd_in(plain, "$")
+
+
+def _odd_in(plain: Any, path: str) -> tuple[str, str] | None:
+    if isinstance(plain, _Odd):
+        return path, str(plain)
+    inner: Iterable[tuple[str, Any]] = ()
+    if isinstance(plain, dict):
+        inner = ((_written(key), value) for key, value in plain.items())
+    elif isinstance(plain, list):
+        inner = ((f"[{index}]", value) for index, value in enumerate(plain))
+    for step, value in inner:
+        if (found := _odd_in(value, f"{path}{step}")) is not None:
+            return found
+    return None
+
+
+def _as_float(text: str) -> float:
+    try:
+        return float(text)
+    except OverflowError:
+        return math.inf
 
 
 def within(path: str, at: str, first: int) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec
+from guidefield.messages import codec, faults
 from guidefield.messages.values import Look
 
 OBJECTS = 500
@@ -79,7 +79,8 @@ def require(check: Callable[[], object], at: str) -> None:
     try:
         check()
     except ValueError as error:
-        raise MalformedRequest(f"{error} (at {at})", path=at) from None
+        path = faults.of_field(str(error), at)
+        raise MalformedRequest(f"{error} (at {path})", path=path) from None
 
 
 def without_structs(given: Any) -> Any:

@@ -154,7 +154,7 @@ def _removed(scene: Scene, places: Places, names: Sequence[str]) -> list[int]:
         place = places.of(name)
         if place is None or place in removed:
             left = [one for at, one in enumerate(scene.obstacles) if at not in removed]
-            raise _absent(scene.name, name, left, f"remove[{index}]")
+            raise _absent(scene.name, name, left, f"$.remove[{index}]")
         removed.add(place)
     return sorted(removed)
 
@@ -175,7 +175,7 @@ def _move(scene: str, obstacles: list[Obstacle], places: Places, moves: Mapping[
     for name in moves:
         place = places.of(name)
         if place is None:
-            raise _absent(scene, name, obstacles, f"move.{name}")
+            raise _absent(scene, name, obstacles, f"$.move.{name}")
         moved.append(place)
     moved.sort()
     for place in moved:
@@ -187,7 +187,7 @@ def _require_new(scene: str, there: Places, coming: Sequence[Obstacle]) -> None:
     """Refuse an obstacle that comes under a name that is taken."""
     new = set[str]()
     for index, one in enumerate(coming):
-        path = f"add[{index}].name"
+        path = f"$.add[{index}].name"
         if one.name in new:
             raise _refused(f"two obstacles {one.name!r} are to be added to scene {scene!r}", one.name, path)
         if there.of(one.name) is not None:
@@ -209,14 +209,14 @@ def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
             f"obstacle {obstacle.name!r} can't be moved: a {kind} has no placement of its own; `remove` it and `add` "
             "it anew in the same change",
             obstacle.name,
-            f"move.{obstacle.name}",
+            f"$.move.{obstacle.name}",
         )
     if obstacle.trajectory is not None:
         raise _refused(
             f"obstacle {obstacle.name!r} can't be moved: its `trajectory` says where it is; `remove` it and `add` it "
             "anew in the same change",
             obstacle.name,
-            f"move.{obstacle.name}",
+            f"$.move.{obstacle.name}",
         )
     moved: Obstacle = msgspec.structs.replace(obstacle, **where)
     return moved

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import struct
 import sys
 from array import array
 from collections.abc import Iterable
@@ -39,10 +40,8 @@ def check_points(field: str, points: Points, look: Look = never) -> int:
     """
     if isinstance(points, Float32Array):
         count = len(points.float32) // 12
-        if points.float32[3::4].translate(None, _SMALL) and not all(
-            abs(x) <= LARGEST for x in memoryview(points.float32).cast("f")
-        ):
-            raise ValueError(f"`{field}` must be finite numbers")
+        if points.float32[3::4].translate(None, _SMALL):
+            _require_packed_finite(field, points.float32)
     else:
         count = len(points)
         for begin in range(0, count, TOGETHER):
@@ -54,6 +53,13 @@ def check_points(field: str, points: Points, look: Look = never) -> int:
     if not 1 <= count <= MAX_VERTICES:
         raise ValueError(f"`{field}` must have 1 to {MAX_VERTICES} points, got {count}")
     return count
+
+
+def _require_packed_finite(field: str, packed: bytes) -> None:
+    """ValueError for the first of some packed float32 that is NaN, infinite or too large."""
+    for index, (value,) in enumerate(struct.iter_unpack("<f", packed)):
+        if not -LARGEST <= value <= LARGEST:
+            require_finite(f"{field}[{index // 3}]", (value,), index % 3)
 
 
 def check_triangles(count: int, triangles: Triangles, look: Look = never) -> None:

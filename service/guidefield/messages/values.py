@@ -112,6 +112,8 @@ def require_unit_quaternion(field: str, quaternion: QuaternionXYZW) -> None:
         return
     require_finite(field, quaternion)
     norm = math.sqrt(sum(x * x for x in quaternion))
+    if norm == 0.0:
+        raise ValueError(f"`{field}` is zero, which is no rotation: no rotation at all is [0, 0, 0, 1]")
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise ValueError(
             f"`{field}` must be a unit quaternion within {QUATERNION_TOLERANCE:g}, its norm is {norm:.9g}: divide it by"
