@@ -477,3 +477,31 @@ def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolatio
     assert reply.clearance.time == pytest.approx(times[int(np.argmin(sampled))], abs=0.05)
     early = guidefield.answer(msgspec.structs.replace(request, trajectory=None, path=rows.tolist(), scene="table"))
     assert early.clearance.time is None
+
+
+def test_a_joint_that_stands_still_beyond_its_limit_is_judged_too() -> None:
+    asked = {"type": "certify", "robot": "ur5", "scene": {"name": "e"}, "position_names": ["shoulder_pan_joint"]}
+    for motion in ({"path": [[0.0], [0.1]]}, {"trajectory": {"times": [0, 1], "positions": [[0.0], [0.1]]}}):
+        reply = guidefield.answer({**asked, **motion, "start": {"elbow_joint": 7.0}})
+        assert reply.status.name == "INVALID_MOTION_PLAN"
+        assert reply.status.message.startswith("joint elbow_joint reaches 7, 3.86 beyond its limits")
+        assert reply.status.details["joint"] == "elbow_joint"
+        assert reply.certificate.reason == "beyond limits"
+        assert reply.limits.position.joint == "elbow_joint"
+        assert reply.limits.position.share == pytest.approx(7.0 / np.pi, rel=1e-5)
+        assert guidefield.answer({**asked, **motion, "start": {"elbow_joint": 1.0}}).status.name == "SUCCESS"
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+@pytest.mark.parametrize("rate", [-100.0, 3.0])
+def test_a_single_row_is_judged_by_the_rates_that_it_gives(rate: float, rows: int) -> None:
+    asked = {"type": "certify", "robot": "ur5", "scene": {"name": "e"}, "position_names": ["shoulder_pan_joint"]}
+    motion = {"times": [0.0] * rows, "positions": [[0.0]] * rows, "velocities": [[rate]] * rows}
+    limits = {"shoulder_pan_joint": {"velocity": 4.0, "acceleration": 20.0}}
+    reply = guidefield.answer({**asked, "trajectory": motion, "limits": limits})
+    assert reply.limits.velocity.share == pytest.approx(abs(rate) / 4.0)
+    assert (reply.status.name == "SUCCESS") == (abs(rate) <= 4.0)
+    slow = motion | {"velocities": [[0.0]] * rows, "accelerations": [[rate]] * rows}
+    reply = guidefield.answer({**asked, "trajectory": slow, "limits": limits})
+    assert reply.limits.acceleration.share == pytest.approx(abs(rate) / 20.0)
+    assert (reply.status.name == "SUCCESS") == (abs(rate) <= 20.0)

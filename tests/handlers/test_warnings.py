@@ -123,3 +123,17 @@ def test_warnings_of_robot_and_scene_are_those_of_kinematics(engine: Engine, req
     reply = engine.answer({name: value for name, value in asked.items() if value is not None})
     warnings = reply.warnings  # type: ignore[attr-defined]
     assert any("'bin'" in warning for warning in warnings)
+
+
+def test_configurations_beyond_limits_are_answered_with_a_warning(engine: Engine) -> None:
+    beyond: list[dict[str, Any]] = [{}, {"elbow_joint": 7.0}, {"elbow_joint": 6.0}]
+    of = {"robot": "ur5", "scene": {"name": "e"}}
+    pose = {"position": [0.4, 0.2, 0.4], "quaternion_xyzw": [1, 0, 0, 0]}
+    asked: dict[str, Any] = {
+        "configurations": {**of, "type": "clearance", "configurations": beyond},
+        "start_configurations": {**of, "type": "inverse_kinematics", "poses": [pose], "start_configurations": beyond},
+    }
+    for field, request in asked.items():
+        (warning,) = engine.answer(request).warnings
+        assert warning.startswith(f"`{field}[1]` has joint elbow_joint at 7, 3.86 beyond its limits")
+    assert engine.answer({**of, "type": "clearance", "configurations": [{"elbow_joint": 3.0}]}).warnings == []

@@ -63,7 +63,7 @@ def test_a_clearance_is_kept_by_every_one() -> None:
 def test_a_pose_in_an_obstacle_names_what_its_solutions_meet() -> None:
     made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose())
     failure = refused(made)
-    assert failure.status is Status.NO_IK_SOLUTION
+    assert failure.status is Status.GOAL_IN_COLLISION
     assert failure.details["cause"] == "in collision"
     assert failure.details["pair"][1] == "ball"
     assert failure.details["counts"][0] == failure.details["looked_at"]
@@ -77,7 +77,7 @@ def test_a_pose_at_which_elbows_touch_names_what_they_meet_most_often() -> None:
         "panda", scene_of(ball(0.3, 0.0, 0.0, 0.4)), pose(), allowed_collisions=frozenset([("panda_link0", "ball")])
     )
     failure = refused(made)
-    assert failure.status is Status.NO_IK_SOLUTION
+    assert failure.status is Status.GOAL_IN_COLLISION
     assert "most often panda_" in failure.message
     assert failure.details["counts"][0] <= failure.details["looked_at"]
 

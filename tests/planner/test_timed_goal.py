@@ -221,12 +221,13 @@ def test_pairs_that_may_touch_may_touch_as_they_move() -> None:
 def test_what_is_held_is_kept_free_and_the_recording_has_the_motion(tmp_path: Path) -> None:
     rod = messages.Capsule(name="rod", radius=0.02, length=0.3, position=(0.0, 0.0, 0.15))
     ends = [dict(zip(PANDA.position_names, PANDA.wire_positions(z), strict=True)) for z in (LEFT, RIGHT)]
+    held = AttachedObject(link="panda_hand", obstacle=rod, touch_links=["panda_leftfinger", "panda_rightfinger"])
     request = PlanRequest(
         robot="panda",
         scene=scene_of(DOOR).message,
         start=ends[0],
         goal=JointsGoal(ends[1]),
-        attached_objects=[AttachedObject(link="panda_hand", obstacle=rod)],
+        attached_objects=[held],
         allowed_planning_time=600.0,
     )
     reply = guidefield.answer(request, record_to=tmp_path / "run.rrd")

@@ -83,7 +83,8 @@ def met_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met],
     """
     near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
     met = _met(world, qs[:looked_at], near)
-    return met, [bool(one.pairs) for one in met] + world.in_collision_each(qs[looked_at:], near[looked_at:])
+    touches = [bool(one.pairs or world.held_contacts) for one in met]
+    return met, touches + world.in_collision_each(qs[looked_at:], near[looked_at:])
 
 
 def _met(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int]]) -> list[Met]:
@@ -112,10 +113,10 @@ def blocking_pairs(
     looked_at = qs[:MOST_LOOKED_AT]
     for q, (there, pairs) in zip(looked_at, met or _met(world, looked_at, world.near_each(looked_at)), strict=True):
         names |= {pair: world.pair_names(pair) for pair in pairs if pair not in names}
-        counts.update({names[pair] for pair in pairs})
+        counts.update({names[pair] for pair in pairs} | {one.pair for one in world.held_contacts})
         for pair in pairs:
             touching[names[pair]].append((there, pair))
-        if pairs:
+        if pairs or world.held_contacts:
             continue
         if (inside := enclosed(world, q)) is not None:
             counts[inside] += 1
@@ -123,7 +124,9 @@ def blocking_pairs(
             counts[near.obstacle_pair] += 1
             clearest = max(near.obstacle_distance, clearest or 0.0)
     ordered = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
-    return BlockingPairs(len(looked_at), ordered, _deepest(world, touching[next(iter(ordered), ("", ""))]), clearest)
+    first = next(iter(ordered), ("", ""))
+    held = {one.pair: one.depth for one in world.held_contacts}
+    return BlockingPairs(len(looked_at), ordered, held.get(first) or _deepest(world, touching[first]), clearest)
 
 
 def _deepest(world: World, touching: Sequence[tuple[np.ndarray, int]]) -> float | None:

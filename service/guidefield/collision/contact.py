@@ -22,8 +22,11 @@ class Contact:
 
 
 def contacts_at(world: World, q: ModelConfiguration) -> list[Contact]:
-    """Every pair that touches at a configuration of the model, shape (model.nq,), in the order of the world's pairs."""
-    return contacts_among(world, world.near(q))
+    """Every pair that touches at a configuration of the model, shape (model.nq,), in the order of the world's pairs.
+
+    What a held object touches wherever the planned joints are comes first.
+    """
+    return [*(Contact(*one) for one in world.held_contacts), *contacts_among(world, world.near(q))]
 
 
 def contacts_among(world: World, pairs: list[int]) -> list[Contact]:

@@ -16,6 +16,7 @@ from guidefield.collision.allowed import Allowed, allowed_among
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
 from guidefield.collision.closing import Closing
 from guidefield.collision.coal_transforms import CoalTransforms
+from guidefield.collision.held_contacts import HeldContact, held_contacts
 from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import NarrowPhase
@@ -54,11 +55,13 @@ class World:
         group: The robot's planned joints.
         scene: The scene.
         pairs: The pairs, counted.
+        held_contacts: What a held object touches wherever the planned joints are, unless that is allowed.
     """
 
     group: PlanningGroup
     scene: Scene
     pairs: Pairs
+    held_contacts: tuple[HeldContact, ...] = ()
 
     @classmethod
     def build(cls, group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]] = ()) -> World:
@@ -76,11 +79,14 @@ class World:
         """
         group.robot.require_collision_geometry()
         _require_other_names(group, scene)
-        return cls(group, scene, _pairs(group, scene, allowed_among(group, scene, allowed_collisions)))
+        allowed = allowed_among(group, scene, allowed_collisions)
+        links = set() if allowed is None else allowed.links
+        held = tuple(one for one in held_contacts(group) if one.pair not in links)
+        return cls(group, scene, _pairs(group, scene, allowed), held)
 
     def among(self, obstacles: np.ndarray) -> World:
         """The robot among some of the obstacles, ascending indices of shape (k,), with the pairs that there are."""
-        return World(self.group, self.scene.of(obstacles.tolist()), self.pairs.among(obstacles))
+        return World(self.group, self.scene.of(obstacles.tolist()), self.pairs.among(obstacles), self.held_contacts)
 
     @property
     def model(self) -> Any:
@@ -312,6 +318,8 @@ class World:
             qs: The configurations, each of shape (model.nq,).
             near: What `near_each` tells of them, where that is known.
         """
+        if self.held_contacts:
+            return [True] * len(qs)
         found, last = [], -1
         for q, pairs in zip(qs, self.near_each(qs) if near is None else near, strict=True):
             self.place(q)
@@ -322,7 +330,7 @@ class World:
 
     def in_collision(self, q: ModelConfiguration) -> bool:
         """Whether any pair touches at a configuration of the model, shape (model.nq,)."""
-        return any(map(self.touches, self.near(q)))
+        return bool(self.held_contacts) or any(map(self.touches, self.near(q)))
 
     @cached_property
     def _robot(self) -> Any:
@@ -358,7 +366,7 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
                 f"obstacle {obstacle.name!r} has the name of a link of robot {group.robot.name!r}: give it another",
                 obstacle=obstacle.name,
                 link=obstacle.name,
-                path=f"$.obstacles[{index}].name",
+                path=f"$.scene.obstacles[{index}].name",
             )
 
 

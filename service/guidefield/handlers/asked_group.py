@@ -6,11 +6,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from guidefield.errors import InvalidConfiguration
-from guidefield.messages.requests import MotionRequest, Positions
+from guidefield.errors import InvalidConfiguration, at_path
+from guidefield.messages.goals import JointSetGoal, JointsGoal
+from guidefield.messages.requests import Goal, MotionRequest, Positions, RelativeGoal
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.configuration import LIMIT_TOLERANCE, clamp, configuration_from_wire, limit_faults
+from guidefield.robot.model.configuration import (
+    LimitFault,
+    clamp,
+    configuration_from_wire,
+    given_faults,
+    limit_faults,
+)
 from guidefield.robot.model.model import Mimic, RobotModel
 from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
 
@@ -21,18 +28,35 @@ def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguratio
     Raises:
         InvalidConfiguration: as `configuration_from_wire`.
     """
-    q = configuration_from_wire(robot, positions)
+    with at_path("$.start"):
+        q = configuration_from_wire(robot, positions)
     warnings = [
         f"start {fault.joint} was {fault.excess:.2g} beyond its limit and was clamped"
         for fault in limit_faults(robot.joints, q)
-        if fault.excess <= LIMIT_TOLERANCE
+        if fault.is_slight
     ]
     return (clamp_slight(robot, q) if warnings else q), warnings
 
 
+def clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -> list[str]:
+    """A warning for each joint that a goal's configurations have beyond its limit by next to nothing."""
+    if isinstance(goal, JointsGoal):
+        many = [goal.positions]
+    elif isinstance(goal, JointSetGoal):
+        many = goal.positions
+    else:
+        return []
+    worst: dict[str, LimitFault] = {}
+    for positions in many:
+        for fault in given_faults(robot.joints, positions):
+            if fault.is_slight and (fault.joint not in worst or fault.excess > worst[fault.joint].excess):
+                worst[fault.joint] = fault
+    return [f"goal {name} was {fault.excess:.2g} beyond its limit and was clamped" for name, fault in worst.items()]
+
+
 def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration:
     """A configuration (nq,) with values beyond a limit by at most `LIMIT_TOLERANCE` brought back to it."""
-    slight = [j for f in limit_faults(robot.joints, q) if f.excess <= LIMIT_TOLERANCE and (j := robot.joint(f.joint))]
+    slight = [j for f in limit_faults(robot.joints, q) if f.is_slight and (j := robot.joint(f.joint))]
     return clamp(slight, q)
 
 
@@ -49,6 +73,7 @@ def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Planni
                 f"`limits` names joint {name!r}, which is not planned for; planned are {', '.join(names)}",
                 joint=name,
                 available=names,
+                path=f"$.limits.{name}",
             )
     return group.with_limits(
         {name: limits.velocity for name, limits in request.limits.items() if limits.velocity is not None},

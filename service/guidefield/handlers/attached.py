@@ -71,8 +71,7 @@ def holding(
                 f"`attached_objects[{index}]`, {one.obstacle.name!r}, is an obstacle of the scene too: remove it there",
                 object=one.obstacle.name,
             )
-    bodies = [one.obstacle for one in attached]
-    if spent is None or not are_many(bodies, MANY):
+    if spent is None or not are_large(attached):
         return _made(robot, _asked(attached, never))
 
     def look() -> None:
@@ -81,6 +80,11 @@ def holding(
 
     asked = _asked(attached, look)
     return done_aside(lambda: _made(robot, asked), spent, lambda: _DOING)
+
+
+def are_large(attached: Sequence[AttachedObject]) -> bool:
+    """Whether objects have so many triangles and points that building them takes long."""
+    return are_many([one.obstacle for one in attached], MANY)
 
 
 _DOING = "what the robot holds was built"
@@ -101,7 +105,9 @@ def _held(one: AttachedObject, index: int) -> Held:
     try:
         body = obstacle.build(one.obstacle, index)
     except SceneInvalid as error:
-        raise SceneInvalid(f"`attached_objects[{index}]`: {error.message}", **error.details) from None
+        field = error.details["path"].removeprefix(f"$.obstacles[{index}]")
+        details = {**error.details, "path": f"$.attached_objects[{index}].obstacle{field}"}
+        raise SceneInvalid(f"`attached_objects[{index}]`: {error.message}", **details) from None
     placement = se3(one.placement.position, one.placement.quaternion_xyzw) * body.placement
     shape = body.shape
     if body.cloud is not None:

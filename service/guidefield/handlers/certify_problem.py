@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from guidefield.collision.world import World
@@ -158,16 +160,26 @@ def _motion(
     times, rates = _times(request, given), _rates(request, given.velocities, "velocities", columns, group, points)
     kept, odd = _moments(times, points, rates)
     warnings += odd
+    given_points = points
     times, points, end = times[kept], points[kept], _with_end(kept, len(points))
     if rates is not None:
         motion = GivenMotion(CurveKind.HERMITE, points, end, times, rates[kept])
-        if group.is_euclidean:
-            told = _rates(request, given.accelerations, "accelerations", columns, group, points)
-            warnings += [] if told is None else _other_accelerations(motion, told[kept])
-        return motion, warnings
+        told = _accelerations(request, given, columns, group, given_points)
+        if told is not None and motion.is_point:
+            motion = dataclasses.replace(motion, accelerations=told)
+        return motion, warnings + ([] if told is None else _other_accelerations(motion, told[kept]))
     if request.interpolation == "linear":
         return GivenMotion(CurveKind.LINEAR, points, end, times), warnings
     return GivenMotion(CurveKind.SPLINE, points, end, times, spline_rates(times, points)), warnings
+
+
+def _accelerations(
+    request: CertifyRequest, given: GivenTrajectory, columns: Columns, group: PlanningGroup, points: ChartPoints
+) -> ChartRates | None:
+    """Accelerations that are given at chart points (n, nv); None without, or where they aren't the chart's."""
+    if not group.is_euclidean:
+        return None
+    return _rates(request, given.accelerations, "accelerations", columns, group, points)
 
 
 def _rates(

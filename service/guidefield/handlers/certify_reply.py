@@ -224,11 +224,23 @@ def _self_clearance(judgement: Judgement, measured: Clearance | None) -> replies
 def _limits(problem: GivenProblem, judgement: Judgement) -> replies.LimitShares:
     uses = judgement.uses
     return replies.LimitShares(
-        position=_use(problem, uses.position),
+        position=_position_use(problem, uses.position),
         velocity=_use(problem, uses.velocity, "velocity_owner"),
         acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
         jerk=_use(problem, uses.jerk),
     )
+
+
+def _position_use(problem: GivenProblem, use: Use) -> replies.LimitUse:
+    """The largest share of a position limit; that of a joint that stands still where that is beyond its own."""
+    fault = problem.still_fault
+    if fault is None or fault.upper <= fault.lower:
+        return _use(problem, use)
+    share = 2.0 * abs(fault.value - 0.5 * (fault.lower + fault.upper)) / (fault.upper - fault.lower)
+    if use.share is not None and use.share >= share:
+        return _use(problem, use)
+    row, when = problem.motion.along(0, 0.0)
+    return replies.LimitUse(share=share, joint=fault.joint, row=row, time=when)
 
 
 def _use(problem: GivenProblem, use: Use, owner: str = "name") -> replies.LimitUse:

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.errors import InvalidConfiguration
+from guidefield.errors import InvalidConfiguration, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.allowance import Allowance
 from guidefield.handlers.given_columns import Columns, require_quaternions, rows_in
@@ -43,13 +43,28 @@ def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotCo
         columns = Columns.named("configurations.names", given.names, robot, chart.POSITION_SUFFIXES)
         return _of_rows(robot, columns.of, rows, "configurations.rows")
     if (values := _scalar_rows(given)) is not None:
-        configuration_from_wire(robot, given[0])  # every fault of a name is found in the first
+        with at_path("$.configurations[0]"):
+            configuration_from_wire(robot, given[0])  # every fault of a name is found in the first
         if np.abs(values).max(initial=0.0) <= FURTHEST:
             return _of_rows(robot, {name: (index,) for index, name in enumerate(given[0])}, values, "configurations")
     found = np.empty((len(given), robot.model.nq))
-    for row, positions in zip(found, given, strict=True):
-        row[:] = configuration_from_wire(robot, positions)
+    for index, positions in enumerate(given):
+        with at_path(f"$.configurations[{index}]"):
+            found[index] = configuration_from_wire(robot, positions)
     return cast(RobotConfigurations, found)
+
+
+def frame_ids(robot: RobotModel, names: Sequence[str]) -> list[int]:
+    """Return Pinocchio's indices of the `frames` of a request.
+
+    Raises:
+        UnknownFrame: if the robot lacks one.
+    """
+    found = []
+    for index, name in enumerate(names):
+        with at_path(f"$.frames[{index}]"):
+            found.append(robot.frame_id(name))
+    return found
 
 
 def model_configurations(group: PlanningGroup, configurations: RobotConfigurations) -> ModelConfigurations:

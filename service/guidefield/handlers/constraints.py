@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.errors import MalformedRequest
+from guidefield.errors import MalformedRequest, at_path
 from guidefield.messages import requests
 from guidefield.messages.requests import MotionRequest
 from guidefield.robot.group import path_constraints
@@ -30,7 +30,8 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
 
 
 def _built(one: requests.PathConstraint, index: int, group: PlanningGroup) -> PathConstraint:
-    group.robot.frame_id(one.frame)
+    with at_path(f"$.path_constraints[{index}].frame"):
+        group.robot.frame_id(one.frame)
     where = f"`path_constraints[{index}]"
     if isinstance(one, requests.OrientationCone):
         axis, target = _unit(one.axis, f"{where}.axis`"), _unit(one.target_axis, f"{where}.target_axis`")

@@ -11,7 +11,14 @@ import pinocchio as pin
 from guidefield.errors import MalformedRequest, RobotInvalid, UnknownFrame
 from guidefield.geometry.placements import se3
 from guidefield.handlers.allowance import UNLIMITED, Allowance
-from guidefield.handlers.configurations import batches, configurations_from, packed, rates_from, whole_group
+from guidefield.handlers.configurations import (
+    batches,
+    configurations_from,
+    frame_ids,
+    packed,
+    rates_from,
+    whole_group,
+)
 from guidefield.messages import requests
 from guidefield.messages.replies import DynamicsReply, JacobianReply
 from guidefield.messages.values import Placement
@@ -32,7 +39,7 @@ def jacobian(
         UnknownFrame: if the robot lacks a frame.
         InvalidConfiguration: if a configuration or velocity doesn't fit the robot.
     """
-    frames = [robot.frame_id(name) for name in request.frames]
+    frames = frame_ids(robot, request.frames)
     group, root = whole_group(robot, request.robot_placement), se3_of(request.robot_placement)
     configurations = configurations_from(robot, request.configurations)
     rates = None if request.velocities is None else rates_from(group, request.velocities, "velocities")

@@ -48,7 +48,7 @@ def in_reach(problem: Asked, spent: Spent, *, limited: bool = True) -> Asked:
         met = done_aside(partial(within_ball, met, reach), spent, lambda: _doing(scene))
     if met is scene:
         return problem
-    return dataclasses.replace(problem, scene=met, world=World(problem.group, met, pairs))
+    return dataclasses.replace(problem, scene=met, world=World(problem.group, met, pairs, problem.world.held_contacts))
 
 
 def _doing(scene: Scene) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -14,11 +14,18 @@ from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import ClearanceAt, clearance_gradient
 from guidefield.collision.minimum.closest import ClosestPairs
 from guidefield.collision.world import World
-from guidefield.errors import InvalidConfiguration
+from guidefield.errors import InvalidConfiguration, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.allowance import UNLIMITED, Allowance
 from guidefield.handlers.attached import holding
-from guidefield.handlers.configurations import batches, configurations_from, model_configurations, packed, whole_group
+from guidefield.handlers.configurations import (
+    batches,
+    configurations_from,
+    frame_ids,
+    model_configurations,
+    packed,
+    whole_group,
+)
 from guidefield.handlers.dynamics import dynamics, jacobian
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
@@ -40,9 +47,9 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration, RobotConfiguration
+from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration, RobotConfiguration, RobotConfigurations
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
@@ -73,6 +80,24 @@ def answer_kinematics(
     return answered
 
 
+def _beyond_limits(robot: RobotModel, configurations: RobotConfigurations, field: str) -> list[str]:
+    """A warning for each joint that one of some configurations (n, nq) has beyond its limits: it is answered anyway."""
+    warnings = []
+    for joint in robot.joints if len(configurations) else ():
+        if joint.limits is None:
+            continue
+        lower, upper = joint.limits
+        values = configurations[:, joint.idx_q]
+        excess = np.maximum(lower - values, values - upper)
+        worst = int(np.argmax(excess))
+        if excess[worst] > LIMIT_TOLERANCE:
+            warnings.append(
+                f"`{field}[{worst}]` has joint {joint.name} at {values[worst]:.6g}, {excess[worst]:.3g} beyond its"
+                f" limits [{lower:.6g}, {upper:.6g}]; limits don't count here"
+            )
+    return warnings
+
+
 def forward_kinematics(
     request: requests.ForwardKinematics,
     robot: RobotModel,
@@ -85,7 +110,7 @@ def forward_kinematics(
         UnknownFrame: if the robot lacks a frame.
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
-    frames = _frame_table(robot, [robot.frame_id(name) for name in request.frames])
+    frames = _frame_table(robot, frame_ids(robot, request.frames))
     root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw).homogeneous[:3]
     configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
     placements = np.empty((len(configurations), len(request.frames), 7))
@@ -120,7 +145,10 @@ def inverse_kinematics(
     """
     obstacles = scene or _empty_scene()
     robot = holding(robot, request.attached_objects, obstacles)
-    starts = [configuration_from_wire(robot, positions) for positions in request.start_configurations]
+    starts = []
+    for index, positions in enumerate(request.start_configurations):
+        with at_path(f"$.start_configurations[{index}]"):
+            starts.append(configuration_from_wire(robot, positions))
     reference = starts[0] if starts else robot.rest
     group = select(
         robot,
@@ -150,7 +178,9 @@ def inverse_kinematics(
         if world is not None and not result.solutions:
             met = blocking_pairs(world, [group.expand_from_chart(z) for z in result.rejected])
             reasons[-1] += f": {met.told()}" if met.counts else ""
-    return InverseKinematicsReply(configurations=configurations, reasons=reasons)
+    given = cast(RobotConfigurations, np.array(starts).reshape(-1, robot.model.nq))
+    warnings = _beyond_limits(robot, given, "start_configurations")
+    return InverseKinematicsReply(configurations=configurations, reasons=reasons, warnings=warnings)
 
 
 def clearance(
@@ -175,9 +205,11 @@ def clearance(
             continue
         for q, one in zip(batch, closest.clearances(batch), strict=True):
             found.add(q, one)
+    warnings = _beyond_limits(robot, configurations, "configurations")
     if request.verdict:
-        return ClearanceReply(minimum=[], pair=[], witness_points=[], self_minimum=[], free=free)
-    return found.as_packed() if request.packed else found.as_lists()
+        return ClearanceReply(minimum=[], pair=[], witness_points=[], self_minimum=[], free=free, warnings=warnings)
+    reply = found.as_packed() if request.packed else found.as_lists()
+    return msgspec.structs.replace(reply, warnings=warnings)
 
 
 def potential(
@@ -322,7 +354,7 @@ def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, fie
             raise InvalidConfiguration(
                 f"`{field}.{joint.name}` is outside the group and must be as in the first start configuration",
                 joint=joint.name,
-                path=f"$.{field}",
+                path=f"$.{field}.{joint.name}",
             )
 
 

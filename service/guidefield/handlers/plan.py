@@ -8,17 +8,20 @@ import time
 from collections.abc import Callable
 
 from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.world import World
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
-from guidefield.handlers.attached import holding
+from guidefield.handlers.asked_group import start_of
+from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.measuring import UNMEASURED, measured_in_time
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
+from guidefield.handlers.preparing import is_laid_out, lay_out
 from guidefield.handlers.recording import Recording
 from guidefield.handlers.refused_ahead import connects, refused_ahead
-from guidefield.messages import requests
+from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
@@ -29,7 +32,7 @@ from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, build
 
 Record = Callable[[PlanningGroup, Scene], Recording[PlanReply] | None]
 """Opens the recording of a run, once it is known what moves where."""
@@ -94,16 +97,24 @@ def answer_plan(
 
 
 def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> bool:
-    """Prepare a request's robot before its time begins; whether it was prepared from before.
+    """Prepare a request's robot and lay its links out before its time begins; whether that was done before.
 
     What can't be used is refused later, where that is kept.
     """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
-        if is_prepared(robot):
+        if not connects(request):
+            return is_prepared(robot)
+        nowhere, base = build(messages.Scene(name="nowhere")), request.robot_placement
+        robots = [robot]
+        if request.attached_objects and not are_large(request.attached_objects):
+            robots.append(holding(robot, request.attached_objects, nowhere))
+        missing = [one for one in robots if not is_laid_out(one)]
+        if not missing:
             return True
-        if connects(request):
-            base = request.robot_placement
-            select(robot, request.group, request.tip, robot.rest, se3(base.position, base.quaternion_xyzw))
-            prepare(robot)
+        q, _ = start_of(request.start, robot)
+        for one in missing:
+            group = select(one, request.group, request.tip, q, se3(base.position, base.quaternion_xyzw))
+            prepare(one)
+            lay_out(World.build(group, nowhere))
     return False

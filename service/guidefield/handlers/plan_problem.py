@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from guidefield.aside import StoppedError
 from guidefield.collision.world import World
-from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest
+from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import clamp_slight, jerk_limits, limited, rates_of, start_of
+from guidefield.handlers.asked_group import clamp_slight, clamped_goals, jerk_limits, limited, rates_of, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.many_turns import many_turns_warnings
@@ -54,7 +54,7 @@ def problem_of(
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
-    group = limited(group, request)
+    group = limited(group.starting_at(request.start), request)
     planes = given_planes(request, scene, budget.spent)
     _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
@@ -83,7 +83,13 @@ def problem_of(
         seed=request.seed,
         budget=budget,
     )
-    return problem, (*robot.warnings, *scene.warnings, *warnings, *many_turns_warnings(request, robot))
+    return problem, (
+        *robot.warnings,
+        *scene.warnings,
+        *warnings,
+        *clamped_goals(request.goal, robot),
+        *many_turns_warnings(request, robot),
+    )
 
 
 def _require_served(request: PlanRequest, scene: Scene) -> None:
@@ -162,11 +168,13 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     if isinstance(goal, requests.PoseGoal):
         return TipGoal(PoseTarget.from_wire(goal))
     many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
+    of_set = isinstance(goal, requests.JointSetGoal)
     configurations: list[Configuration] = []
-    for positions in many:
+    for index, positions in enumerate(many):
         if len(configurations) % AT_ONCE == AT_ONCE - 1 and budget.spent():
             raise StoppedError("the goals were read")
-        configurations.append(_goal_configuration(group, positions))
+        with at_path(f"$.goal.positions[{index}]" if of_set else "$.goal.positions"):
+            configurations.append(_goal_configuration(group, positions))
     # beyond a limit only counts where no other goal is left: then it is the reason of the refusal
     within = tuple(q for q in configurations if not limit_faults(group.joints, q))
     return ConfigurationGoal(within or tuple(configurations))
@@ -181,5 +189,6 @@ def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> 
                 f"the goal gives joint {name!r}, which is not planned for; planned are {', '.join(sorted(planned))}",
                 joint=name,
                 available=sorted(planned),
+                path=f"$.{name}",
             )
     return group.part_of(clamp_slight(group.robot, q))

@@ -94,16 +94,21 @@ def lay_out_in_time(world: World, spent: Spent) -> None:
         StoppedError: if time was up before.
     """
     robot = world.group.robot
-    if robot in _laid_out:
-        return
+    if not is_laid_out(robot):
+        done_aside(lambda: lay_out(world), spent, lambda: f"the links of {robot.name} were laid out")
 
-    def work() -> None:
-        prepare_robot(world)
-        closed_bodies(world.group)
-        robot_parts(world.group)
-        _laid_out.add(robot)
 
-    done_aside(work, spent, lambda: f"the links of {robot.name} were laid out")
+def lay_out(world: World) -> None:
+    """Make the tables of a robot's links; see `lay_out_in_time`."""
+    prepare_robot(world)
+    closed_bodies(world.group)
+    robot_parts(world.group)
+    _laid_out.add(world.group.robot)
+
+
+def is_laid_out(robot: RobotModel) -> bool:
+    """Whether the tables of a robot's links were made in this process."""
+    return robot in _laid_out
 
 
 def field_in_time(scene: Scene, spent: Spent) -> None:

@@ -13,9 +13,9 @@ import pinocchio as pin
 
 from guidefield.collision.preparation import Told
 from guidefield.collision.world import World
-from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest
+from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import followers_of, limited, start_of
+from guidefield.handlers.asked_group import clamped_goals, followers_of, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.plan_problem import in_motion, problem_of
@@ -37,6 +37,9 @@ from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene.scene import Scene
+
+STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach")
+"""Fields of a step that a plan request of its own has, too."""
 
 BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
 """Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
@@ -63,6 +66,8 @@ class Steps:
         base = request.robot_placement
         holding(robot, request.attached_objects, scene, budget.spent)  # refused here, as in any request
         q, self.warnings = start_of(request.start, robot)
+        for index, step in enumerate(request.steps):
+            self.warnings += [f"step {index}: {warning}" for warning in clamped_goals(step.goal, robot)]
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
         self.whole = self._group(robot, self.start.q)
@@ -100,9 +105,11 @@ class Steps:
         with _in_step(index):
             then = at.moved(q, self._request.min_clearance)
             if step.detach is not None:
-                then = then.without(step.detach)
+                with at_path("$.detach"):
+                    then = then.without(step.detach)
             if step.attach is not None:
-                then = then.holding(step.attach, then.link_of(self._tip(step)))
+                with at_path("$.attach"):
+                    then = then.holding(step.attach, then.link_of(self._tip(step)))
         return then
 
     def conditions(self, index: int, at: Standing) -> Conditions:
@@ -152,7 +159,7 @@ class Steps:
         if not names:
             raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")
         ordered = [joint.name for joint in robot.joints if joint.name in names]
-        group = limited(select(robot, ordered, request.tip, q, root), request)
+        group = limited(select(robot, ordered, request.tip, q, root).starting_at(request.start), request)
         for joint in group.joints:
             if joint.kind in BALLS:
                 raise InvalidGroup(
@@ -327,8 +334,9 @@ def _in_step(index: int) -> Iterator[None]:
     try:
         yield
     except GuidefieldError as error:
-        here = f"$.steps[{index}]"
-        if error.details.get("path", "").startswith("$.steps"):
+        here, inner = f"$.steps[{index}]", str(error.details.get("path", ""))
+        if inner.startswith("$.steps"):
             raise
+        here += next((inner[1:] for field in STEP_FIELDS if inner.startswith(f"$.{field}")), "")
         details: dict[str, Any] = {**error.details, "path": here, "step": index}
         raise type(error)(f"`steps[{index}]`: {error.message}", **details) from None

@@ -13,6 +13,7 @@ from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.errors import Status
 from guidefield.planner.blocked_tip import blocked_tip
+from guidefield.planner.constrained_pose import PoseKeeper
 from guidefield.planner.settings import GOALS, LEAVING
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
@@ -21,6 +22,9 @@ from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_BELOW_MINIMUM)
+"""Endings of a search for a goal pose that found no free configuration: guide planes may still lead to one."""
 
 
 def check_start(problem: Problem) -> None:
@@ -36,6 +40,8 @@ def check_start(problem: Problem) -> None:
             depth = details["depth"]
             slight = not problem.leave_start_contact and depth is not None and depth <= LEAVING.slight
             hint = "; `leave_start_contact` would leave so slight a contact first" if slight else ""
+            if any(list(one.pair) == details["pair"] for one in problem.world.held_contacts):
+                hint = "; `touch_links` names links that a held object may touch"
             raise StageFailed(
                 Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
             )
@@ -56,10 +62,22 @@ def goal_points(problem: Problem) -> ChartPoints | None:
         return _kept_goals(problem, _free_goals(problem, problem.goal))
     if isinstance(problem.goal, TipGoal):
         target = problem.goal.target
+        standing = _stands_at(problem, target)
+        if standing is not None and not (problem.guide_planes or problem.in_motion):
+            return standing
         if problem.guide_planes:  # the way there begins where they lead
             return _kept_goals(problem, tip_points(problem, target))
         return _kept_goals(problem, tip_points(problem, target, _about(problem), GOALS.candidates, _soonest))
     return None
+
+
+def _stands_at(problem: Problem, target: PoseTarget) -> ChartPoints | None:
+    """The start, shape (1, nv), where its tip is at a pose already, and nothing speaks against it; else None."""
+    group, z = problem.group, problem.z_start
+    if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)):
+        return None
+    stays = are_free(problem, z[None])[0] and _violated(problem, z) is None
+    return z[None] if stays else None
 
 
 def _about(problem: Problem) -> ChartPoints:
@@ -116,15 +134,16 @@ def tip_points(
             nothing about the choice.
 
     Raises:
-        StageFailed: NO_IK_SOLUTION with the reason: out of reach and by how much, or what stands in the way;
+        StageFailed: NO_IK_SOLUTION with the reason where none reaches the pose: out of reach and by how much;
+            GOAL_IN_COLLISION or CLEARANCE_BELOW_MINIMUM with what stands in the way where those found aren't free;
             TIMED_OUT or PREEMPTED.
     """
     tip = _Tip(target, problem.scene.moves)
     result = _solved(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
     if tip.blocked is not None and problem.budget.spent() is None:
         raise StageFailed(
-            Status.NO_IK_SOLUTION,
-            f"no configuration reaches the goal pose: {tip.blocked.told()}, however it is reached",
+            Status.GOAL_IN_COLLISION,
+            f"the goal pose is in collision: {tip.blocked.told()}, however it is reached",
             stage="goal",
             **result.details,
             **tip.blocked.details(),
@@ -144,14 +163,21 @@ def tip_points(
     if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
         raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
     met = blocking_pairs(problem.world, rejected, problem.min_clearance, touching)
-    told = f": {met.told()}" if met.counts else ""
-    raise StageFailed(
-        Status.NO_IK_SOLUTION,
-        f"no configuration reaches the goal pose: {result.reason}{told}",
-        stage="goal",
-        **result.details,
-        **met.details(),
-    )
+    status, message = unreached(result, met)
+    raise StageFailed(status, message, stage="goal", **result.details, **met.details())
+
+
+def unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str]:
+    """The status and sentence of a goal pose that no free configuration reaches.
+
+    Args:
+        result: What the search found.
+        met: What stands in the way at configurations that were found.
+    """
+    if not met.counts:
+        return Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}"
+    told = f"no configuration at the goal pose is free: {result.reason}: {met.told()}"
+    return (Status.GOAL_IN_COLLISION if met.clearest is None else Status.CLEARANCE_BELOW_MINIMUM), told
 
 
 def _chosen_in_the_open(
@@ -190,6 +216,7 @@ def _solved(
         starts=(*starts, problem.z_start),
         count=count,
         rng=np.random.default_rng([problem.seed, 1]),
+        refine=PoseKeeper(problem, target),
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
         most=most,
@@ -244,6 +271,8 @@ def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:
     """Which chart points (n, nv) surely touch nothing, keep the clearance and more, and the path constraints: (n,)."""
+    if problem.world.held_contacts:
+        return np.zeros(len(zs), bool)
     free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
     if problem.path_constraints:
         free[free] = [_violated(problem, z) is None for z in zs[free]]

@@ -11,7 +11,7 @@ import pinocchio as pin
 from guidefield.errors import Status
 from guidefield.planner.connect.connect import Connection, connect
 from guidefield.planner.connect.constrained_tree import Keeper, connect_constrained
-from guidefield.planner.ends import tip_points
+from guidefield.planner.ends import UNREACHED, tip_points
 from guidefield.planner.guide.guide import Crossing
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.path_so_far import PathSoFar
@@ -66,7 +66,7 @@ def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> ChartPoi
     try:
         return tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))
     except StageFailed as failed:
-        if failed.ending.status is not Status.NO_IK_SOLUTION:
+        if failed.ending.status not in UNREACHED:
             raise
     return tip_points(problem, _within(problem, plane))
 

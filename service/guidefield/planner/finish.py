@@ -21,7 +21,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.planner.fewer_waypoints import fewer_waypoints
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import length_of, polyline
+from guidefield.planner.motion.waypoints import distinct, polyline
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.plane_place import PlanePlace
@@ -95,7 +95,7 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """
     if found.failure is not None:
         return _as_far_as_it_got(problem, found, found.failure, stages)
-    if problem.optimization_iterations == 0 or length_of(found.path) == 0.0:
+    if problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
         return _along(problem, found, stages)
     finished = _optimized(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):

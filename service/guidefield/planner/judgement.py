@@ -20,6 +20,7 @@ from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
+from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.spaces import Configuration
 
 if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
@@ -41,6 +42,14 @@ class GivenProblem(Conditions):
     """
 
     motion: GivenMotion
+
+    @cached_property
+    def still_fault(self) -> LimitFault | None:
+        """The joint that stands still farthest beyond a limit; None if none does."""
+        joints, moving = self.group.robot.joints, {joint.name for joint in self.group.joints}
+        still = [j for j in joints if (j.name if j.mimic is None else j.mimic.driver) not in moving]
+        faults = limit_faults(still, self.group.q_reference)
+        return max(faults, key=lambda fault: fault.excess, default=None)
 
     @cached_property
     def robot_field(self) -> RobotField:
@@ -88,6 +97,9 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
     Raises:
         ValueError: if obstacles move and the motion has no times.
     """
+    if (fault := problem.still_fault) is not None:
+        z = problem.motion.start
+        return Judgement(Verdict(Reason.BEYOND_LIMITS, 0, 0, 0.0, (0, 0.0), None, z, beyond=fault), uses)
     begin = problem.motion.along(0, 0.0)[1] or 0.0
     if (inside := enclosed_start(problem, problem.motion.start, begin)) is not None:
         return Judgement(inside, uses, enclosed=True)

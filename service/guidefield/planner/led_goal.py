@@ -40,7 +40,7 @@ def led_goal_points(
 
     Returns:
         The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
-        NO_IK_SOLUTION and the reason, TIMED_OUT or PREEMPTED.
+        one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
     """
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target

@@ -9,7 +9,7 @@ from typing import Any
 
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
-from guidefield.planner.ends import check_start, goal_points
+from guidefield.planner.ends import UNREACHED, check_start, goal_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide.guide import PROJECTED, cross
@@ -196,7 +196,7 @@ def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | N
             if problem.scene.moves:
                 raise _once_all_rest(problem, failed) from None
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
-            unreached = failed.ending.status is Status.NO_IK_SOLUTION
+            unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
                 raise
             stage.outcome = "the start is free; the goal's pose is looked for from where guide planes lead"

@@ -20,7 +20,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
@@ -187,7 +187,7 @@ class _Search:
         now = time.monotonic()
         until = now + WAYS.share * max(self._problem.budget.deadline - now, 0.0)
         for way in ways:
-            if length_of(way.found.path) == 0.0:
+            if len(distinct(way.found.path)) == 1:
                 continue
             motion = soonest_along(way.problem, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)

@@ -18,7 +18,7 @@ from guidefield.collision.certify.verdict import Verdict
 from guidefield.planner.finish import HURRIED, NO_PLANES, Crossed, Finished, settings_of
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.optimize.optimization import Outcome, optimize
 from guidefield.planner.optimize.worth import better
 from guidefield.planner.path_motion import limits_of
@@ -43,7 +43,7 @@ def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finishe
         stages: Where time is counted.
     """
     motion = found.trajectory()
-    if problem.optimization_iterations == 0 or length_of(motion.positions) == 0.0:
+    if problem.optimization_iterations == 0 or len(distinct(motion.positions)) == 1:
         return None
     crossed = Crossed.of(problem, cast(ChartPoints, np.array(found.points)), found.crossings)
     judged = partial(judged_in_time, problem)

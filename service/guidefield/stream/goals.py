@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.errors import InvalidGoal
+from guidefield.errors import InvalidGoal, at_path
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.streams import StreamGoal
 from guidefield.robot.group.group import PlanningGroup
@@ -66,5 +66,6 @@ def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningG
                 joint=name,
                 available=sorted(planned),
             )
-    q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
+    with at_path(f"$.goal.positions[{index}]" if isinstance(goal, JointSetGoal) else "$.goal.positions"):
+        q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
     return group.unwrapped(group.chart(group.part_of(q)), near)

@@ -136,7 +136,9 @@ class Obstacles:
         try:
             built = obstacles.build(in_its_frame(message), 0)
         except SceneInvalid as error:
-            raise SceneInvalid(f"`{path}.obstacle`: {error.message}", **{**error.details, "path": path}) from None
+            field = error.details["path"].removeprefix("$.obstacles[0]")
+            details = {**error.details, "path": f"{path}.obstacle{field}"}
+            raise SceneInvalid(f"`{path}.obstacle`: {error.message}", **details) from None
         shape = shape_of(built)
         if shape.plane is not None and declared.largest_angular_speed > 0.0:
             raise SceneInvalid(f"`{path}`: {HALF_SPACE_TURNS}", obstacle=message.name, path=path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -85,6 +86,8 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group, request)
+    turned = group.starting_at(request.start).whole_turns
+    turns = np.zeros(group.nv) if turned is None else turned
     joints = joint_rows(group)
     q_start = group.part_of(q_whole)
     for fault in limit_faults(group.joints, q_start):
@@ -107,6 +110,14 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
     )
     deviation = request.assume if isinstance(request.assume, Deviation) else None
     world = World.build(group, scene, allowed)
+    if world.held_contacts:
+        one, other = world.held_contacts[0].pair
+        raise InvalidConfiguration(
+            f"`attached_objects`: {other!r} touches {one!r} wherever the joints are, so that no motion is free:"
+            " `touch_links` names the links that it may touch",
+            pair=[one, other],
+            path="$.attached_objects",
+        )
     touching = _touching(world, group.expand(q_start))
     return Opened(
         request=request,
@@ -114,7 +125,7 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
         joints=joints,
         world=world,
         bounds=bounds,
-        start=group.chart(q_start),
+        start=cast(ChartPoint, group.chart(q_start) + turns),
         assumption=Assumption(deviation, request.min_clearance, request.clock_error),
         warnings=(*robot.warnings, *scene.warnings, *warnings, *touching),
         touching=touching,

@@ -12,7 +12,14 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from guidefield.errors import GuidefieldError, InvalidConfiguration, InvalidGoal, MalformedRequest, StreamUnknown
+from guidefield.errors import (
+    GuidefieldError,
+    InvalidConfiguration,
+    InvalidGoal,
+    MalformedRequest,
+    StreamUnknown,
+    at_path,
+)
 from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages import codec
@@ -414,7 +421,8 @@ class CertifiedStream:
         """Where an update has the robot, shape (nv,)."""
         assert update.joints is not None, "it has"
         group = self.group
-        q = configuration_from_wire(group.robot, update.joints, base=group.q_reference)
+        with at_path("$.joints"):
+            q = configuration_from_wire(group.robot, update.joints, base=group.q_reference)
         planned = {joint.name for joint in group.joints}
         given = set(update.joints) & planned
         if given != planned:

@@ -63,6 +63,9 @@ def certify(
     pieces = np.asarray(pieces, float)
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
+    if world.held_contacts and len(pieces):
+        begin: ChartPoint = pieces[0, 0]
+        return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin)
     beyond = _beyond_limits(world, pieces)
     segments = curve_segments(pieces if beyond is None else pieces[: beyond.piece])
     while level := list(islice(segments, CERTIFICATE.at_once)):

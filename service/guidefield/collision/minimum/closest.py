@@ -60,6 +60,8 @@ class ClosestPairs:
             confirmed: Whether Coal judges what kernels find closer than `NEARLY`; else that counts as contact.
         """
         world, count = self.world, len(configurations)
+        if world.held_contacts:
+            return np.zeros(count, bool)
         if self._moving is None:
             free = np.array([not touching for touching in world.in_collision_each([*configurations])])
         else:

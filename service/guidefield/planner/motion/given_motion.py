@@ -74,6 +74,8 @@ class GivenMotion(ReadOnly):
         rows: Which of the given rows each knot is, shape (n,); the last is the last one.
         times: Of the knots, shape (n,), strictly increasing [s]; None where there are none.
         velocities: At the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces.
+        accelerations: Of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or
+            m/s²]; else None.
     """
 
     kind: CurveKind
@@ -81,6 +83,7 @@ class GivenMotion(ReadOnly):
     rows: np.ndarray
     times: np.ndarray | None = None
     velocities: ChartRates | None = None
+    accelerations: ChartRates | None = None
 
     @property
     def is_point(self) -> bool:

@@ -72,8 +72,9 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
     middle, half = np.where(ranged, middle, 0.0), np.where(ranged, half, np.inf)
     knots = np.abs(motion.positions - middle) / half
     if motion.times is None or motion.is_point:
-        still = Use(0.0, 0) if motion.times is not None else Use()
-        return Uses(_largest(knots[:-1], knots[-1:], ranged), still, still)
+        position = _largest(knots[:-1], knots[-1:], ranged)
+        velocity = _at_point(motion, motion.velocities, group.velocity_limits)
+        return Uses(position, velocity, _at_point(motion, motion.accelerations, group.acceleration_limits))
     spans = np.diff(motion.times)[:, None]
     if motion.kind is CurveKind.LINEAR or motion.velocities is None:
         rates = np.abs(np.diff(motion.positions, axis=0) / spans) / group.velocity_limits
@@ -97,6 +98,14 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
         return Uses(position, velocity, acceleration, step)
     shares = np.abs(jerks) / jerk_limits
     return Uses(position, velocity, acceleration, _largest(shares, shares[-1:], limited))
+
+
+def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> Use:
+    """The largest share of a limit that the rates given at a single knot use, shape (k, nv); none without times."""
+    if motion.times is None or given is None:
+        return Use(0.0, 0) if motion.times is not None else Use()
+    shares = (np.abs(given) / limits).max(axis=0)
+    return Use(float(shares.max()), int(np.argmax(shares)))
 
 
 def _extrema(

@@ -16,7 +16,7 @@ from guidefield.robot.group.group import PlanningGroup
 class Occupancy:
     """Which cells of a path are free in which slices of time; made as far as it is asked for.
 
-    Cells are of equal length by the group's metric.
+    Cells are of equal length by the group's metric; of a motion too short for that, of equal time.
 
     Args:
         group: Whose joints move.
@@ -41,7 +41,8 @@ class Occupancy:
         way = np.linalg.norm(np.diff(motion.evaluate(self._times)[0], axis=0) / group.units, axis=1)
         travelled = np.r_[0.0, np.cumsum(way)]
         self.count = int(np.clip(math.ceil(travelled[-1] * SCHEDULE.resolution) + 1, 3, SCHEDULE.most_cells))
-        self._cells = travelled / travelled[-1] * (self.count - 1)
+        along = travelled / travelled[-1] if travelled[-1] > 0.0 else np.linspace(0.0, 1.0, len(travelled))
+        self._cells = along * (self.count - 1)
         self.at = np.interp(np.arange(self.count), self._cells, self._times)
         self._zs = motion.evaluate(self.at)[0]
         self.slices, self.leave_by, self.arrive_from = slices, leave_by, arrive_from

@@ -53,7 +53,9 @@ def _world(problem: Problem, moments: Moments, own: np.ndarray) -> World:
     standing = [_named(one, name) for one, name in zip(standing, names, strict=True)]
     message = msgspec.structs.replace(problem.scene.message, obstacles=[one.message for one in standing])
     scene = dataclasses.replace(problem.scene, message=message, obstacles=tuple(standing), warnings=())
-    return World(problem.group, scene, _pairs(problem.world.pairs, np.array(of, np.int64), own))
+    return World(
+        problem.group, scene, _pairs(problem.world.pairs, np.array(of, np.int64), own), problem.world.held_contacts
+    )
 
 
 def _named(one: Obstacle, name: str) -> Obstacle:

@@ -17,10 +17,11 @@ import numpy as np
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
-from guidefield.planner.ends import goal_points
+from guidefield.planner.ends import goal_points, unreached
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.embedding import whole_configuration
-from guidefield.planner.sequence.straight_motion import followed, stuck_ending
+from guidefield.planner.sequence.straight_motion import followed
+from guidefield.planner.sequence.straight_stop import stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
@@ -179,9 +180,9 @@ def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] |
 
 def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
     """Where a straight way leads, if the robot can follow it and touches nothing at its places."""
-    path, stuck = followed(problem, way)
-    if stuck is not None:
-        return stuck_ending(way, stuck)
+    path, stop = followed(problem, way)
+    if stop is not None:
+        return stop_ending(problem, way, stop)
     touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
     if touching is None:
         return [cast(ChartPoint, path[-1])]
@@ -205,8 +206,7 @@ def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
         return list(found.solutions)
     expanded = [problem.group.expand_from_chart(z) for z in found.rejected]
     met = blocking_pairs(problem.world, expanded, problem.min_clearance)
-    message = f"no configuration reaches the goal pose: {found.reason}{f': {met.told()}' if met.counts else ''}"
-    return Ending(Status.NO_IK_SOLUTION, message, {"stage": "goal", **found.details, **met.details()})
+    return Ending(*unreached(found, met), {"stage": "goal", **found.details, **met.details()})
 
 
 def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:

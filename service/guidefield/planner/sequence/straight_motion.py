@@ -6,11 +6,8 @@ Where the certificate refuses it for its shape, the places are taken closer toge
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, cast
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
@@ -21,6 +18,7 @@ from guidefield.planner.finish import Finished
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_certificate import certify_straight
+from guidefield.planner.sequence.straight_stop import STRAIGHT, StraightStop, bring, floored, stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
@@ -29,35 +27,7 @@ from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.timed_goal import keep_schedule
 from guidefield.planner.timed_ways import among_what_rests
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
-
-
-@dataclass(frozen=True)
-class StraightSettings:
-    """Numbers of straight motions.
-
-    Attributes:
-        spacing: Length of the way between two places that are solved for [m].
-        turning: Angle between them [rad].
-        denser: How often the places are taken twice as close where the certificate refuses.
-        most: Places at most.
-        reached: How far off a place may be that counts as reached [m or rad].
-        steps: Newton steps to a place, from the one before.
-        jump: Largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over.
-        damping: Of the steps, times the largest singular value.
-    """
-
-    spacing: float = 0.01
-    turning: float = 0.05
-    denser: int = 3
-    most: int = 4000
-    reached: float = 1e-7
-    steps: int = 20
-    jump: float = 0.35
-    damping: float = 1e-6
-
-
-STRAIGHT = StraightSettings()
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 
 def straight_plan(problem: Problem, way: StraightWay) -> Plan:
@@ -77,10 +47,10 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     places = _places(way)
     for attempt in range(STRAIGHT.denser + 1):
         with stages.entered("connect", "along the straight way") as stage:
-            path, stuck = followed(problem, way, places)
-            stage.outcome = "reached" if stuck is None else f"stuck at {100 * stuck:.0f} % of the way"
-        if stuck is not None:
-            return _failed(still, path, _stopped(problem, stage.outcome) or stuck_ending(way, stuck), stages)
+            path, stop = followed(problem, way, places)
+            stage.outcome = "reached" if stop is None else f"stopped at {floored(100.0 * stop.share, 0.1)} % of the way"
+        if stop is not None:
+            return _failed(still, path, _stopped(problem, stage.outcome) or stop_ending(problem, way, stop), stages)
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             trajectory = motion_along(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
@@ -112,8 +82,8 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     )
 
 
-def followed(problem: Problem, way: StraightWay, places: int | None = None) -> tuple[ChartPoints, float | None]:
-    """Chart points along which the tip is at places of the way, evenly spaced.
+def followed(problem: Problem, way: StraightWay, places: int | None = None) -> tuple[ChartPoints, StraightStop | None]:
+    """Chart points along which the tip is at places of the way, evenly spaced, and closer where the joints move much.
 
     Args:
         problem: Robot and start.
@@ -121,17 +91,25 @@ def followed(problem: Problem, way: StraightWay, places: int | None = None) -> t
         places: How many beyond the start; None: as many as it takes.
 
     Returns:
-        Shape (n, nv), the start first, and None; where it goes no further, or time is up, those before and the share of
-        the way.
+        Shape (n, nv), the start first, and None; where it goes no further, or time is up, those before and the place
+        at which it ends.
     """
     count, z = _places(way) if places is None else places, problem.z_start
-    path = [z]
-    for share in np.arange(1, count + 1) / count:
-        reached = None if problem.budget.spent() else _brought(problem, z, way.at(float(share)))
-        if reached is None or np.abs(reached - z).max() > STRAIGHT.jump:
-            return np.array(path), float(share)
-        z = reached
-        path.append(z)
+    path, share = [z], 0.0
+    for index in range(1, count + 1):
+        there = index / count
+        step = there - share
+        while share < there:
+            onward = there if step >= there - share else share + step
+            near = STRAIGHT.reached if onward == there and step * count > 0.9 else STRAIGHT.closely
+            reached = None if problem.budget.spent() else bring(problem, z, way.at(onward), near)
+            if reached is not None and np.abs(reached - z).max() <= STRAIGHT.jump:
+                share, z = onward, reached
+                path.append(z)
+            elif step > STRAIGHT.finest and not problem.budget.spent():
+                step *= 0.5
+            else:
+                return np.array(path), StraightStop(share, there, z)
     return np.array(path), None
 
 
@@ -139,41 +117,6 @@ def _places(way: StraightWay) -> int:
     """Places beyond the start that are solved for."""
     wanted = max(way.length / STRAIGHT.spacing, way.angle / STRAIGHT.turning, 2.0)
     return min(math.ceil(wanted), STRAIGHT.most)
-
-
-def _brought(problem: Problem, z: ChartPoint, target: Any) -> ChartPoint | None:
-    """The chart point (nv,) next to another that brings the tip to a placement within the limits; None if none does.
-
-    Newton's method with the least motion; a joint that a step would push beyond its limit stays there.
-    """
-    group, kinematics = problem.group, problem.kinematics
-    z = z.copy()
-    for _ in range(STRAIGHT.steps):
-        q = group.expand_from_chart(z)
-        placed = kinematics.frame_placement(q, group.tip_id)
-        error = np.concatenate([target.translation - placed.translation, pin.log3(target.rotation @ placed.rotation.T)])
-        if np.abs(error).max() <= STRAIGHT.reached:
-            return z
-        J = kinematics.tip_jacobian(q)
-        z = _stepped(problem, z, J, error)
-    return None
-
-
-def _stepped(problem: Problem, z: ChartPoint, jacobian: np.ndarray, error: np.ndarray) -> ChartPoint:
-    """One step towards the placement, shape (nv,)."""
-    lower, upper = problem.group.lower, problem.group.upper
-    free = np.ones(len(z), bool)
-    step = np.zeros(len(z))
-    for _ in range(len(z)):
-        step = np.zeros(len(z))
-        U, sizes, V = np.linalg.svd(jacobian[:, free], full_matrices=False)
-        damping = STRAIGHT.damping * float(sizes[0]) if len(sizes) else 0.0
-        step[free] = V.T @ (sizes / np.maximum(sizes**2 + damping**2, 1e-300) * (U.T @ error))
-        pushed = free & ((z + step > upper) & (z >= upper) | (z + step < lower) & (z <= lower))
-        if not pushed.any():
-            break
-        free &= ~pushed
-    return cast(ChartPoint, np.clip(z + step, lower, upper))
 
 
 def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
@@ -200,13 +143,6 @@ def _stopped(problem: Problem, where: str) -> Ending | None:
         return None
     why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
     return Ending(spent, f"{why} along the straight way: {where}", {"stage": "connect"})
-
-
-def stuck_ending(way: StraightWay, share: float) -> Ending:
-    """The ending of a way that the robot can't follow."""
-    where = f"{1000 * share * way.length:.0f} mm along the straight way of {1000 * way.length:.0f} mm"
-    message = f"the tip can't go straight: {where} a joint limit or a singular configuration stops it"
-    return Ending(Status.NO_IK_SOLUTION, message, {"stage": "connect", "share": share})
 
 
 def _failed(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:

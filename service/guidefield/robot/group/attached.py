@@ -51,34 +51,41 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
         robot.require_collision_geometry()
     model, geometry, links, choices = robot.model.copy(), robot.geometry.copy(), robot.links, robot.geometry_choices
     frames, shapes = {frame.name for frame in model.frames}, {shape.name for shape in geometry.geometryObjects}
-    for one in held:
+    for index, one in enumerate(held):
         for link in (one.link, *one.touch_links):
             if link not in links:
                 raise UnknownFrame(
                     f"the attached object {one.name!r} names link {link!r}; the robot has {', '.join(links)}",
                     link=link,
                     available=list(links),
+                    path=f"$.attached_objects[{index}]",
                 )
         for what, names in (("a link or another object", links), ("a frame", frames), ("a collision shape", shapes)):
             if one.name in names:
                 message = f"the attached object {one.name!r} has the name of {what}: give it another"
-                raise UnknownObject(message, object=one.name)
+                raise UnknownObject(message, object=one.name, path=f"$.attached_objects[{index}].obstacle.name")
         carrier = model.frames[frame_index(model, one.link)]
         joint, placement = carrier.parentJoint, carrier.placement * one.placement
         del carrier  # it lies among the model's frames, which move when one is added
         # a link's frame: of a body with another one Pinocchio loses it where joints are locked
         frame = model.addFrame(pin.Frame(one.name, joint, placement, pin.FrameType.BODY), False)
         shape = pin.GeometryObject(one.name, joint, frame, placement, one.shape)
-        index = geometry.addGeometryObject(shape)
+        added = geometry.addGeometryObject(shape)
         apart = {one.link, *one.touch_links}
         for other, choice in enumerate(choices):
             if choice.link not in apart and geometry.geometryObjects[other].parentJoint != joint:
-                geometry.addCollisionPair(pin.CollisionPair(other, index))
+                geometry.addCollisionPair(pin.CollisionPair(other, added))
         links = (*links, one.name)
         choices = (*choices, GeometryChoice(one.name, one.name, *_judged(one.shape)))
     warnings = (*robot.warnings, *(warning for one in held for warning in one.warnings))
     return dataclasses.replace(
-        robot, model=model, geometry=geometry, links=links, geometry_choices=choices, warnings=warnings
+        robot,
+        model=model,
+        geometry=geometry,
+        links=links,
+        geometry_choices=choices,
+        warnings=warnings,
+        held=(*robot.held, *(one.name for one in held)),
     )
 
 

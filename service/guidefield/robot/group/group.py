@@ -12,6 +12,7 @@ from typing import Any, cast
 import numpy as np
 import pinocchio as pin
 
+from guidefield.messages.requests import Positions
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike, kept_with_alike
 from guidefield.robot.group.metric import units_of
@@ -59,7 +60,9 @@ class PlanningGroup:
         expand_velocity: Matrix (model.nv, nv) from this group's tangents to those of `model`.
         expand_offset: Shape (model.nv,): chart values of `model` are expand_velocity @ z + expand_offset.
         places: Where the planned joints' values stand in a configuration of the whole robot, shape (nq,).
-        alike: What groups share that differ in q_reference, q_origin and the limits of their rates only.
+        alike: What groups share that differ in q_reference, q_origin, whole_turns and the limits of their rates only.
+        whole_turns: Whole turns that the wire adds to the chart's angles, shape (nv,) [rad]: where the start was given
+            beyond (-pi, pi]; None: none.
     """
 
     robot: RobotModel
@@ -79,6 +82,7 @@ class PlanningGroup:
     expand_offset: ModelChartPoint
     places: np.ndarray
     alike: Alike
+    whole_turns: ChartPoint | None = None
 
     @cached_property
     def nq(self) -> int:
@@ -268,7 +272,7 @@ class PlanningGroup:
 
     def wire_positions(self, z: ChartPoint) -> WireRow:
         """A chart point, shape (nv,), as the wire's position columns: quaternions for rotations, unwrapped angles."""
-        values: WireRow = z.tolist()
+        values: WireRow = self._turned(z).tolist()
         if self.is_euclidean:
             return values
         row: WireRow = []
@@ -289,8 +293,13 @@ class PlanningGroup:
     def wire_rows(self, zs: ChartPoints) -> list[WireRow]:
         """Chart points (n, nv), each as `wire_positions` has it."""
         if self.is_euclidean:
-            return zs.tolist()
+            rows: list[WireRow] = self._turned(zs).tolist()
+            return rows
         return [self.wire_positions(z) for z in zs]
+
+    def _turned(self, zs: np.ndarray) -> np.ndarray:
+        """Chart points (..., nv) with the start's whole turns added."""
+        return zs if self.whole_turns is None else zs + self.whole_turns
 
     def wire_path(self, zs: ChartPoints) -> list[WireRow]:
         """Chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
@@ -333,6 +342,26 @@ class PlanningGroup:
             if joint.kind in chart.ROTATION:
                 z[_at_v(joint)][chart.ROTATION[joint.kind]] = chart.random_rotation(rng)
         return self.from_chart(z)
+
+    def starting_at(self, start: Positions) -> PlanningGroup:
+        """The same group with the whole turns of a start: the wire's angles begin at the values given there.
+
+        Args:
+            start: Values by joint name; of planned joints, fit for them [rad or m].
+        """
+        turns = np.zeros(self.nv)
+        for joint in self.joints:
+            value = start.get(joint.name)
+            if joint.kind not in chart.ANGLE or value is None:
+                continue
+            at = chart.ANGLE[joint.kind]
+            angle = value[at] if isinstance(value, list) else value
+            away = angle - float(np.arctan2(np.sin(angle), np.cos(angle)))
+            turns[joint.idx_v + at] = away if abs(away) > np.pi else 0.0
+        if not turns.any():
+            return self
+        read_only(turns)
+        return dataclasses.replace(self, whole_turns=cast(ChartPoint, turns))
 
     def with_limits(
         self,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.errors import InvalidGroup
+from guidefield.errors import InvalidGroup, at_path
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
 from guidefield.robot.group.group import PlanningGroup, reference_of, with_bound_rates
@@ -43,8 +43,10 @@ def select(
         UnknownFrame: if the robot has no such tip.
     """
     tip = robot.tip if tip is None else tip
-    robot.frame_id(tip)
-    planned = _planned_joints(robot, group, tip)
+    with at_path("$.tip"):
+        robot.frame_id(tip)
+    with at_path("$.group"):
+        planned = _planned_joints(robot, group, tip)
     followers = {joint.name for joint in robot.joints if joint.mimic and joint.mimic.driver in planned}
     free = [joint for joint in robot.joints if joint.name in planned]
     # what moves has no part in how the models look, but for those that follow: `space` keeps them where they are

@@ -21,6 +21,9 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 Accept = Callable[[ChartPoints], np.ndarray]
 """Which of some chart points, shape (n, nv), may be solutions: shape (n,), bool."""
 
+Refine = Callable[[ChartPoints], ChartPoints]
+"""Moves chart points, shape (n, nv), to others."""
+
 
 @dataclass(frozen=True, eq=False)
 class IkResult(ReadOnly):
@@ -57,6 +60,7 @@ def solve(
     count: int,
     *,
     rng: np.random.Generator,
+    refine: Refine | None = None,
     accept: Accept | None = None,
     fault: str = "in collision",
     most: int = SEARCH.most_rejected,
@@ -75,6 +79,7 @@ def solve(
         starts: Chart points to start from, each of shape (nv,).
         count: How many solutions to look for.
         rng: Where random starts come from; the same state gives the same solutions.
+        refine: Moves configurations that reach the target, shape (n, nv), to better ones that do; None: leaves them.
         accept: Which configurations may be a solution; None: all may.
         fault: What is wrong with those that may not, for the reason.
         most: Random starts after which a pose counts as reachable only by what isn't accepted.
@@ -88,7 +93,7 @@ def solve(
     search = PoseSearch(group, target, base)
     if (short := out_of_reach(search.chain, target)) is not None:
         return IkResult.unreached(short)
-    found = _Found(search, accept)
+    found = _Found(search, refine, accept)
     found.add(search.descend(given))
     from_starts = len(found.accepted)
     drawn = 0
@@ -129,14 +134,17 @@ class _Found:
         fresh: How many the last descents added.
     """
 
-    def __init__(self, search: PoseSearch, accept: Accept | None) -> None:
-        self._measure, self._accept = search.chain.measure, accept
+    def __init__(self, search: PoseSearch, refine: Refine | None, accept: Accept | None) -> None:
+        self._measure, self._refine, self._accept = search.chain.measure, refine, accept
         self.accepted = self.rejected = cast(ChartPoints, np.empty((0, len(search.base))))
         self.fresh = 0
 
     def add(self, ends: ChartPoints) -> None:
         """Take those ends of descents, shape (k, nv), that are like none before."""
         before = len(self.accepted) + len(self.rejected)
+        if self._refine is not None:
+            known = np.concatenate([self.accepted, self.rejected])
+            ends = self._refine(cast(ChartPoints, self._with(known, ends)[len(known) :]))
         free = np.ones(len(ends), bool)
         if self._accept is not None and len(ends):
             free = self._accept(ends)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.errors import GuidefieldError, InvalidConfiguration
+from guidefield.errors import GuidefieldError, InvalidConfiguration, at_path
 from guidefield.messages.requests import JointValue, Positions
 from guidefield.messages.values import QUATERNION_TOLERANCE
 from guidefield.robot.model import chart
@@ -15,8 +15,8 @@ from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, RobotModel
 from guidefield.robot.model.spaces import IndexedConfiguration, RobotConfiguration
 
-LIMIT_TOLERANCE = 1e-5
-"""A value beyond its limit by at most this [rad or m] is clamped, with a warning."""
+LIMIT_TOLERANCE = 1e-5 + 1e-11
+"""A value beyond its limit by at most this [rad or m] is clamped, with a warning: 1e-5, and room for rounding."""
 
 FURTHEST = 1e4
 """Largest value of a joint [rad or m]: a motion further than that could not be judged in any time."""
@@ -39,6 +39,11 @@ class LimitFault:
         """By how much [rad or m]."""
         return max(self.lower - self.value, self.value - self.upper)
 
+    @property
+    def is_slight(self) -> bool:
+        """Whether the value is clamped, instead of being refused."""
+        return self.excess <= LIMIT_TOLERANCE
+
 
 def configuration_from_wire(
     robot: RobotModel,
@@ -60,25 +65,28 @@ def configuration_from_wire(
     """
     q = np.array(robot.rest if base is None else base, float)
     for name, value in positions.items():
-        joint = robot.joint(name)
+        joint, path = robot.joint(name), f"$.{name}"
         if joint is None:
             available = [j.name for j in robot.joints if j.mimic is None]
             raise error(
                 f"robot {robot.name!r} has no joint {name!r}; its joints are {', '.join(available)}",
                 joint=name,
                 available=available,
+                path=path,
             )
         if joint.mimic is not None:
             raise error(
                 f"joint {name!r} follows {joint.mimic.driver!r} and can't be given: give {joint.mimic.driver!r}",
                 joint=name,
+                path=path,
             )
         if (max(map(abs, value), default=0.0) if isinstance(value, list) else abs(value)) > FURTHEST:
-            raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name)
+            raise error(f"joint {name!r}: a value may be {FURTHEST:g} at most, got {value}", joint=name, path=path)
         if joint.nq == 1 and not isinstance(value, list):
             q[joint.idx_q] = value
         else:
-            q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
+            with at_path(path):
+                q[joint.idx_q : joint.idx_q + joint.nq] = values_from_wire(joint, value, error)
     follow(robot.joints, q)
     return q
 
@@ -101,6 +109,18 @@ def limit_faults(joints: Sequence[Joint], q: IndexedConfiguration) -> list[Limit
         LimitFault(joint.name, values[joint.idx_q], *limits)
         for joint in joints
         if (limits := joint.limits) is not None and not limits[0] <= values[joint.idx_q] <= limits[1]
+    ]
+
+
+def given_faults(joints: Sequence[Joint], positions: Positions) -> list[LimitFault]:
+    """Given values of joints beyond their limits, in the order given; values that don't fit their joints are passed."""
+    limits = {joint.name: joint.limits for joint in joints}
+    return [
+        LimitFault(name, value, *range_)
+        for name, value in positions.items()
+        if (range_ := limits.get(name)) is not None
+        and not isinstance(value, list)
+        and not range_[0] <= value <= range_[1]
     ]
 
 
@@ -136,6 +156,11 @@ def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldErro
         return np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
     numbers = np.array(value)
     norm = float(np.linalg.norm(numbers[-4:]))
+    if norm == 0.0:
+        raise error(
+            f"joint {joint.name!r}: its quaternion is zero, which is no rotation: no rotation at all is [0, 0, 0, 1]",
+            joint=joint.name,
+        )
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise error(f"joint {joint.name!r}: its quaternion must have norm 1, it has {norm:.9g}", joint=joint.name)
     numbers[-4:] /= norm

@@ -170,6 +170,7 @@ class RobotModel:
         source: Where it came from.
         remarks: The same about a robot that comes with guidefield: told where it is described, for its users can't mend
             it.
+        held: Names of the links that are objects it holds.
     """
 
     name: str
@@ -186,6 +187,7 @@ class RobotModel:
     source: RobotSource
     remarks: tuple[str, ...] = ()
     rest_state: str | None = None
+    held: tuple[str, ...] = ()
 
     def joint(self, name: str) -> Joint | None:
         """The movable joint of that name, or None."""
