@@ -48,3 +48,12 @@ def test_a_mesh_that_is_nowhere_is_refused_with_line_and_advice(package: Path) -
     urdf.write_text(ARM.format(shapes=shape("package://arm_description/meshes/lost.stl")))
     with pytest.raises(RobotInvalid, match=r"line 2: link 'tip': mesh .*lost.stl' was not found .*package_dirs"):
         Catalog().load(UrdfFile(str(urdf)))
+
+
+@pytest.mark.parametrize("path", ["a\0b.urdf", "a\0b.xacro", "~nobody-of-this-name/arm.urdf", "loop/arm.urdf"])
+def test_what_is_no_path_is_refused(path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for reference in (UrdfFile(path), UrdfFile("arm.urdf", srdf_path=path)):
+        with pytest.raises(RobotInvalid):
+            Catalog().load(reference)

@@ -1,5 +1,7 @@
 """Where meshes may come from: everything allowed is found, nothing else is."""
 
+import os
+
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -253,6 +255,28 @@ def test_the_search_follows_no_link_to_a_folder_and_none_that_leads_outside(home
     assert "was not found" in refused(MeshResolver.for_file(urdf), "package://nowhere/secret.stl").message
     (home / "ws/arm/link.stl").symlink_to(home / "outside/secret.stl")
     assert "leads outside" in refused(MeshResolver.for_file(urdf), "package://nowhere/link.stl").message
+
+
+def test_odd_names_of_files_end_no_search(home):
+    mesh = file_with(home / "ws/arm/meshes/m.stl")
+    (home / "ws/arm/loop.stl").symlink_to(home / "ws/arm/loop.stl")
+    (home / "ws/arm/gone.stl").symlink_to(home / "nowhere")
+    odd = home / "ws/arm" / os.fsdecode(b"me\xffshes")
+    file_with(odd / "odd.stl")
+    resolver = MeshResolver.for_file(home / "ws/arm/urdf/arm.urdf")
+    assert resolver.resolve("package://nowhere/m.stl") == mesh
+    for uri in (
+        "../loop.stl",
+        "../gone.stl",
+        "package://x/odd.stl",
+        "package://x/" + "d/" * 3000 + "n.stl",
+        "package://",
+    ):
+        refused(resolver, uri)
+    file_with(odd / "urdf" / "near.stl")
+    said = refused(MeshResolver.for_file(odd / "urdf" / "arm.urdf"), "near.stl").message
+    assert "isn't UTF-8" in said
+    said.encode()
 
 
 def test_over_the_wire_nothing_is_searched(home, monkeypatch):

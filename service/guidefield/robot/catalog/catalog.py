@@ -16,7 +16,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.faults import nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
-from guidefield.robot.catalog.description_files import read_description, robot_name
+from guidefield.robot.catalog.description_files import absolute, read_description, robot_name
 from guidefield.robot.catalog.kept_lines import lines_of
 from guidefield.robot.catalog.library import entries
 from guidefield.robot.catalog.robot_descriptions import find_description, is_description
@@ -139,13 +139,13 @@ class Catalog:
 
 
 def _from_file(reference: UrdfFile) -> RobotModel:
-    path = Path(reference.path).expanduser().resolve()
+    path = absolute(reference.path)
     if not path.is_file():
         raise RobotInvalid(f"there is no URDF file {reference.path!r}", path=reference.path)
-    srdf_path = Path(reference.srdf_path).expanduser() if reference.srdf_path else None
+    srdf_path = absolute(reference.srdf_path) if reference.srdf_path else None
     if srdf_path is not None and not srdf_path.is_file():
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
-    resolver = MeshResolver.for_file(path, [Path(folder).expanduser().resolve() for folder in reference.package_dirs])
+    resolver = MeshResolver.for_file(path, map(absolute, reference.package_dirs))
     described = read_description(path, srdf_path, reference.xacro_args, resolver)
     source = RobotSource(described.urdf, path, reference.root_joint, described.files)
     try:
@@ -166,7 +166,7 @@ def _key(reference: RobotReference | SentRobot) -> str:
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
         return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
     arguments = sorted(reference.xacro_args.items())
-    files = f"{Path(reference.path).expanduser()}:{reference.srdf_path}:{reference.package_dirs}:{arguments}"
+    files = f"{reference.path}:{reference.srdf_path}:{reference.package_dirs}:{arguments}"
     return f"file:{Path.cwd()}:{files}:{reference.root_joint}"
 
 

@@ -54,6 +54,18 @@ def read_description(
     return Description(text.text, None if semantic is None else semantic.text, files, warnings)
 
 
+def absolute(path: str) -> Path:
+    """Return a path of a request as an absolute one without links, ~ being a home folder.
+
+    Raises:
+        RobotInvalid: if it can't be: it has a NUL, links that lead to each other, or a user who has no home.
+    """
+    try:
+        return Path(path).expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise RobotInvalid(f"{path!r} is no path: {error}", path=path) from None
+
+
 def robot_name(urdf: Path) -> str:
     """Return what a robot is called that a file describes: the file's name without its endings."""
     return Path(urdf.stem).stem if is_xacro(urdf) else urdf.stem

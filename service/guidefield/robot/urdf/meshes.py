@@ -11,7 +11,15 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.urdf.nearby_files import MAX_ENTRIES, NearbyFiles, enclosing_folders, levels_about, same_bytes
+from guidefield.robot.urdf.nearby_files import (
+    MAX_ENTRIES,
+    NearbyFiles,
+    enclosing_folders,
+    exists,
+    is_text,
+    levels_about,
+    same_bytes,
+)
 from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
 
 MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
@@ -158,7 +166,7 @@ class MeshResolver:
                 nearest folder of the robot's package, which is noted in `remarks`.
         """
         inside = tuple(folder.resolve() for folder in self.folders)
-        named = [folder for folder in self._holders(name) if folder.is_dir() and _is_within(folder.resolve(), inside)]
+        named = [folder for folder in self._holders(name) if exists(folder) and _is_within(folder.resolve(), inside)]
         best = next((folder for folder in named if _has_one(folder, paths)), None)
         if best is not None:
             return best
@@ -178,6 +186,8 @@ class MeshResolver:
         real = path.resolve()
         if not _is_within(real, (folder.resolve() for folder in self.folders)):
             raise self._refused(uri, "is a link that leads outside what is allowed")
+        if not is_text(str(real)):
+            raise self._refused(uri, f"is in a folder whose name isn't UTF-8: {_printable(real)!r}")
         return real
 
     def _compare(self, uri: str, taken: Path, candidates: Iterable[Path]) -> None:
@@ -257,7 +267,7 @@ class MeshResolver:
         return [*named, *(f if f.name == name else f / name for f in (*self.package_dirs, *self.enclosing))]
 
     def _refused(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
-        allowed = [str(folder) for folder in self.folders] if self.told is None else list(self.told)
+        allowed = [_printable(folder) for folder in self.folders] if self.told is None else list(self.told)
         words = f"mesh {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
         return RobotInvalid(f"{words}; {advice}" if advice else words, uri=uri, allowed=allowed)
 
@@ -270,7 +280,7 @@ def _enclosing_package(folder: Path) -> dict[str, Path]:
     """Return the package that a folder belongs to, by the names of its folder and of its manifest."""
     for above in (folder, *folder.parents):
         manifest = above / MANIFEST
-        if manifest.is_file():
+        if exists(manifest):
             return dict.fromkeys((above.name, package_name(manifest) or above.name), above)
     return {}
 
@@ -287,9 +297,13 @@ def _folded(path: Path) -> Path:
     return Path(os.path.normpath(path.absolute()))
 
 
+def _printable(path: Path) -> str:
+    return str(path).encode(errors="backslashreplace").decode()
+
+
 def _has_one(folder: Path, paths: Iterable[str]) -> bool:
     """Tell whether a folder has one of some paths in it."""
-    return any(path.is_relative_to(folder) and path.exists() for path in (_folded(folder / path) for path in paths))
+    return any(path.is_relative_to(folder) and exists(path) for path in (_folded(folder / path) for path in paths))
 
 
 def _is_within(path: Path, folders: Iterable[Path]) -> bool:

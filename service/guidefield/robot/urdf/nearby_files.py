@@ -44,10 +44,10 @@ def enclosing_folders(folder: Path) -> list[Path]:
     barred = {home, *home.parents}
     usable = list(takewhile(lambda f: f not in barred and len(f.parts) > MIN_DEPTH, (folder, *folder.parents)))
     for number, above in enumerate(usable):
-        if any((above / mark).exists() for mark in REPOSITORY_MARKS):
+        if any(exists(above / mark) for mark in REPOSITORY_MARKS):
             return usable[: number + 1]
     for number, above in enumerate(usable):
-        if (above / MANIFEST).is_file():
+        if exists(above / MANIFEST):
             return usable[: number + 2]
     return usable[: MAX_LEVELS + 1]
 
@@ -85,7 +85,7 @@ def levels_about(enclosing: Sequence[Path], given: Sequence[Path]) -> list[Level
     The package is the nearest folder with a `package.xml`, else the one above folders such as `urdf` and `robots`, else
     the one above the URDF's.
     """
-    manifests = (k for k, folder in enumerate(enclosing) if (folder / MANIFEST).is_file())
+    manifests = (k for k, folder in enumerate(enclosing) if exists(folder / MANIFEST))
     inner = [folder.name.lower() in INNER_FOLDERS for folder in enclosing[:-1]]
     first = inner.index(True) if True in inner[:2] else 0
     own = next(manifests, first + max(1, sum(1 for _ in takewhile(bool, inner[first:]))))
@@ -186,7 +186,7 @@ class NearbyFiles:
             self._read.add(folder)
             try:
                 with os.scandir(folder) as listed:
-                    entries = sorted(listed, key=lambda entry: entry.name)
+                    entries = sorted((entry for entry in listed if is_text(entry.name)), key=lambda entry: entry.name)
             except OSError:
                 continue
             self._entries += len(entries)
@@ -195,7 +195,7 @@ class NearbyFiles:
                 return
             inner = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
             folders += [Path(e.path) for e in reversed(inner) if not e.name.startswith(".") and e.name not in SKIPPED]
-            yield from (Path(entry.path) for entry in entries if entry.is_file())
+            yield from (Path(entry.path) for entry in entries if _is_file(entry))
 
 
 def _longest(names: Sequence[str], files: Sequence[Path]) -> Match:
@@ -223,6 +223,26 @@ def _different(files: Sequence[Path]) -> tuple[Path, ...]:
         if not any(same_bytes(file, other) for other in kept):
             kept.append(file)
     return tuple(kept)
+
+
+def is_text(path: str) -> bool:
+    """Tell whether a path can stand in XML: names of files may be bytes that are no UTF-8."""
+    return not any("\ud800" <= character <= "\udfff" for character in path)
+
+
+def _is_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # links that lead to each other
+        return False
+
+
+def exists(path: Path) -> bool:
+    """Tell whether there is something at a path; False if that can't be found out."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # no permission, a name too long, or with a NUL
+        return False
 
 
 def same_bytes(first: Path, second: Path) -> bool:

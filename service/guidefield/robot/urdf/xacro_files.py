@@ -128,7 +128,8 @@ def _fault(path: Path, xacro: Any, error: Exception) -> RobotInvalid:
     elif isinstance(cause, RecursionError):
         reason = "it calls itself without end"
     else:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        said = cause if str(error).startswith("<class") else error  # the package repeats it behind its type
+        reason = " ".join(str(said).split()) or type(cause).__name__
     inside = ""
     if xacro.macrostack:
         macro = xacro.macrostack[-1]
