@@ -122,6 +122,8 @@ FAULTS = {
     "mimic cycle": ((LIMIT, LIMIT + '<mimic joint="wrist"/>'), 14, "mimic", "shoulder mimics wrist mimics shoulder"),
     "mimic of a fixed joint": (('type="revolute"', 'type="fixed"'), 20, "mimic", "which is fixed"),
     "mimic multiplier": (('multiplier="2"', 'multiplier="nan"'), 20, "mimic", "finite number"),
+    "huge multiplier": (('multiplier="2"', 'multiplier="1e300"'), 20, "mimic", "finite number of at most 1e+06"),
+    "no speed at all": (('velocity="2"', 'velocity="1e-320"'), 14, "limit", "must be 0 or at least 1e-09"),
     "mimic offset": (('offset="0.5"', 'offset="half"'), 20, "mimic", "finite number"),
     "floating mimic": (('"continuous"', '"floating"'), 20, "mimic", "a floating joint can't mimic"),
     "safety": ((LIMIT, LIMIT + "<safety_controller/>"), 14, "safety_controller", "must have 'k_velocity'"),

@@ -76,5 +76,5 @@ def _summary(
         mimics=len(facts.mimics),
         groups=sorted({*described.groups, *(["default"] if card.group else [])}),
         tip=default_tip(model, described, card),
-        problem=None if facts.collisions else "it has no collision geometry",
+        problem=None if facts.collisions else "it has no collision geometry: kinematics alone are answered",
     )

@@ -16,7 +16,7 @@ from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import put_meshes, read_meshes
 from guidefield.robot.model.frames import frame_index, joint_indices
 from guidefield.robot.model.groups import resolve_groups
-from guidefield.robot.model.mimic_limits import narrowed, slower
+from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
 from guidefield.robot.model.model import (
     NO_GEOMETRY,
     ROOT_JOINT,
@@ -99,8 +99,8 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
             f"joint {driver!r} is continuous, but {follower!r}, which follows it, is elsewhere after a turn of it: "
             f"{driver!r} is a revolute joint therefore, whose whole turns count"
         )
-    joints = narrowed(joints, warnings)
-    warnings += slower(joints)
+    joints = bind_ranges(joints, warnings)
+    warnings += describe_bound_rates(joints)
     joints = _with_passive(joints, described, warnings)
     groups = resolve_groups(model, described, joints, warnings)
     stated = rest.stated(model, joints, described, card, warnings)

@@ -16,7 +16,7 @@ ROUNDING = 1e-6
 _NOBODY = LimitSource.DEFAULT
 
 
-def narrowed(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
+def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
     """The same joints; those that others follow only go where their followers stay within their own limits.
 
     A follower whose limits would leave no room to move has none: a wrong sign of a multiplier is common, and a plan
@@ -82,7 +82,7 @@ def bind_rates(joints: Sequence[Joint]) -> tuple[Joint, ...]:
     return tuple(by_name[joint.name] for joint in joints)
 
 
-def slower(joints: Sequence[Joint]) -> list[str]:
+def describe_bound_rates(joints: Sequence[Joint]) -> list[str]:
     """A sentence for each joint that `bind_rates` makes slower."""
     return [
         f"joint {bound.name!r}, which {bound.velocity_owner!r} follows, moves at {bound.velocity[0]:g} at most, so that"

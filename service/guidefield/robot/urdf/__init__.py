@@ -1,1 +1,1 @@
-"""What is in a URDF and an SRDF, read strictly."""
+"""URDFs and SRDFs, read strictly."""

@@ -1,4 +1,4 @@
-"""What the intake of a URDF found out about it."""
+"""Facts about a URDF that has been checked: its links, joints and collision shapes."""
 
 from __future__ import annotations
 

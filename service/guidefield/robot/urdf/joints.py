@@ -19,6 +19,10 @@ from guidefield.robot.urdf.xml import (
 
 PLAIN_AXIS = (1e-3, 1e3)
 """Smallest and largest entry of an axis that parsers are given as it is; the squares of others may overflow."""
+LARGEST_FACTOR = 1e6
+"""Largest multiplier of a mimic joint, and its largest offset [rad or m]."""
+LEAST_SPEED = 1e-9
+"""Least velocity limit but zero, which says none [rad/s or m/s]; no motion with a smaller one would end."""
 DEFAULT_AXIS = (1.0, 0.0, 0.0)
 """Axis of a joint without `<axis>`."""
 
@@ -104,7 +108,10 @@ def check_mimics(
     for follower, element in elements.items():
         for mimic in element.findall("mimic")[:1]:
             driver = _driver(mimic, joints[follower], joints, warnings)
-            multiplier, offset = number(mimic, "multiplier", 1.0), number(mimic, "offset", 0.0)
+            multiplier, offset = (
+                number(mimic, attribute, default, LARGEST_FACTOR)
+                for attribute, default in (("multiplier", 1.0), ("offset", 0.0))
+            )
             if driver is not None:
                 mimics[follower] = (driver, multiplier, offset)
     for follower in mimics:
@@ -199,6 +206,8 @@ def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float,
             warnings.append(warning(limit, f"{attribute!r} of <limit> is negative, {value:g}: {what}"))
             limit.set(attribute, "0")
     velocity, effort = max(velocity, 0.0), max(effort, 0.0)
+    if kind != "fixed" and 0.0 < velocity < LEAST_SPEED:
+        raise fault(limit, f"'velocity' of <limit> must be 0 or at least {LEAST_SPEED:g}", attribute="velocity")
     if kind in _RANGED and lower == upper:
         warnings.append(warning(limit, f"the joint can't move: 'lower' and 'upper' are both {lower:g}"))
     return lower, upper, velocity, effort

@@ -1,4 +1,4 @@
-"""The strict door for URDFs: catches what Pinocchio refuses without a reason, or accepts wrongly in silence."""
+"""Validation of URDFs before Pinocchio, which refuses faults without a reason or accepts them in silence."""
 
 from __future__ import annotations
 
