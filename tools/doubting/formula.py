@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from tests.robot.by_formula import built, without_planar
 
+from doubting import mesh_files
 from doubting.curve import Values
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
@@ -20,7 +21,7 @@ ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFr
 
 @dataclass(frozen=True, eq=False)
 class Formula:
-    """A URDF as Pinocchio reads it, its meshes as they are.
+    """A URDF as Pinocchio reads it, its meshes as Assimp does.
 
     Attributes:
         model: Its model, in which followers are joints like others, and balls are floating joints that stay.
@@ -36,8 +37,12 @@ class Formula:
 
     @classmethod
     def of(cls, text: str, root_joint: str) -> Formula:
-        root, (text, planar) = ROOTS[root_joint], without_planar(text)
+        root = ROOTS[root_joint]
+        text, planar = without_planar(text)
+        text, meshes = mesh_files.put_in(text)
         model, geometry = built(text, *([root()] if root else []))
+        for shape in geometry.geometryObjects:
+            shape.geometry = meshes.get(shape.name, shape.geometry)
         followed = {
             joint.get("name", ""): (m.get("joint", ""), float(m.get("multiplier", 1)), float(m.get("offset", 0)))
             for joint in ElementTree.fromstring(text).findall("joint")  # noqa: S314 - drawn here, or of the catalog

@@ -14,6 +14,7 @@ import numpy as np
 from tests.robot.odd_meshes import odd, stl
 from tests.robot.random_chains import KINDS, WOUND, chain
 
+from doubting import mesh_files
 from doubting.meshes import closed, triangles_of
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.messages.values import RootJoint
@@ -133,11 +134,16 @@ def _thickened(text: str, rng: np.random.Generator) -> str:
 
 
 def _with_meshes(text: str, rng: np.random.Generator, meshes: dict[str, bytes]) -> str:
-    """Some shapes are meshes: closed and convex, closed and dented, or odd ones."""
+    """Some shapes are meshes: closed and convex, closed and dented, odd ones, or files of several parts."""
 
     def replaced(found: re.Match[str]) -> str:
         if rng.random() < 0.5:
             return found.group()
+        if rng.random() < 0.4:
+            suffix, content, scale = mesh_files.drawn(rng)
+            name = f"{len(meshes)}{suffix}"
+            meshes[name] = content
+            return f'<geometry><mesh filename="{FOLDER}{name}" scale="{scale}"/></geometry>'
         name = f"{len(meshes)}.stl"
         if rng.random() < 0.15:
             soup = odd(int(rng.integers(10_000)))
