@@ -131,7 +131,7 @@ def test_an_obstacle_with_the_name_of_a_link_is_refused():
     for allowed in ([], [("panda_link3", "panda_link5")]):
         with pytest.raises(SceneInvalid, match=r"obstacle 'panda_link3' has the name of a link") as caught:
             world_of(group("panda"), [box("far", (0.1, 0.1, 0.1), (3, 0, 0)), crate], allowed)
-        assert caught.value.details["path"] == "$.obstacles[1].name"
+        assert caught.value.details["path"] == "$.scene.obstacles[1].name"
 
 
 def test_unknown_names_list_those_there_are():
