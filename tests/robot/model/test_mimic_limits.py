@@ -7,10 +7,14 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.engine import answer
 from guidefield.errors import RobotInvalid
-from guidefield.messages.requests import UrdfText
+from guidefield.messages.requests import JointLimits, UrdfText
+from guidefield.messages.scene import Scene
+from guidefield.messages.streams import StreamOpen
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import FURTHEST, limit_faults
 from guidefield.robot.model.followers import follow
+from guidefield.scene.scene import build
+from guidefield.stream.opening import opened
 from tests.robots import load
 
 BODY = '<link name="l{i}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
@@ -189,6 +193,13 @@ def test_certify_judges_the_follower_and_names_it():
 def test_a_jerk_limit_of_a_follower_binds_its_source():
     velocity, acceleration = fastest(limits={"b": {"jerk": 1.2}})
     assert acceleration**2 <= 0.5 * velocity + 1e-3, "with a jerk j a velocity v takes an acceleration of sqrt(j v)"
+
+
+def test_a_stream_keeps_the_limits_of_followers():
+    robot, scene = load(UrdfText(text=geared()["text"])), build(Scene("empty", obstacles=[]))
+    for limits, velocity in (({}, 1 / 2.4), ({"b": JointLimits(velocity=0.5)}, 0.5 / 2.4)):
+        request = StreamOpen(robot=UrdfText(text=geared()["text"]), scene="empty", start={"a": 0.0}, limits=limits)
+        assert opened(request, robot, scene).group.velocity_limits == pytest.approx([velocity])
 
 
 def test_the_listing_has_the_limits_that_hold():
