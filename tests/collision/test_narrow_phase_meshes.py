@@ -40,7 +40,7 @@ def test_a_ball_is_as_far_from_a_flat_triangle_as_it_is(kind, seed):
             lambda body, order=order: shapes[order[body]], lambda body, order=order: transform(stand[order[body]])
         )
         if there > 0.0:
-            assert narrow.distance(0, 1).min_distance == pytest.approx(there, rel=0.0, abs=1e-6)
+            assert narrow.distance(0, 1).distance == pytest.approx(there, rel=0.0, abs=1e-6)
             assert narrow.penetration(0, 1) is None
         assert narrow.penetration(0, 1, abs(there) + 1e-5) is not None
 

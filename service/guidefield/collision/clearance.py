@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from guidefield.collision.enclosure import enclosed_pairs
+from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.collision.world import World
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ModelConfiguration
@@ -23,13 +24,15 @@ HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
 
 
-_Closest = tuple[float, int, Any]
-"""Distance [m], index and Coal's result of a pair."""
+_Closest = tuple[float, int, ClosestPoints]
+"""Distance [m], index and closest points of a pair."""
 
 
 @dataclass(frozen=True, eq=False)
 class ClearanceAt(ReadOnly):
     """Smallest distances at one configuration: signed where both bodies are convex, else 0 in contact.
+
+    A body wholly inside another's closed mesh is in contact with it.
 
     Attributes:
         obstacle_distance: Of moving links to obstacles [m]; infinite without such a pair.
@@ -73,10 +76,15 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
         world: Robot and obstacles.
         q: Configuration of the group's model, shape (model.nq,).
     """
+    inside = enclosed_pairs(world, q)
     world.place(q)
     centres = world.bodies.centres_in_world(world.joint_placements)[None]
-    own = _closest(world, centres, np.arange(world.pairs.n_self))
-    obstacle = _closest_obstacle(world, centres)
+    own, obstacle = _closest(world, centres, np.arange(world.pairs.n_self)), _closest_obstacle(world, centres)
+    for pair in inside:
+        if pair < world.pairs.n_self:
+            own = _closer(world, own, pair)
+        else:
+            obstacle = _closer(world, obstacle, pair)
     return ClearanceAt.of(world, own, obstacle)
 
 
@@ -112,17 +120,22 @@ def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *,
     return reduced
 
 
-def _witness(world: World, pair: int, result: Any) -> np.ndarray:
-    """Closest points of a pair's bodies, of Coal's result about them: the first body's first, (2, 3) [m, world]."""
-    witness = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+def _witness(world: World, pair: int, closest: ClosestPoints) -> np.ndarray:
+    """Closest points of a pair's bodies with what rounds them, the first body's first, shape (2, 3) [m, world]."""
+    witness = np.array([closest.first, closest.second])
     between = witness[0] - witness[1]
     rounding = sum(map(world.rounding, world.pairs.of(pair)))
     witness[1] += between * (rounding / max(float(np.linalg.norm(between)), 1e-12))
     return witness
 
 
+def _closer(world: World, known: _Closest | None, pair: int) -> _Closest:
+    """The closest pair, given one of which a body is wholly inside the other; its closest points are on the surface."""
+    return known if known is not None and known[0] <= 0.0 else (0.0, pair, world.distance(pair)[1])
+
+
 def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
-    """Distance, index and Coal's result of the closest pair with an obstacle: looked for within ever more around.
+    """Distance, index and closest points of the closest pair with an obstacle: looked for within ever more around.
 
     Args:
         world: Robot and obstacles; the robot is placed.
@@ -138,7 +151,7 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
 
 
 def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> _Closest | None:
-    """Distance, index and Coal's result of the closest of some pairs (k,)."""
+    """Distance, index and closest points of the closest of some pairs (k,)."""
     closest = None
     bounds = world.near_pairs.separations(centres, np.zeros(len(pairs), int), pairs)
     waiting = [(bound, pair, False) for bound, pair in zip(bounds.tolist(), pairs.tolist(), strict=True)]

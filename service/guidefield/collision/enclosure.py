@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -48,16 +48,25 @@ def enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNa
     return [enclosed(world, q) for q in qs] if len(qs) == 1 else _enclosed_each(world, qs)
 
 
+def enclosed_pairs(world: World, q: ModelConfiguration) -> list[int]:
+    """Indices of all pairs of bodies one wholly inside the other's closed mesh, as `enclosed`, in ascending order."""
+    return list(next(_enclosures(world, [q])))
+
+
 def _enclosed_each(world: World, qs: Sequence[ModelConfiguration]) -> list[PairNames | None]:
+    first = (next(pairs, None) for pairs in _enclosures(world, qs))
+    return [None if pair is None else world.pair_names(pair) for pair in first]
+
+
+def _enclosures(world: World, qs: Sequence[ModelConfiguration]) -> Iterator[Iterator[int]]:
+    """Of each of some configurations the pairs one of whose bodies is inside the other; to be asked in order."""
     closed = closed_bodies(world.group)
     if not len(qs) or (world.scene.convex and not closed.any()):
-        return [None] * len(qs)
-    found: list[PairNames | None] = []
+        yield from (iter(()) for _ in qs)
+        return
     for q, pairs in zip(qs, world.near_each(qs, closed), strict=True):
         world.place(q)
-        around = next((pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair))), None)
-        found.append(None if around is None else world.pair_names(around))
-    return found
+        yield (pair for pair in pairs if _is_one_around_the_other(world, *world.pairs.of(pair)))
 
 
 def _is_one_around_the_other(world: World, first: int, second: int) -> bool:

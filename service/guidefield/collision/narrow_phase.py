@@ -12,6 +12,7 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.collision.penetration_depth import ClosestPoints, closest_points
 from guidefield.geometry.met import as_met
 from guidefield.scene.facets import Patches
 
@@ -76,26 +77,29 @@ class NarrowPhase:
         self._collide[meeting](self._there(first), self._there(second), self._request, self._result)
         return float(self._result.getContact(0).penetration_depth) if self._result.isCollision() else None
 
-    def distance(self, first: int, second: int) -> Any:
-        """Coal's distance of two bodies, with its closest points (a coal.DistanceResult)."""
+    def distance(self, first: int, second: int) -> ClosestPoints:
+        """The distance of two bodies, negative where convex ones overlap, with their closest points."""
         if not isinstance(patches := self.shape(second), Patches):
             return self._distance((first, second, 0))
-        nearest = None
+        nearest: ClosestPoints | None = None
         for apart, patch in patches.nearest_first(*self._box_of(first, second)):
-            if nearest is not None and apart > nearest.min_distance:
+            if nearest is not None and apart > nearest.distance:
                 break
             found = self._distance((first, second, patch))
-            if nearest is None or found.min_distance < nearest.min_distance:
+            if nearest is None or found.distance < nearest.distance:
                 nearest = found
+        assert nearest is not None, "there is a patch"
         return nearest
 
-    def _distance(self, meeting: _Meeting) -> Any:
+    def _distance(self, meeting: _Meeting) -> ClosestPoints:
         first, second, _ = meeting
         if meeting not in self._measure:
             self._measure[meeting] = coal.ComputeDistance(*self._as_met(meeting))
         result = coal.DistanceResult()
-        self._measure[meeting](self._there(first), self._there(second), self._distance_request, result)
-        return result
+        here, there = self._there(first), self._there(second)
+        self._measure[meeting](here, there, self._distance_request, result)
+        shapes = self._as_met(meeting)
+        return closest_points(shapes[0], here, shapes[1], there, result)
 
     def _as_met(self, meeting: _Meeting) -> tuple[Any, Any]:
         """The shapes as they meet; Coal's functors don't keep them alive."""

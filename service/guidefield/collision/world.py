@@ -24,6 +24,7 @@ from guidefield.collision.near_pairs import NearPairs
 from guidefield.collision.near_tables import balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import PairNames, Pairs
+from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
 from guidefield.robot.group.alike import kept_with_alike
@@ -230,20 +231,21 @@ class World:
         """Where a body stands, a pinocchio.SE3."""
         return self._robot.oMg[body] if body < self.pairs.links else self._obstacle(body).placement
 
-    def distance(self, pair: int) -> tuple[float, Any]:
+    def distance(self, pair: int) -> tuple[float, ClosestPoints]:
         """Distance of a pair [m] where the robot stands, signed or 0 in contact, and what Coal says of it.
 
-        Of a rounded body Coal sees the inside only.
+        Of a rounded body Coal sees the inside only. A body wholly inside a mesh is as far from it as from its surface:
+        see `collision.enclosure`.
         """
         first, second = self.pairs.of(pair)
         result = self.exact.distance(first, second)
-        distance = float(result.min_distance) - (self.rounding(first) + self.rounding(second))
+        distance = result.distance - (self.rounding(first) + self.rounding(second))
         return (distance if self.is_signed(pair) else max(0.0, distance)), result
 
     def hull_distance(self, pair: int) -> float:
         """The distance of what stands in `hulls` for a pair [m], where the robot stands: at most that of the pair."""
         first, second = self.pairs.of(pair)
-        apart = float(self.hulls.distance(first, second).min_distance)
+        apart = self.hulls.distance(first, second).distance
         return apart - (self.rounding(first) + self.rounding(second))
 
     def penetration(self, pair: int, margin: float = 0.0, *, by_hulls: bool = False) -> float | None:

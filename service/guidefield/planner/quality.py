@@ -12,6 +12,7 @@ import numpy as np
 
 from guidefield.collision.minimum.along import smallest_along
 from guidefield.collision.minimum.curve import Curve
+from guidefield.collision.minimum.enclosures import enclosures_at
 from guidefield.collision.minimum.nearest import with_nearest
 from guidefield.collision.minimum.places import Places, Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
@@ -177,18 +178,31 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         coarse = np.append(coarse, end)
     curve = Curve(trajectory.bezier(), trajectory.piece_times())
     surveyor = Surveyor(with_nearest(problem.timed_world, curve, coarse), curve)
-    spans = [(start, end), *([inside] if inside else [])]
+    spans: list[tuple[float, float]] = [(start, end), *([inside] if inside else [])]
     found = smallest_along(surveyor, coarse, spans, stopped)
     world = surveyor.worlds.moving
-    obstacle, *inner = (_closest(one, world) for one in found.obstacle)
+    closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
+    begins = np.array([*(begin for begin, _ in spans), start])
+    enclosed = enclosures_at(problem.timed_world, curve, begins)
+    if any(enclosed) or min(one.distance for one in closest) <= 0.0:
+        every, n_self = problem.timed_world.moving, problem.timed_world.moving.pairs.n_self
+        obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in enclosed[:-1]]
+        own = [pair for pair in enclosed[-1] if pair < n_self]
+        closest = [
+            _with_enclosure(one, pairs, time, every)
+            for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)
+        ]
+        within = [any(pair >= n_self for pair in pairs) for pairs in enclosures_at(problem.timed_world, curve, coarse)]
+        distances = np.where(within, np.minimum(distances, 0.0), distances)
+    obstacle, *inner, own_closest = closest
     return Clearance(
         obstacle=obstacle,
         inner=inner[0] if inner else None,
-        own=_closest(found.own, world),
+        own=own_closest,
         times=times,
         lengths=lengths,
-        mean=float(found.distances.mean()),
-        ends=float(min(found.distances[0], found.distances[-1])),
+        mean=float(distances.mean()),
+        ends=float(min(distances[0], distances[-1])),
         surveyor=surveyor,
     )
 
@@ -227,6 +241,16 @@ def _closest(found: Smallest, world: World) -> Closest:
     """An answer in the words of the scene."""
     pair = None if found.pair < 0 else world.pair_names(found.pair)
     return Closest(found.distance, found.bound, found.time, pair)
+
+
+def _with_enclosure(found: Closest, inside: list[int], time: float, world: World) -> Closest:
+    """The smallest distance along a motion, given the pairs one of whose bodies is inside the other when it begins.
+
+    What is inside stays there until it touches, so that nothing else of the motion has to be looked at.
+    """
+    if not inside or found.distance <= 0.0:
+        return found
+    return Closest(0.0, min(found.bound, 0.0), time, world.pair_names(inside[0]))
 
 
 def _at_rows(

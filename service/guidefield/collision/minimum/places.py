@@ -132,8 +132,7 @@ class Surveyor:
             at, of = rows[exact], pairs[exact]
             for row, pair in self._each(places, at, of):
                 places.distances[row, pair], result = world.distance(pair)
-                points = result.getNearestPoint1(), result.getNearestPoint2()
-                self._witnesses[float(places.times[row]), pair] = points
+                self._witnesses[float(places.times[row]), pair] = result.first, result.second
             places.stages[at, of] = EXACT
 
     def closest(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> np.ndarray:

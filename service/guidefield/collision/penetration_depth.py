@@ -1,0 +1,149 @@
+"""Signed distances of convex shapes in contact, where Coal's expanding polytope (EPA) stops at a wrong face.
+
+Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
+along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
+no direction may have a smaller one than the depth that is told. EPA's polytope is flat where two bodies barely touch:
+for a thin blade that touches a wall it tells metres. Then h is descended from the best directions that are known. With
+the second body moved by h(n) and a margin along n, GJK's closest points give the next direction n': its h is no larger,
+because h(n') = (h(n) + margin) n.n' - gap, and the gap is the margin at least.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+
+ACCURACY = 2e-6
+"""What Coal's depth may be off, and a share of it [m]."""
+
+MARGIN = 1e-3
+"""By how much the second body is moved beyond the first, so that GJK tells a direction [m]."""
+
+STARTS, STEPS = 4, 40
+"""From how many directions h is descended, and in how many steps."""
+
+FACES = 64
+"""The normals of a hull's faces are tried where there are no more than this."""
+
+
+class ClosestPoints(NamedTuple):
+    """How far two shapes are apart.
+
+    Attributes:
+        distance: Negative where they overlap [m].
+        first, second: Their closest points, or those that are deepest in the other, shape (3,) [m, world].
+    """
+
+    distance: float
+    first: np.ndarray
+    second: np.ndarray
+
+
+def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any) -> ClosestPoints:
+    """Return what Coal measured of two shapes, its depth replaced where that can't be.
+
+    Args:
+        first: A Coal shape.
+        here: Where it stands, a coal.Transform3s.
+        second: Another.
+        there: Where it stands.
+        measured: A coal.DistanceResult about them.
+    """
+    told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
+    if told.distance > 0.0 or not isinstance(first, _KNOWN) or not isinstance(second, _KNOWN):
+        return told
+    bodies = _Bodies(first, here, second, there)
+    directions = bodies.directions(told)
+    overlaps = bodies.overlaps(directions)
+    if -told.distance <= overlaps.min() + ACCURACY * (1.0 - told.distance):
+        return told
+    found = [bodies.descend(directions[k]) for k in np.argsort(overlaps)[:STARTS]]
+    return max(found, key=lambda one: one.distance)
+
+
+_KNOWN = coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase
+
+
+class _Bodies:
+    """Two placed shapes."""
+
+    def __init__(self, first: Any, here: Any, second: Any, there: Any) -> None:
+        self._shapes, self._places = (first, second), (here, there)
+        self._rotations = [np.array(place.getRotation()) for place in self._places]
+        self._apart = np.array(there.getTranslation()) - np.array(here.getTranslation())
+
+    def directions(self, told: ClosestPoints) -> np.ndarray:
+        """Unit directions among which the least overlap mostly is, of both signs, shape (n, 3).
+
+        They are the shapes' axes and faces, cross products of axes, and the lines between centres and closest points.
+        """
+        axes = [rotation.T for rotation in self._rotations]
+        crossed = np.cross(axes[0][:, None], axes[1][None]).reshape(-1, 3)
+        faces = [_normals(one) @ rotation.T for one, rotation in zip(self._shapes, self._rotations, strict=True)]
+        found = np.concatenate([*axes, crossed, *faces, [self._apart, told.first - told.second]])
+        found /= np.maximum(np.abs(found).max(axis=1, keepdims=True), 1e-9)  # EPA's points may be anywhere
+        lengths = np.linalg.norm(found, axis=1)
+        units = found[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+        both: np.ndarray = np.concatenate([units, -units])
+        return both
+
+    def overlaps(self, directions: np.ndarray) -> np.ndarray:
+        """By how much the shapes overlap along unit directions (n, 3), shape (n,) [m]."""
+        (first, second), (here, there) = self._shapes, self._rotations
+        overlap: np.ndarray = _reach(first, directions @ here) + _reach(second, -directions @ there)
+        overlap -= directions @ self._apart
+        return overlap
+
+    def descend(self, direction: np.ndarray) -> ClosestPoints:
+        """Descend to a least overlap from a unit direction, shape (3,)."""
+        (first, second), (here, there) = self._shapes, self._places
+        best = float(self.overlaps(direction[None])[0])
+        result, request = coal.DistanceResult(), coal.DistanceRequest()
+        for _ in range(STEPS):
+            shift = (best + MARGIN) * direction
+            moved = coal.Transform3s(there.getRotation(), there.getTranslation() + shift)
+            result.clear()
+            coal.distance(first, here, second, moved, request, result)
+            on_first, on_second = result.getNearestPoint1(), result.getNearestPoint2()
+            between = on_second - on_first
+            length = float(np.linalg.norm(between))
+            if not length > 0.5 * MARGIN:
+                break
+            overlap = float(self.overlaps(between[None] / length)[0])
+            if overlap >= best - 1e-9:
+                break
+            best, direction = overlap, between / length
+        return ClosestPoints(-best, on_first, on_second - shift)
+
+
+def _reach(shape: Any, directions: np.ndarray) -> np.ndarray:
+    """How far a shape reaches along directions (n, 3) of its frame, shape (n,) [m]."""
+    rounded = shape.getSweptSphereRadius()
+    if isinstance(shape, coal.Box):
+        reach = np.abs(directions) @ np.array(shape.halfSide)
+    elif isinstance(shape, coal.Cylinder):
+        reach = np.abs(directions[:, 2]) * shape.halfLength + shape.radius * np.hypot(*directions[:, :2].T)
+    elif isinstance(shape, coal.ConvexBase):
+        reach = (directions @ np.array(shape.points()).T).max(axis=1)
+    else:
+        rounded += shape.radius
+        reach = np.abs(directions[:, 2]) * (shape.halfLength if isinstance(shape, coal.Capsule) else 0.0)
+    found: np.ndarray = reach + rounded
+    return found
+
+
+def _normals(shape: Any) -> np.ndarray:
+    """Normals of a hull's faces, or its principal axes if these are many, shape (n, 3); none of another shape."""
+    if not isinstance(shape, coal.Convex):
+        return np.empty((0, 3))
+    points = np.array(shape.points())
+    if shape.num_polygons > FACES:
+        axes: np.ndarray = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        return axes
+    faces = [shape.polygons(k) for k in range(shape.num_polygons)]
+    a, b, c = points[np.array([[face[0], face[1], face[2]] for face in faces])].swapaxes(0, 1)
+    normals: np.ndarray = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1).max()
+    return normals

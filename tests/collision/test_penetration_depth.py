@@ -1,0 +1,132 @@
+"""Depths of convex bodies in contact, against the least overlap over directions: thin ones, aligned ones, random ones."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from guidefield.collision.narrow_phase import NarrowPhase
+
+BLADE = coal.Box(2.0, 0.0002, 0.02)
+WALL = coal.Box(0.1, 4.0, 4.0)
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Any:
+    return coal.Transform3s(pin.rpy.rpyToMatrix(*rpy), np.array([x, y, z]))
+
+
+def measured(first: Any, here: Any, second: Any, there: Any) -> tuple[float, np.ndarray, np.ndarray]:
+    return NarrowPhase((first, second).__getitem__, (here, there).__getitem__).distance(0, 1)
+
+
+def reach(shape: Any, place: Any, directions: np.ndarray) -> np.ndarray:
+    """How far a placed shape reaches along directions of the world, shape (n, 3): written out for each kind."""
+    local = directions @ place.getRotation()
+    if isinstance(shape, coal.Box):
+        own = np.abs(local) @ shape.halfSide
+    elif isinstance(shape, coal.Cylinder):
+        own = shape.halfLength * np.abs(local[:, 2]) + shape.radius * np.linalg.norm(local[:, :2], axis=1)
+    elif isinstance(shape, coal.Capsule):
+        own = shape.halfLength * np.abs(local[:, 2]) + shape.radius
+    elif isinstance(shape, coal.Sphere):
+        own = np.full(len(local), shape.radius)
+    else:
+        own = (local @ np.array(shape.points()).T).max(axis=1)
+    return own + directions @ place.getTranslation()
+
+
+def overlaps(first: Any, here: Any, second: Any, there: Any, directions: np.ndarray) -> np.ndarray:
+    """How far the second has to be moved along each unit direction until they are apart [m]."""
+    return reach(first, here, directions) + reach(second, there, -directions)
+
+
+def by_axes(first: Any, here: Any, second: Any, there: Any) -> float:
+    """Depth of two boxes: the separating axes of boxes are their faces' and the edges' cross products."""
+    axes = [place.getRotation().T for place in (here, there)]
+    crossed = np.cross(axes[0][:, None], axes[1][None]).reshape(-1, 3)
+    found = np.concatenate([*axes, crossed[np.linalg.norm(crossed, axis=1) > 1e-9]])
+    units = found / np.linalg.norm(found, axis=1)[:, None]
+    return float(overlaps(first, here, second, there, np.concatenate([units, -units])).min())
+
+
+def least_overlap(first: Any, here: Any, second: Any, there: Any, *more: np.ndarray) -> float:
+    """The least overlap over directions, and some more, that grow denser about the best ones."""
+    rng = np.random.default_rng(0)
+    best = np.concatenate([rng.normal(size=(20_000, 3)), *([one] for one in more if one.any())])
+    for width in 0.3 * 0.5 ** np.arange(25):
+        best /= np.linalg.norm(best, axis=1)[:, None]
+        best = best[np.argsort(overlaps(first, here, second, there, best))[:20]]
+        near = (best[:, None] + width * rng.normal(size=(len(best), 200, 3))).reshape(-1, 3)
+        best = np.concatenate([best, near])
+    return float(overlaps(first, here, second, there, best[:20]).min())
+
+
+@pytest.mark.parametrize("gap", [1e-6, 0.0, -1e-6, -1e-5, -1e-3])
+def test_a_blade_that_touches_a_wall_is_as_deep_as_it_is(gap: float) -> None:
+    others = [
+        (WALL, at(2.05 + gap)),
+        (coal.Cylinder(0.5, 4.0), at(2.5 + gap)),
+        (coal.Box(0.1, 0.3, 0.02), at(2.05 + gap, 0.1)),
+        (coal.Capsule(0.05, 0.3), at(2.05 + gap)),
+        (coal.Sphere(0.05), at(2.05 + gap)),
+    ]
+    for (other, there), blade in itertools.product(others, (BLADE, coal.Cylinder(0.0001, 2.0))):
+        here = at(1.0) if blade is BLADE else at(1.0, rpy=(0.0, np.pi / 2, 0.0))
+        for angle in (0.0, 5e-5, 5e-5 + 1e-9, -0.0025, 0.002498):
+            turned = coal.Transform3s(pin.rpy.rpyToMatrix(0.0, 0.0, angle), np.zeros(3))
+            place = turned * here
+            found = measured(blade, place, other, there)
+            swapped = measured(other, there, blade, place)
+            if found[0] > 0.0:
+                continue
+            expected = -by_axes(blade, place, other, there) if blade is BLADE and isinstance(other, coal.Box) else None
+            for one in (found, swapped):
+                assert -2.1e-3 <= one[0] <= 1e-6, "it is no deeper than it was pushed"
+                if expected is not None:
+                    assert one[0] == pytest.approx(expected, abs=2e-6)
+
+
+def test_a_blades_tip_in_a_wall_is_where_the_witnesses_are() -> None:
+    for distance, on_blade, on_wall in (
+        measured(BLADE, at(1.0), WALL, at(2.05 - 1e-6)),
+        measured(BLADE, at(1.0), WALL, at(2.04)),
+    ):
+        assert on_blade[0] == pytest.approx(2.0, abs=1e-6)
+        assert on_blade[0] - on_wall[0] == pytest.approx(-distance, abs=1e-6)
+        assert on_blade[1:] == pytest.approx(on_wall[1:], abs=1e-6)
+
+
+def shapes(rng: np.random.Generator) -> Any:
+    size = 10.0 ** rng.uniform(-4.0, 0.3, 3)
+    hull = coal.StdVec_Vec3s()
+    for point in rng.normal(size=(8, 3)) * size:
+        hull.append(point)
+    kinds = [
+        coal.Box(*size),
+        coal.Cylinder(size[0], size[1]),
+        coal.Capsule(size[0], size[1]),
+        coal.Sphere(size[0]),
+        coal.Convex.convexHull(hull, True, "Qt"),
+    ]
+    return kinds[rng.integers(len(kinds))]
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_no_direction_leads_out_sooner_than_the_depth(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    first, second = shapes(rng), shapes(rng)
+    turns = [
+        rng.integers(-2, 3, 3) * np.pi / 2.0 if rng.random() < 0.5 else rng.uniform(-3.0, 3.0, 3) for _ in range(2)
+    ]
+    here, there = (at(*(0.02 * rng.normal(size=3)), rpy=tuple(turn)) for turn in turns)
+    found, on_first, on_second = measured(first, here, second, there)
+    if found > 0.0:
+        return
+    least = least_overlap(first, here, second, there, on_first - on_second)
+    assert -found <= least + 1e-5 * (1.0 + least)
+    assert -found >= least - 1e-5 * (1.0 + least)
