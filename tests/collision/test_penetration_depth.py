@@ -1,4 +1,4 @@
-"""Depths of convex bodies in contact, against the least overlap over directions: thin ones, aligned ones, random ones."""
+"""Depths of convex bodies in contact, against the least overlap over directions; thin, aligned and random ones."""
 
 from __future__ import annotations
 

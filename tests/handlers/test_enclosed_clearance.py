@@ -1,4 +1,4 @@
-"""A body wholly inside another's closed mesh is in contact with it: its clearance is 0, in every reply that tells one."""
+"""A body wholly inside another's closed mesh is in contact with it: every clearance that is told is 0."""
 
 from __future__ import annotations
 

@@ -48,6 +48,6 @@ def held_contacts(group: PlanningGroup) -> tuple[HeldContact, ...]:
         if exact.penetration(first, second) is None:
             continue
         surfaces = any(isinstance(shapes[body].geometry, coal.BVHModelBase) for body in (first, second))
-        depth = None if surfaces else max(0.0, -float(exact.distance(first, second).min_distance))
+        depth = None if surfaces else max(0.0, -exact.distance(first, second).distance)
         found.append(HeldContact(names, depth))
     return tuple(found)

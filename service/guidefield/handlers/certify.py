@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from guidefield.aside import done_aside
 from guidefield.errors import GuidefieldError
+from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.attached import holding
+from guidefield.handlers.certify_case import motion_of
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.in_reach import in_reach
@@ -19,7 +22,7 @@ from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
-from guidefield.planner.judgement import GivenProblem, judge
+from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
 from guidefield.planner.quality import MotionInTime, clearance, clearance_profile
@@ -85,6 +88,9 @@ def answer_certify(
     with stages.entered("measure", "the smallest distances along the motion"):
         found = measured_in_time([(_motion(problem), problem)], budget)
     measured = None if found is None else found[0]
+    if measured is not None and judgement.verdict.free:
+        file = functools.partial(motion_of, request, robot, scene)
+        require_agreement(run_id, [Certified(measured, problem.min_clearance, file, _since(problem, judgement))])
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
@@ -125,3 +131,11 @@ def _motion(problem: GivenProblem) -> MotionInTime:
     """What is measured: in time among obstacles that move."""
     motion = problem.motion
     return motion.scheduled if problem.scene.moves else motion.measured
+
+
+def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
+    """From when a motion is certified, on the clock of what is measured [s]: after the piece on which it leaves."""
+    if judgement.leaving is None or not judgement.leaving.leaves:
+        return None
+    times = _motion(problem).piece_times()
+    return float(times[min(judgement.leaving.piece + 1, len(times) - 1)])

@@ -7,10 +7,12 @@ import dataclasses
 import time
 from collections.abc import Callable
 
+from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
+from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.in_reach import in_reach
@@ -26,9 +28,10 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import PROJECTED
-from guidefield.planner.plan import Planner, plan
+from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.quality import clearance_profile
 from guidefield.planner.task.conditions import Budget
+from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
@@ -89,11 +92,33 @@ def answer_plan(
     if made.trajectory is not None and measured is None:
         warnings = (*warnings, UNMEASURED)
     found = measured[0] if measured else None
+    if found is not None and made.verdict.free:
+        since = made.judged_from or None
+        require_agreement(
+            run_id, [Certified(found, problem.min_clearance, lambda: _motion(request, problem, made), since)]
+        )
     seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
     if recording is not None:
         recording.finish(reply, lambda: None if found is None else clearance_profile(found, problem))
     return reply
+
+
+def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
+    """A plan's trajectory for the referee."""
+    trajectory = made.trajectory
+    assert trajectory is not None, "it was measured"
+    return Motion(
+        world=problem.world,
+        placement=request.robot_placement,
+        held=request.attached_objects,
+        times=trajectory.times,
+        positions=trajectory.positions,
+        velocities=trajectory.velocities,
+        jerk_limits=problem.jerk_limits,
+        min_clearance=problem.min_clearance,
+        path_constraints=request.path_constraints,
+    )
 
 
 def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> bool:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 
 from guidefield.aside import StoppedError
+from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
 from guidefield.errors import Status
+from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.measuring import measured_in_time
 from guidefield.handlers.preparing import prepare_in_time
 from guidefield.handlers.recording import Recording
@@ -55,12 +58,34 @@ def answer_steps(
     stretches = measurable(made)
     found = measured_in_time([(stretch.motion, stretch) for stretch in stretches], budget)
     measured = None if found is None else [*zip(stretches, found, strict=True)]
+    if measured is not None:
+        free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
+        judged = [one for one in measured if id(one[0]) in free]
+        certified = [
+            Certified(found, stretch.min_clearance, functools.partial(_motion, request, made, stretch))
+            for stretch, found in judged
+        ]
+        require_agreement(run_id, certified)
     load_seconds += made.seconds.get("load", 0.0)
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
     if recording is not None:
         recording.finish(reply, lambda: profile_of(measured or []))
     return reply
+
+
+def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch) -> Motion:
+    """A stretch for the referee."""
+    return Motion(
+        world=stretch.world,
+        placement=request.robot_placement,
+        held=[one.attached for one in made.legs[stretch.index].at.objects],
+        times=stretch.motion.times,
+        positions=stretch.motion.positions,
+        velocities=stretch.motion.velocities,
+        jerk_limits=stretch.jerk_limits,
+        min_clearance=stretch.min_clearance,
+    )
 
 
 def _shown(course: Steps, made: SequencePlan[Standing]) -> tuple[PlanningGroup, Scene]:

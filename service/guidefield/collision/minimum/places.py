@@ -19,7 +19,7 @@ from guidefield.collision.clearance import HULL_ACCURACY
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.robot_ball import robot_ball
 from guidefield.robot.group.tangents import tangents
-from guidefield.robot.model.spaces import ModelConfigurations
+from guidefield.robot.model.spaces import ModelConfiguration, ModelConfigurations
 from guidefield.scene.swept import MovingBall
 
 BALLS, PARTS, HULLS, EXACT = range(4)
@@ -273,12 +273,19 @@ class Surveyor:
 
     def _each(self, places: Places, rows: np.ndarray, pairs: np.ndarray) -> Iterator[tuple[int, int]]:
         """Rows and pairs in the order of rows, the bodies placed as they are at each."""
-        world, placed = self.worlds.moving, -1
+        placed = -1
         order = np.argsort(rows, kind="stable")
         for row, pair in zip(rows[order].tolist(), pairs[order].tolist(), strict=True):
             if row != placed:
-                world.place(places.configurations[row])
+                self._place(places.configurations[row], float(places.times[row]))
                 placed = row
-                for body, obstacle, _ in self._movers:
-                    world.move(body, obstacle.placement_at(float(places.times[row])))
             yield row, pair
+
+    def place(self, time: float) -> None:
+        """Put the robot and what moves where they are at a time [s]."""
+        self._place(self.worlds.moving.group.expand_from_chart(self.curve.at(np.array([time]))[0][0]), time)
+
+    def _place(self, q: ModelConfiguration, time: float) -> None:
+        self.worlds.moving.place(q)
+        for body, obstacle, _ in self._movers:
+            self.worlds.moving.move(body, obstacle.placement_at(time))

@@ -1,0 +1,99 @@
+"""The certificate and the clearance of one reply have to agree: where they don't, there is a bug, and no answer.
+
+Both judge the same motion by different code. A motion that is certified free and has a smaller distance than what is
+asked for is never answered: the request fails as an internal failure, and the motion is kept as a file that the referee
+judges (`case_file`).
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.case_file import Motion, write
+from guidefield.collision.certify.settings import with_coal_error
+from guidefield.collision.minimum.along import smallest_along
+from guidefield.collision.minimum.places import Surveyor
+from guidefield.collision.minimum.tables import ROUNDED
+from guidefield.collision.pairs import PairNames
+from guidefield.geometry import cache
+from guidefield.planner.quality import Clearance
+
+ACCURACY = 2.0 * ROUNDED
+"""What a distance that was found may be off [m]: what kernels round, and Coal's error."""
+
+_log = logging.getLogger(__name__)
+
+
+class ContradictionError(Exception):
+    """A motion is certified free, and is not."""
+
+
+class Certified(NamedTuple):
+    """A motion that is certified free, and how far it keeps from everything.
+
+    Attributes:
+        measured: Its smallest distances.
+        min_clearance: What it is certified to keep from obstacles [m].
+        motion: Makes what the referee reads.
+        since: From when it is certified, on the clock of what was measured [s]; None: all along.
+    """
+
+    measured: Clearance
+    min_clearance: float
+    motion: Callable[[], Motion]
+    since: float | None = None
+
+
+def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
+    """Refuse to answer where a clearance contradicts a certificate; what contradicts it is kept as a file.
+
+    Raises:
+        ContradictionError: if a motion that is certified comes closer than it is certified to.
+    """
+    for one in certified:
+        said = _contradiction(one)
+        if said is not None:
+            raise ContradictionError(f"the certificate says that the motion is free, but {said}; {_keep(run_id, one)}")
+
+
+def _contradiction(one: Certified) -> str | None:
+    """What contradicts a certificate, in words; None where nothing does."""
+    obstacle, own, surveyor = one.measured.obstacle, one.measured.own, one.measured.surveyor
+    if one.since is None:
+        closest = [(obstacle.distance, obstacle.pair, obstacle.time, one.min_clearance)]
+        closest.append((own.distance, own.pair, own.time, 0.0))
+    else:  # before that a contact at the start is left
+        times = np.unique(np.append(one.measured.times, one.since))
+        span = one.since, float(times[-1])
+        found = smallest_along(surveyor, times, [(float(times[0]), span[1]), span]).obstacle[1]
+        pair = None if found.pair < 0 else surveyor.worlds.moving.pair_names(found.pair)
+        closest = [(found.distance, pair, found.time, one.min_clearance)]
+    for distance, names, time, kept in closest:
+        off = ACCURACY + float(with_coal_error(kept)) - kept
+        if names is not None and (distance < kept - off or (distance == 0.0 and _touches(surveyor, names, time))):
+            return f"{names[0]} and {names[1]} keep {1000 * distance:.6g} mm of {1000 * kept:.6g} mm at {time:.6g} s"
+    return None
+
+
+def _touches(surveyor: Surveyor, names: PairNames, time: float) -> bool:
+    """Whether a pair touches at a time [s]: Coal tells a distance of 0 up to its accuracy."""
+    world = surveyor.worlds.moving
+    surveyor.place(time)
+    return any(world.touches(pair) for pair in range(len(world.pairs)) if world.pair_names(pair) == names)
+
+
+def _keep(run_id: str, one: Certified) -> str:
+    """Keep a motion as a file for the referee; what is said about it."""
+    file = cache.folder().with_name("failures") / f"{run_id}.json.xz"
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write(file, one.motion())
+    except OSError:
+        _log.exception("the motion that contradicts its certificate could not be kept")
+        return "it could not be kept"
+    _log.error("a motion contradicts its certificate: %s", file)
+    return f"the motion is kept as {file.name!r} in the folder `failures` of the cache: please report it"
