@@ -80,7 +80,19 @@ def told(folder: Path) -> str:
         f" undecided {counts['referee undecided']}, not judged {counts['referee not judged']}",
         f"disagreements: {counts['disagreements']}",
     ]
-    for group in ("robot", "joint", "obstacle", "plan", "status", "mutant", "verdict", "near", "left out", "referee"):
+    for group in (
+        "aligned",
+        "robot",
+        "joint",
+        "obstacle",
+        "plan",
+        "status",
+        "mutant",
+        "verdict",
+        "near",
+        "left out",
+        "referee",
+    ):
         rows = {key.partition(":")[2]: count for key, count in counts.items() if key.startswith(f"{group}:")}
         if rows:
             lines.append(f"{group}: " + ", ".join(f"{key} {rows[key]}" for key in sorted(rows, key=lambda k: -rows[k])))

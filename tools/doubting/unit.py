@@ -1,4 +1,4 @@
-"""A unit of work: one robot, some plans for it, and changed motions of each; the same for the same seed."""
+"""A unit of work: a robot, plans for it and changed motions of each, or aligned motions; the same for the same seed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from doubting import mutants, robots
+from doubting import aligned, mutants, robots
 from doubting.asked import asked
 from doubting.case import Case, Request
 from doubting.doubted import Doubted, doubted
@@ -29,6 +29,8 @@ PLANS = 20
 """Plans for one robot."""
 MUTANTS = 12
 """Changed motions of one certified plan."""
+ALIGNED, ALIGNED_REFEREED = 200, 200
+"""Motions with exact symmetries of one arm; of so many one is put before the referee."""
 FOUND = "found"
 """Where disagreements are kept, below the folder of a run."""
 PLANS_REFEREED, MUTANTS_REFEREED = 6, 14
@@ -50,8 +52,10 @@ class Work:
         self.files: list[str] = []
         self.engine = Engine() if engine is None else engine
 
-    def done(self, plans: int = PLANS, changed: int = MUTANTS) -> Unit:
-        """Do it."""
+    def done(self, plans: int = PLANS, changed: int = MUTANTS, motions: int = ALIGNED) -> Unit:
+        """Do it: every second unit judges motions with exact symmetries."""
+        if self.seed % 2:
+            return self.aligned(motions)
         began = time.monotonic()
         robot = robots.drawn(np.random.default_rng([self.seed]))
         try:
@@ -65,6 +69,25 @@ class Work:
         self.counts[f"robot:{robot.catalog or ('with meshes' if robot.meshes else 'random')}"] += 1
         for index in range(plans):
             self._plan(loaded, index, changed)
+        return self._ended(began)
+
+    def aligned(self, motions: int = ALIGNED) -> Unit:
+        """Motions with exact symmetries, by one arm."""
+        began, rng = time.monotonic(), np.random.default_rng([self.seed, 1])
+        try:
+            loaded = Loaded.of(aligned.arm(rng), self.folder / "robots", self.engine)
+        except GuidefieldError as error:
+            self.counts[f"left out:robot {type(error).__name__}"] += 1
+            return self._ended(began)
+        self.counts["robot:aligned"] += 1
+        for index in range(motions):
+            one = aligned.asked(np.random.default_rng([self.seed, 1, index]), loaded)
+            if one is None:
+                self.counts["left out:no gap"] += 1
+                continue
+            asked_too = (self.seed // 2 + index) % ALIGNED_REFEREED == 0
+            self.counts[f"aligned:{one.kind}"] += 1
+            self._mutant(loaded, "aligned", one.request, f"seed {self.seed}, aligned {index}, {one.kind}", asked_too)
         return self._ended(began)
 
     def _ended(self, began: float) -> Unit:
