@@ -87,7 +87,17 @@ def slide(until: float) -> CertifyRequest:
     )
 
 
-@pytest.mark.parametrize("seed", [0, 5])
+def test_aligned_motions_are_not_contradicted(tmp_path: Path) -> None:
+    from doubting.unit import Work
+
+    for seed in (1, 3, 7):
+        unit = Work(seed, tmp_path, ENGINE).done(motions=15)
+        assert unit.found == []
+        assert unit.counts["mutants"] >= 10
+        assert min(unit.counts["mutants certified"], unit.counts["mutants refused"]) > 0
+
+
+@pytest.mark.parametrize("seed", [0, 6])
 def test_fixed_units_are_not_contradicted(tmp_path: Path, seed: int) -> None:
     from doubting.unit import Work
 

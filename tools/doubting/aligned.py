@@ -1,7 +1,7 @@
 """Motions with exact symmetries: arms whose angles add up to nought, bodies that stand upright beside others that do.
 
-An arm turns about parallel axes and one across them, by multiples of pi/2 or so that they cancel, and carries or holds a
-body of any primitive. Beside it stands another body of any kind, turned alike, and so that both are a chosen gap apart
+An arm turns about parallel axes and one across them, by multiples of pi/2 or so that they cancel, and carries or holds
+a body of any primitive. Beside it stands another body of any kind, turned alike, so that both are a chosen gap apart
 along an axis; half of them are in contact from the start. The motion turns or slides about that axis or across it, so
 that the gap stays or changes evenly.
 """
@@ -27,7 +27,7 @@ from guidefield.messages.requests import AttachedObject, CertifyRequest, GivenTr
 from guidefield.messages.values import Placement
 
 BODIES = ("box", "sphere", "cylinder", "capsule", "mesh")
-"""Primitives of links and held objects; each may be the mesh of a box or of a prism instead."""
+"""Bodies of links and held objects; meshes are boxes and even prisms."""
 KINDS = ("box", "sphere", "cylinder", "capsule", "mesh", "polygon", "half_space", "cloud")
 """Kinds of obstacles."""
 SIZES = (0.01, 0.033, 0.05, 0.1, 0.12, 0.3)
