@@ -57,8 +57,9 @@ def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any
     bodies = _Bodies(first, here, second, there)
     directions = bodies.directions(told)
     overlaps = bodies.overlaps(directions)
-    if -told.distance <= overlaps.min() + ACCURACY * (1.0 - told.distance):
-        return told
+    least = float(overlaps.min())
+    if -told.distance <= least + ACCURACY * (1.0 + max(least, 0.0)):
+        return told._replace(distance=max(told.distance, -least))
     found = [bodies.descend(directions[k]) for k in np.argsort(overlaps)[:STARTS]]
     return max(found, key=lambda one: one.distance)
 
