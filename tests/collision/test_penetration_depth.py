@@ -12,6 +12,9 @@ import pytest
 
 from guidefield.collision.narrow_phase import NarrowPhase
 
+ACCURACY = 2e-6
+"""How far off Coal's distances of bodies that nearly touch are, as those of the certificate are taken to be [m]."""
+
 BLADE = coal.Box(2.0, 0.0002, 0.02)
 WALL = coal.Box(0.1, 4.0, 4.0)
 
@@ -86,7 +89,7 @@ def test_a_blade_that_touches_a_wall_is_as_deep_as_it_is(gap: float) -> None:
                 continue
             expected = -by_axes(blade, place, other, there) if blade is BLADE and isinstance(other, coal.Box) else None
             for one in (found, swapped):
-                assert -2.1e-3 <= one[0] <= 1e-6, "it is no deeper than it was pushed"
+                assert -2.1e-3 <= one[0] <= max(gap, 0.0) + ACCURACY, "it is no deeper than it was pushed"
                 if expected is not None:
                     assert one[0] == pytest.approx(expected, abs=2e-6)
 

@@ -71,7 +71,7 @@ def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
             NarrowPhase(lambda b, o=other: (body, o)[b], lambda b, h=here: transform((h, there)[b]))
             for other in (whole, patches)
         ]
-        apart, ours = (float(phase.distance(0, 1).min_distance) for phase in asked)
+        apart, ours = (phase.distance(0, 1).distance for phase in asked)
         assert max(ours, 0.0) == pytest.approx(max(apart, 0.0), abs=1e-7)
         touching += apart <= 0.0
         for margin in (0.0, 0.07):
