@@ -22,8 +22,9 @@ def floats(text: bytes, what: str) -> np.ndarray:
     """
     words = text.split()
     try:
-        return np.array(words, np.float64) if words else np.empty(0)
-    except ValueError:
+        values = np.fromstring(text, np.float64, sep=" ") if words else np.empty(0)
+        return values if len(values) == len(words) else np.array(words, np.float64)
+    except (ValueError, DeprecationWarning):
         wrong = next(word for word in words if not _is_number(word))
         raise MeshFault(
             f"has {wrong[:40].decode(errors='replace')!r} among its {what}, which is not a number"
