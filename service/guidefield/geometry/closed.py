@@ -8,6 +8,7 @@ import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.connected import lowest_connected
+from guidefield.kernels.cover.merge_points import merge_points
 from guidefield.kernels.cover.signed_volume import signed_volume
 
 
@@ -28,12 +29,28 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
     vertices = np.asarray(vertices, dtype=np.float64) + 0.0  # so that 0 and -0 are the same place
     if not np.isfinite(vertices).all():
         raise ValueError("`vertices` must be finite")
-    merged, index = _distinct(vertices)
+    first, index = merged_points(vertices)
+    merged = vertices[first]
     corners = np.take(index, np.asarray(triangles, dtype=np.int64).reshape(-1, 3))
     a, b, c = corners.T
     proper = (a != b) & (b != c) & (c != a)
     kept = np.flatnonzero(proper)
     return *used_alone(merged, corners if len(kept) == len(corners) else corners[kept]), kept
+
+
+def merged_points(points: Floats) -> tuple[Integers, Integers]:
+    """Merge points at the same place; 0 and -0 are the same.
+
+    Args:
+        points: Shape (n, 3) [m], all finite.
+
+    Returns:
+        The first point of each place, ascending, shape (k,); the place of each point among these, shape (n,).
+    """
+    words = (np.ascontiguousarray(points, np.float64) + 0.0).view(np.uint64).reshape(-1, 3)
+    place, first = np.empty(len(words), np.int64), np.empty(len(words), np.int64)
+    count = merge_points(words, place, first)
+    return first[:count], place
 
 
 def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]:
@@ -43,17 +60,6 @@ def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]
     if used.all():
         return vertices, triangles
     return vertices[used], np.take(np.cumsum(used) - 1, triangles)
-
-
-def _distinct(vertices: Floats) -> tuple[Floats, Integers]:
-    """The distinct rows of vertices (v, 3) in ascending order, and which of them each row is, shape (v,)."""
-    order = np.lexsort(vertices.T[::-1])
-    rows = vertices[order]
-    new = np.ones(len(rows), bool)
-    new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-    index = np.empty(len(rows), np.int64)
-    index[order] = np.cumsum(new) - 1
-    return rows[new], index
 
 
 def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float]:

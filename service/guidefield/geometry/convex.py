@@ -7,6 +7,7 @@ from typing import Any
 import coal
 import numpy as np
 
+from guidefield.geometry.closed import merged_points
 from guidefield.geometry.surfaces import Floats, Surface, surface
 
 _FLAT = 1e-11
@@ -55,7 +56,7 @@ def _distinct(points: Floats) -> Floats:
         raise ValueError(f"`points` must have shape (n, 3), got {cloud.shape}")
     if not np.isfinite(cloud).all():
         raise ValueError("`points` must be finite")
-    distinct: Floats = np.unique(cloud, axis=0)
+    distinct: Floats = cloud[merged_points(cloud)[0]]
     return distinct
 
 

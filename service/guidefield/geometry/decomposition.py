@@ -34,8 +34,11 @@ BESIDE = 1e-5
 DIRECTIONS = 64
 """Of the points of a half the comparison keeps those furthest in these directions."""
 
-TOLERANCE = 5e-4
+TOLERANCE = 1e-3
 """How much too large a part's stand-off may be given, as that of `stand_off`."""
+
+SHARE = 0.25
+"""The same as a share of it."""
 
 OVERLAP = 1e-9
 """How far a cell reaches beyond its planes [m], so that rounding leaves nothing between two."""
@@ -133,7 +136,8 @@ def _cell(body: Solid, planes: Floats, pieces: Pieces) -> _Cell | None:
     except ValueError:
         return None
     given = np.unique(body.given[pieces.sources])
-    return _Cell(planes, pieces, Part(hull, stand_off(hull, body, tolerance=TOLERANCE), given[given >= 0]))
+    distance = stand_off(hull, body, tolerance=TOLERANCE, share=SHARE)
+    return _Cell(planes, pieces, Part(hull, distance, given[given >= 0]))
 
 
 def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
@@ -186,6 +190,7 @@ class _Samples:
         corners = self._pieces.corners.reshape(-1, 3)
         cells = np.floor((corners - corners.min(axis=0)) / size).astype(np.int64)
         _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)
+        self._pieces = self._pieces.some(np.unique(first // 3))
         self._points = np.vstack([corners[np.sort(first)], cell.part.hull.vertices])
         _, spread, self.axes = np.linalg.svd(self._points - self._points.mean(axis=0), full_matrices=False)
         self._seen = np.ascontiguousarray((self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T)
@@ -254,17 +259,27 @@ def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
         pairs = [(a, b) for a, b in itertools.combinations(parts, 2) if (id(a), id(b)) not in tried and _touch(a, b)]
         for a, b in pairs:
             tried.add((id(a), id(b)))
+            if _is_open_between(body, a, b, tight):
+                continue
             try:
                 hull = convex_hull(np.vstack([a.hull.vertices, b.hull.vertices]))
             except ValueError:
                 continue
-            distance = stand_off(hull, body, tight, TOLERANCE)
+            distance = stand_off(hull, body, tight, TOLERANCE, SHARE)
             if distance <= tight:
                 together = Part(hull, distance, np.union1d(a.triangles, b.triangles))
                 parts = [part for part in parts if part not in (a, b)] + [together]
                 break
         else:
             return tuple(parts)
+
+
+def _is_open_between(body: Solid, a: Part, b: Part, tight: float) -> bool:
+    """Whether a point between two parts, so one of their common hull, is further than `tight` [m] from the body."""
+    (here, there), middle = (part.hull.vertices @ _DIRECTIONS.T for part in (a, b)), len(_DIRECTIONS) // 2
+    ends = a.hull.vertices[here.argmax(axis=0)], b.hull.vertices[there.argmax(axis=0)]
+    between = np.concatenate([0.5 * (ends[0] + ends[1]), 0.5 * (ends[0] + np.roll(ends[1], middle, axis=0))])
+    return bool((body.depths(between) < -tight).any())
 
 
 def _touch(a: Part, b: Part) -> bool:

@@ -30,7 +30,8 @@ def pieces_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition | No
     pieces = bisected(whole, LONGEST * float(np.ptp(vertices, axis=0).max()))
     if cut is None:
         return mesh_tree(pieces.corners)
-    own = [(_in_part(pieces, part), part) for part in cut.parts]
+    halved = np.bincount(pieces.sources, minlength=len(faces))[pieces.sources] > 1
+    own = [(_in_part(pieces, halved, part), part) for part in cut.parts]
     trees = [
         mesh_tree(corners, polytope_about(np.asarray(part.hull.vertices)))
         for corners, part in own
@@ -52,16 +53,23 @@ def remembered_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition)
     return _restored(remembered("tree", inputs, lambda: _stored(pieces_tree(vertices, faces, cut))))
 
 
-def _in_part(pieces: Pieces, part: Part) -> np.ndarray:
-    """Those of a mesh's pieces that come into a part, shape (t, 3, 3): not those beyond one of its planes."""
-    corners = np.ascontiguousarray(pieces.corners[np.isin(pieces.sources, part.triangles)])
+def _in_part(pieces: Pieces, halved: np.ndarray, part: Part) -> np.ndarray:
+    """Those of a mesh's pieces that come into a part, shape (t, 3, 3).
+
+    All of its triangles; of halved ones those that aren't beyond one of its planes.
+    """
+    inside = np.isin(pieces.sources, part.triangles)
+    whole: np.ndarray = pieces.corners[inside & ~halved]
+    corners = np.ascontiguousarray(pieces.corners[inside & halved])
+    if not len(corners):
+        return whole
     a, b, c = np.moveaxis(np.asarray(part.hull.vertices)[part.hull.triangles], 1, 0)
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
     planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, a)])
     kept = np.empty(len(corners), np.bool_)
     not_beyond(corners.reshape(-1, 3), planes, ROUNDING, kept)
-    return corners[kept]
+    return np.concatenate([whole, corners[kept]])
 
 
 def _stored(tree: MeshTree) -> Arrays:

@@ -8,6 +8,7 @@ import pytest
 
 from guidefield.geometry.convex import convex
 from guidefield.geometry.decomposition import TOLERANCE, decompose
+from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import solid
 from guidefield.robot.bodies.convex_parts import MOST, TIGHT, convex_parts
 from guidefield.robot.model.shapes import HULL_STAND_OFF, WIDEST_GAP, triangulation
@@ -58,7 +59,8 @@ def test_what_is_kept_is_what_was_found() -> None:
     model = robot("ur5")
     index = next(k for k, shape in enumerate(model.geometry.geometryObjects) if shape.name == "wrist_3_link_0")
     kept = convex_parts(model)[index]
-    again = decompose(solid(*triangulation(model.geometry.geometryObjects[index].geometry), WIDEST_GAP), TIGHT, MOST)
+    body = solid(*triangulation(model.geometry.geometryObjects[index].geometry), WIDEST_GAP)
+    again = decompose(filled(body), TIGHT, MOST)
     assert kept is not None
     for a, b in zip((kept.hull, *kept.parts), (again.hull, *again.parts), strict=True):
         assert (a.hull.vertices == b.hull.vertices).all()

@@ -25,8 +25,11 @@ from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 DELTA = 0.015
 """By how much covers may leave the shapes, unless told otherwise [m]."""
 
-LARGE = 20_000.0
-"""A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many."""
+LARGE = 1_500.0
+"""A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many.
+
+So the tolerance follows the size of a link: it is `DELTA` up to 0.34 m^2, and a link takes some tenths of a second.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,7 @@ def _question(shape: Any, delta: float) -> Question:
 
 
 def _allowed(area: float, delta: float) -> float:
-    """By how much the cover of a surface of that area [m^2] may leave it [m]: so that it is found in some seconds."""
+    """By how much the cover of a surface of that area [m^2] may leave it [m], so that it is found soon."""
     return max(delta, float(np.sqrt(area / LARGE)))
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.met import all_as_met
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.self_contacts import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration
 
 SAMPLES = 200
@@ -22,9 +21,6 @@ ROAM = 1.0
 """How far sliding joints are drawn from their zero at most [m]."""
 TOUCH = 1e-4
 """Links this close count as touching [m]: faces that slide on each other, which no motion could be certified for."""
-
-ROUNDING = 1e-9
-"""By how much balls about shapes are believed larger than they are, as a share."""
 
 ALWAYS, OFTEN = 0.95, 0.05
 """Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
@@ -68,7 +64,7 @@ def settle(
     for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
         if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
             geometry.removeCollisionPair(pin.CollisionPair(first, second))
-    touching = _shares_touching(model, geometry, joints, links, rest)
+    touching = _shares_touching(model, geometry, joints, links, rest, disabled)
     warnings = [
         f"the SRDF disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
         for pair in sorted(disabled, key=sorted)
@@ -109,47 +105,37 @@ def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[
 
 
 def _shares_touching(
-    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], rest: RobotConfiguration
+    model: Any,
+    geometry: Any,
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    rest: RobotConfiguration,
+    disabled: Collection[frozenset[str]],
 ) -> dict[frozenset[str], float]:
-    """In what share of configurations each pair of links touches: at rest and at random ones, always the same."""
-    geometry = all_as_met(geometry)
-    data, geometry_data = model.createData(), scratch_space(geometry)
+    """In what share of configurations each pair of links touches: at rest and at random ones, always the same.
+
+    A pair that was apart so often that it can't always touch is tested no more, unless the SRDF disables it: its share
+    is too small then, and below `ALWAYS`.
+    """
+    contacts = SelfContacts(model, geometry)
     rng = np.random.default_rng(0)
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
-    for request in geometry_data.collisionRequests:
-        request.security_margin = TOUCH
-    near, counts = _Near(geometry), dict.fromkeys(names, 0)
+    apart, counts = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    most = (1.0 - ALWAYS) * (SAMPLES + 1)
     for q in [rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]:
-        pin.updateGeometryPlacements(model, data, geometry, geometry_data, q)
-        found = near(geometry_data)
-        for pair in {names[k] for k in found if pin.computeCollision(geometry, geometry_data, k)}:
-            counts[pair] += 1
+        contacts.place(q)
+        found: set[frozenset[str]] = set()
+        for k in contacts.find_near(TOUCH):
+            pair = names[k]
+            tested = apart[pair] <= most or pair in disabled
+            if tested and pair not in found and contacts.is_contact(k, TOUCH):
+                found.add(pair)
+        for pair in counts:
+            if pair in found:
+                counts[pair] += 1
+            else:
+                apart[pair] += 1
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
-
-
-class _Near:
-    """Which pairs of a geometry model may touch where its shapes stand: the balls about them do.
-
-    Args:
-        geometry: The model, whose shapes stay as they are.
-    """
-
-    def __init__(self, geometry: Any) -> None:
-        shapes = [shape.geometry for shape in geometry.geometryObjects]
-        for shape in shapes:
-            shape.computeLocalAABB()
-        self._centres = [np.array(shape.aabb_center) for shape in shapes]
-        radii = np.array([shape.aabb_radius for shape in shapes])
-        self._pairs = np.array([(pair.first, pair.second) for pair in geometry.collisionPairs], np.int64).reshape(-1, 2)
-        self._reach = radii[self._pairs].sum(axis=1) * (1.0 + ROUNDING) + 2.0 * TOUCH
-
-    def __call__(self, placed: Any) -> list[int]:
-        """The pairs' places in the model's list, from its data with placements that are up to date."""
-        there = zip(placed.oMg, self._centres, strict=True)
-        centres = np.array([placement.act(centre) for placement, centre in there]).reshape(-1, 3)
-        apart = np.linalg.norm(centres[self._pairs[:, 0]] - centres[self._pairs[:, 1]], axis=1)
-        near: list[int] = np.flatnonzero(~(apart > self._reach)).tolist()
-        return near
 
 
 def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> RobotConfiguration:

@@ -11,14 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.met import all_as_met
 from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.model import ROOT_JOINT, Joint, JointKind
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.self_contacts import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import Srdf, SrdfState
 
@@ -171,15 +170,15 @@ class _Search:
     """Looks for configurations without contact."""
 
     def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint]) -> None:
-        self._model, self._geometry, self._joints = model, all_as_met(geometry), joints
-        self._data, self._geometry_data = model.createData(), scratch_space(self._geometry)
+        self._model, self._joints = model, joints
+        self._contacts = SelfContacts(model, geometry)
+        self._geometry = self._contacts.geometry
+        self._last = -1  # the pair that was found last: probably the next trial touches there too
 
     def touching(self, q: RobotConfiguration, margin: float = 0.0) -> list[int]:
         """Pairs of shapes that are no further apart than a margin [m]."""
-        for request in self._geometry_data.collisionRequests:
-            request.security_margin = margin
-        pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, q, False)
-        return [index for index, result in enumerate(self._geometry_data.collisionResults) if result.isCollision()]
+        self._contacts.place(q)
+        return self._contacts.find_contacts(margin)
 
     def freed(self, q: RobotConfiguration) -> RobotConfiguration:
         """A configuration near one that touches, in which fewer pairs touch, none if that is found.
@@ -196,15 +195,38 @@ class _Search:
     def _parted(self, q: RobotConfiguration, pair: int, rng: np.random.Generator) -> RobotConfiguration:
         near, touching = set(self.touching(q, MARGIN)), set(self.touching(q))
         moving = self._between(pair)
+        moved = self._moved_by(moving)
         fallback = None
         for share in SHARES if moving else ():
             for _ in range(DRAWS):
                 trial = _drawn(self._model, self._joints, moving, q, share, rng)
-                if set(self.touching(trial)) < touching and pair not in self.touching(trial):
-                    if set(self.touching(trial, MARGIN)) <= near - {pair}:
+                if self._touches_none(trial, pair, moved - (touching - {pair}), 0.0):
+                    if self._touches_none(trial, pair, moved - (near - {pair}), MARGIN):
                         return trial
                     fallback = trial if fallback is None else fallback
         return q if fallback is None else fallback
+
+    def _touches_none(self, q: RobotConfiguration, first: int, pairs: set[int], margin: float) -> bool:
+        """Whether none of some pairs is within a margin [m]; one that probably is can be tested first."""
+        self._contacts.place(q)
+        near = [pair for pair in self._contacts.find_near(margin) if pair in pairs]
+        for pair in sorted(near, key=lambda pair: (pair != first, pair != self._last)):
+            if self._contacts.is_contact(pair, margin):
+                self._last = pair
+                return False
+        return True
+
+    def _moved_by(self, moving: Sequence[Joint]) -> set[int]:
+        """Pairs whose shapes move relative to each other with some joints, or with those that follow these."""
+        names = {joint.name for joint in moving}
+        turned = {
+            joint.index
+            for joint in self._joints
+            if joint.name in names or (joint.mimic is not None and joint.mimic.driver in names)
+        }
+        supports = [set(self._model.supports[shape.parentJoint]) & turned for shape in self._geometry.geometryObjects]
+        pairs = enumerate(self._geometry.collisionPairs)
+        return {index for index, pair in pairs if supports[pair.first] != supports[pair.second]}
 
     def _between(self, pair: int) -> list[Joint]:
         """Joints that move the links of a pair relative to each other, or are followed by such."""

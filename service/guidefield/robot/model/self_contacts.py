@@ -1,0 +1,92 @@
+"""Contacts of a robot with itself: bounding spheres and hulls tell most pairs apart before their meshes are asked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from guidefield.geometry.met import all_as_met
+from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.shapes import hull
+from guidefield.robot.model.spaces import RobotConfiguration
+
+ROUNDING = 1e-9
+"""By how much spheres about shapes are believed larger than they are, as a share."""
+
+SLACK = 1e-6
+"""Hulls have to be this much further apart than a margin to tell the meshes in them apart [m]."""
+
+
+class SelfContacts:
+    """Tests the collision pairs of a geometry model for contact, one configuration after the other.
+
+    Args:
+        model: Pinocchio model.
+        geometry: Collision geometry with the pairs that count; its shapes stay as they are.
+
+    Attributes:
+        exact_tests: The number of pairs whose meshes were asked so far.
+    """
+
+    def __init__(self, model: Any, geometry: Any) -> None:
+        self.geometry = all_as_met(geometry)
+        self.exact_tests = 0
+        self._model, self._data = model, model.createData()
+        self._geometry_data = scratch_space(self.geometry)
+        shapes = [shape.geometry for shape in self.geometry.geometryObjects]
+        for shape in shapes:
+            shape.computeLocalAABB()
+        self._centres = [np.array(shape.aabb_center) for shape in shapes]
+        radii = np.array([shape.aabb_radius for shape in shapes])
+        pairs = [(pair.first, pair.second) for pair in self.geometry.collisionPairs]
+        self._pairs = np.array(pairs, np.int64).reshape(-1, 2)
+        self._reach = radii[self._pairs].sum(axis=1) * (1.0 + ROUNDING)
+        self._hulls: dict[int, Any] = {}
+
+    def place(self, q: RobotConfiguration) -> None:
+        """Put the robot into a configuration, shape (nq,)."""
+        pin.updateGeometryPlacements(self._model, self._data, self.geometry, self._geometry_data, q)
+
+    def find_near(self, margin: float) -> list[int]:
+        """Return the pairs, by their place in the model's list, whose bounding spheres are within a margin [m]."""
+        there = zip(self._geometry_data.oMg, self._centres, strict=True)
+        centres = np.array([placement.act(centre) for placement, centre in there]).reshape(-1, 3)
+        apart = np.linalg.norm(centres[self._pairs[:, 0]] - centres[self._pairs[:, 1]], axis=1)
+        near: list[int] = np.flatnonzero(~(apart > self._reach + 2.0 * margin)).tolist()
+        return near
+
+    def is_contact(self, pair: int, margin: float) -> bool:
+        """Whether the shapes of a pair are no further apart than a margin [m]."""
+        if self._hulls_apart(pair, margin):
+            return False
+        self.exact_tests += 1
+        self._geometry_data.collisionRequests[pair].security_margin = margin
+        return bool(pin.computeCollision(self.geometry, self._geometry_data, pair))
+
+    def find_contacts(self, margin: float) -> list[int]:
+        """Return the pairs that are no further apart than a margin [m]."""
+        return [pair for pair in self.find_near(margin) if self.is_contact(pair, margin)]
+
+    def _hulls_apart(self, pair: int, margin: float) -> bool:
+        """Whether the hulls of a pair with a mesh are further apart than a margin [m], for certain."""
+        first, second = self._pairs[pair].tolist()
+        shapes = [self.geometry.geometryObjects[index].geometry for index in (first, second)]
+        if not any(isinstance(shape, coal.BVHModelBase) for shape in shapes):
+            return False
+        around = [self._hull_of(index, shape) for index, shape in zip((first, second), shapes, strict=True)]
+        if None in around:
+            return False
+        places = [self._geometry_data.oMg[index] for index in (first, second)]
+        there = [coal.Transform3s(place.rotation, place.translation) for place in places]
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        distance = coal.distance(around[0], there[0], around[1], there[1], request, result)
+        return bool(distance > margin + SLACK)
+
+    def _hull_of(self, index: int, shape: Any) -> Any:
+        """The shape, or the hull about it if it is a mesh; None for a mesh without one."""
+        if index not in self._hulls:
+            self._hulls[index] = hull(shape) if isinstance(shape, coal.BVHModelBase) else shape
+        return self._hulls[index]
