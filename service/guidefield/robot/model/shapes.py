@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ import coal
 import numpy as np
 
 from guidefield.aside import spread
-from guidefield.geometry.cache import remembered
+from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.entries import Arrays
@@ -22,6 +22,7 @@ from guidefield.geometry.nested import nested
 from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
+from guidefield.kernels.jit.compilers import load_imported
 from guidefield.robot.mesh_files.reading import unit_of
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.system import usable_processors
@@ -92,15 +93,26 @@ def _file_of(shape: Any) -> tuple[str, bytes]:
 
 
 def _all_settled(geometry: Any) -> dict[tuple[str, bytes], _Settled]:
-    """As what each mesh of a geometry model is judged, by file and scale; found on all processors."""
+    """As what each mesh of a geometry model is judged, by file and scale; new ones are found on all processors.
+
+    What is known is read by this thread alone: threads must not load kernels at the same time.
+    """
     meshes = {_file_of(one): one.geometry for one in geometry.geometryObjects if _is_mesh(one.geometry)}
     settled: dict[tuple[str, bytes], _Settled] = {}
 
     def settle_one(name: tuple[str, bytes], mesh: Any) -> None:
-        settled[name] = _settled(mesh)
+        settled[name] = _settled(mesh, _remembered_hull(mesh))
 
-    works = (functools.partial(settle_one, name, mesh) for name, mesh in meshes.items())
-    spread(works, max(1, min(usable_processors(), len(meshes))))
+    works = []
+    for name, mesh in meshes.items():
+        known = recalled(*_hull_question(mesh))
+        if known is None:
+            works.append(functools.partial(settle_one, name, mesh))
+        else:
+            settled[name] = _settled(mesh, known)
+    if works:
+        load_imported("cover.", "distance.", "linalg.")
+        spread(iter(works), min(usable_processors(), len(works)))
     return settled
 
 
@@ -164,8 +176,7 @@ def hull(mesh: Any) -> Any | None:
     return convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None
 
 
-def _settled(mesh: Any) -> _Settled:
-    found = _remembered_hull(mesh)
+def _settled(mesh: Any, found: Arrays) -> _Settled:
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance > HULL_STAND_OFF:
         return _Settled(mesh, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
@@ -173,10 +184,13 @@ def _settled(mesh: Any) -> _Settled:
 
 
 def _remembered_hull(mesh: Any) -> Arrays:
+    return remembered(*_hull_question(mesh))
+
+
+def _hull_question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:
+    """The name that a mesh's hull is kept under, what it depends on, and how it is found."""
     vertices, triangles = triangulation(mesh)
-    return remembered(
-        "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
-    )
+    return "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
