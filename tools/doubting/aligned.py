@@ -37,6 +37,8 @@ STEP = 0.02
 """How far a motion turns [rad] or slides [m]."""
 DEPTHS = (1e-4, 5e-4, 1e-3, 3e-3, 6e-3, 1.25e-2)
 """Gaps and depths [m]."""
+WITHIN = 3.1
+"""What joints turn by stays within this, so that they keep their limits [rad]."""
 TRIES = 4
 
 Rng = np.random.Generator
@@ -140,7 +142,8 @@ def _standing(rng: Rng) -> dict[str, float]:
     roll = float(rng.choice([0.0, 0.0, 0.5, -0.5])) * np.pi
     if rng.random() < 0.2:
         a, b = (float(rng.choice([0.0, 0.5, -0.5])) * np.pi for _ in range(2))
-    return {"j0": first, "j1": float(a), "j2": float(b), "j3": float(total - a - b), "j4": roll, "j5": 0.0}
+    found = {"j0": first, "j1": float(a), "j2": float(b), "j3": float(total - a - b), "j4": roll, "j5": 0.0}
+    return found if abs(found["j3"]) < WITHIN else _standing(rng)
 
 
 def _held(rng: Rng) -> AttachedObject:
