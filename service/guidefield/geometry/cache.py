@@ -22,6 +22,7 @@ import numpy as np
 
 from guidefield.geometry import entries
 from guidefield.geometry.entries import Arrays, Draft, Room
+from guidefield.whole_file import write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -94,6 +95,26 @@ def made_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> 
         if size:
             _count(path.parent, size)
     return arrays
+
+
+def keep_file(name: str, content: bytes) -> Path:
+    """Keep a file beside the entries for readers that want a file; it goes when it is unused for longest.
+
+    Args:
+        name: Its name; the same content must always have the same one.
+        content: What it holds.
+
+    Raises:
+        OSError: if it can't be written.
+    """
+    path = folder() / name
+    if path.is_file() and path.stat().st_size == len(content):
+        os.utime(path)
+        return path
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content, durable=False)
+    _count(path.parent, len(content))
+    return path
 
 
 def is_large(triangles: int) -> bool:

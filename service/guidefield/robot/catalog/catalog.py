@@ -19,11 +19,13 @@ from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot.catalog.description_files import absolute, read_description, robot_name
 from guidefield.robot.catalog.kept_lines import lines_of
 from guidefield.robot.catalog.library import entries
+from guidefield.robot.catalog.mjcf_robots import load_mjcf_file, load_mjcf_text
 from guidefield.robot.catalog.robot_descriptions import find_description, is_description
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.robot.catalog.summary import summarize_sent
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import companions
+from guidefield.robot.mjcf.compilation import is_mjcf
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
@@ -108,10 +110,14 @@ class Catalog:
         if isinstance(reference, str):
             return self._from_catalog(reference)
         if isinstance(reference, SentRobot):
+            if is_mjcf(reference.urdf):
+                return load_mjcf_text(reference.name, reference.urdf, reference.srdf, reference.root_joint)
             source = RobotSource(reference.urdf, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs, reference.meshes)
             return crosschecked(load(reference.name, source, reference.srdf, cards.EMPTY, resolver))
         if isinstance(reference, UrdfText):
+            if is_mjcf(reference.text):
+                return load_mjcf_text("mjcf", reference.text, reference.srdf, reference.root_joint)
             source = RobotSource(reference.text, None, reference.root_joint)
             resolver = MeshResolver.for_wire(self._package_dirs)
             return crosschecked(load("urdf", source, reference.srdf, cards.EMPTY, resolver))
@@ -145,6 +151,8 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     srdf_path = absolute(reference.srdf_path) if reference.srdf_path else None
     if srdf_path is not None and not srdf_path.is_file():
         raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
+    if is_mjcf(path.read_text(errors="replace")):
+        return load_mjcf_file(path, None if srdf_path is None else read_xml(srdf_path), reference.root_joint)
     resolver = MeshResolver.for_file(path, map(absolute, reference.package_dirs))
     described = read_description(path, srdf_path, reference.xacro_args, resolver)
     source = RobotSource(described.urdf, path, reference.root_joint, described.files)

@@ -63,13 +63,15 @@ KINDS = {
 """Kind of joint by Pinocchio's name of it."""
 
 
-def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard, resolver: MeshResolver) -> RobotModel:
+def load(
+    name: str, source: RobotSource, semantics: str | srdf.Srdf | None, card: RobotCard, resolver: MeshResolver
+) -> RobotModel:
     """Build a robot.
 
     Args:
         name: What to call it.
         source: Its text, folders and root joint; the model keeps the checked text, its meshes as absolute paths.
-        srdf_text: SRDF, if there is one.
+        semantics: SRDF, as text or read, if there is one.
         card: Defaults that the URDF doesn't settle.
         resolver: Where meshes may come from.
 
@@ -78,7 +80,7 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     """
     facts = check_urdf(source.urdf_text, resolver)
     _check_root_joint(name, facts, source.root_joint)
-    described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
+    described = semantics if isinstance(semantics, srdf.Srdf) else srdf.parse(semantics) if semantics else srdf.Srdf()
     source = dataclasses.replace(source, urdf_text=facts.text)
     warnings = list(facts.warnings)
     model, geometry = _parse(name, source, facts, warnings)
@@ -105,7 +107,8 @@ def load(name: str, source: RobotSource, srdf_text: str | None, card: RobotCard,
     groups = resolve_groups(model, described, joints, warnings)
     stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
-    settled = pairs.settle(model, geometry, joints, links, described.disabled_among(facts.links), stated.q)
+    disabled = described.disabled_among(facts.links)
+    settled = pairs.settle(model, geometry, joints, links, disabled, described.said_by, stated.q)
     warnings += settled.warnings
     q_rest = rest.settle(model, geometry, joints, links, stated.q, warnings)
     return RobotModel(

@@ -138,7 +138,7 @@ class RobotSource:
     """Where a robot came from.
 
     Attributes:
-        urdf_text: Its text; once loaded, with meshes as absolute paths.
+        urdf_text: Its text; once loaded, with meshes as absolute paths. Of an MJCF, the URDF that was made from it.
         urdf_path: The URDF's file, if it had one.
         root_joint: How it stands in the world.
         files: Files that the text was made from, beside those that it names.

@@ -40,12 +40,14 @@ def settle(
     joints: Sequence[Joint],
     links: Sequence[str],
     disabled: Mapping[frozenset[str], str],
+    said_by: str,
     rest: RobotConfiguration,
 ) -> Settled:
     """Choose the collision pairs of a geometry model in place.
 
-    Pairs that the SRDF disables are left out; without any, those that are adjacent (joined by one joint); and always
-    those that touch in nearly every one of `SAMPLES` random configurations, for a plan would be impossible otherwise.
+    Pairs that the SRDF or MJCF disables are left out; without any in an SRDF, those that are adjacent (joined by one
+    joint); and always those that touch in nearly every one of `SAMPLES` random configurations, for a plan would be
+    impossible otherwise.
     Pairs that no sample found touching stay in: samples prove nothing, and a test costs a microsecond.
 
     Args:
@@ -53,28 +55,32 @@ def settle(
         geometry: Collision geometry; its pairs are replaced.
         joints: The model's joints.
         links: Link of each shape of `geometry`.
-        disabled: Pairs of links that the SRDF disables, with its reasons.
+        disabled: Pairs of links that the SRDF or MJCF disables, with its reasons.
+        said_by: Which of them; an MJCF says of every pair whether it is tested.
         rest: Configuration, shape (nq,), that is looked at besides the random ones.
     """
     geometry.removeAllCollisionPairs()
     geometry.addAllCollisionPairs()  # leaves out shapes on the same joint
     tested = [(pair.first, pair.second) for pair in geometry.collisionPairs]
     adjacent = _adjacent(model, geometry, links)
-    reasons = {pair: f"SRDF: {reason}" for pair, reason in disabled.items()} or dict.fromkeys(adjacent, "adjacent")
+    reasons = {pair: f"{said_by}: {reason}" for pair, reason in disabled.items()}
+    if not reasons and said_by == "SRDF":
+        reasons = dict.fromkeys(adjacent, "adjacent")
     for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
         if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
             geometry.removeCollisionPair(pin.CollisionPair(first, second))
     touching = _shares_touching(model, geometry, joints, links, rest, disabled)
     warnings = [
-        f"the SRDF disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
+        f"the {said_by} disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
         for pair in sorted(disabled, key=sorted)
         if pair not in adjacent and OFTEN < touching.get(pair, 0.0) <= ALWAYS
     ]
     for pair in sorted(touching, key=sorted):
         if touching[pair] > ALWAYS and pair not in reasons:
             reasons[pair] = f"touching in {_percent(touching[pair])}"
-            if disabled:
-                warnings.append(f"{' and '.join(sorted(pair))} always touch, though the SRDF has them tested; left out")
+            if disabled or said_by != "SRDF":
+                told = " and ".join(sorted(pair))
+                warnings.append(f"{told} always touch, though the {said_by} has them tested; left out")
     geometry.removeAllCollisionPairs()
     for first, second in tested:
         if frozenset((links[first], links[second])) not in reasons:

@@ -19,10 +19,7 @@ from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.model import ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.self_contacts import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration
-from guidefield.robot.urdf.srdf import Srdf, SrdfState
-
-STATES = ("default", "rest", "home", "ready")
-"""Names of the SRDF's states that are preferred, in this order; else it is its first."""
+from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
 SHARES = np.linspace(0.05, 1.0, 20)
 """How much of the way to random values is tried, nearest first."""

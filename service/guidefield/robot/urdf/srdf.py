@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
+from typing import Literal
 
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
 from guidefield.robot.urdf.xml import root_of
+
+STATES = ("default", "rest", "home", "ready")
+"""Names of states that are preferred as the rest configuration, in this order; else it is the first state."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class Srdf:
         virtual: Type of each virtual joint, by which the robot stands in the world, by name.
         passive: Joints that nothing drives.
         warnings: What is odd but harmless.
+        said_by: The format that this was read from. An MJCF says of every pair whether it is tested, an SRDF that
+            disables none says nothing about pairs.
     """
 
     groups: dict[str, SrdfGroup] = field(default_factory=dict)
@@ -73,6 +79,7 @@ class Srdf:
     virtual: dict[str, str] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    said_by: Literal["SRDF", "MJCF"] = "SRDF"
 
     def disabled_among(self, links: Iterable[str]) -> dict[frozenset[str], str]:
         """Every pair of a robot's links that isn't to be tested, with the reason."""

@@ -1,0 +1,180 @@
+"""Bodies, joints and sites of a compiled MJCF as links and joints of a URDF.
+
+A joint of MuJoCo turns or slides its body about a point of the body, several one after the other, from the placement at
+its reference value. A joint of a URDF moves its child link about the link's own origin, from zero. So a link stands at
+the anchor of each joint but the last one whose anchor is the body's origin, and the reference value is part of the
+joint's <origin>: joint values are those of MuJoCo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from guidefield.errors import RobotInvalid
+from guidefield.robot.mjcf.compilation import import_mujoco
+from guidefield.robot.mjcf.equalities import JointLaws
+from guidefield.robot.mjcf.names import UniqueNames, body_names, joint_names, named
+from guidefield.robot.urdf.xml import Element
+
+ENDLESS = 1e6
+"""Range of a sliding joint without one [m]: a URDF has to name one, and the loader narrows it."""
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicTree:
+    """The URDF of a compiled MJCF, without shapes.
+
+    Attributes:
+        robot: <robot>.
+        links: <link> of each body, by MuJoCo's index.
+        joints: Name of each joint that moves, by MuJoCo's index.
+        balls: Names of ball joints; a URDF calls them floating.
+    """
+
+    robot: Element
+    links: tuple[Element, ...]
+    joints: dict[int, str]
+    balls: tuple[str, ...]
+
+
+class _Tree:
+    """Writes links and joints.
+
+    Args:
+        model: `mujoco.MjModel`.
+        laws: What equality constraints ask of its joints.
+        free: Whether free joints move; else their bodies stand where the file has them.
+        name: Of the robot.
+    """
+
+    def __init__(self, model: Any, laws: JointLaws, free: bool, name: str) -> None:
+        self._model, self._laws, self._free = model, laws, free
+        self._kinds = import_mujoco().mjtJoint
+        self._names = joint_names(model)
+        self._unique_links, self._unique_joints = UniqueNames(body_names(model)), UniqueNames(self._names)
+        self.robot = etree.Element("robot", name=name, version="1.1")
+        self.links = [self._link(body) for body in body_names(model)]
+        self.joints: dict[int, str] = {}
+        self.balls: list[str] = []
+
+    def add_body(self, body: int) -> None:
+        """Join a body to its parent by its joints."""
+        model = self._model
+        parent, link = self.links[model.body_parentid[body]], self.links[body]
+        offset = placement(model.body_pos[body], model.body_quat[body])
+        joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
+        for joint in joints:
+            anchor = pin.SE3(np.eye(3), self._anchor(joint))
+            last = joint == joints[-1] and not np.any(anchor.translation)
+            child = link if last else self._link(self._unique_links.make(f"{link.get('name')}_{self._names[joint]}"))
+            self._joint(joint, parent, child, offset * anchor)
+            parent, offset = child, anchor.inverse()
+        if parent is not link:
+            self._fixed(parent, link, offset)
+
+    def add_site(self, site: int, name: str) -> None:
+        """A link without shape for a site; `<name>_site` where a body has the name."""
+        body = self.links[self._model.site_bodyid[site]]
+        taken = name != self._unique_links.make(name)
+        link = self._link(self._unique_links.make(f"{name}_site") if taken else name)
+        self._fixed(body, link, placement(self._model.site_pos[site], self._model.site_quat[site]))
+
+    def _anchor(self, joint: int) -> np.ndarray:
+        turns = int(self._model.jnt_type[joint]) in (self._kinds.mjJNT_HINGE, self._kinds.mjJNT_BALL)
+        return np.array(self._model.jnt_pos[joint]) if turns else np.zeros(3)
+
+    def _link(self, name: str) -> Element:
+        return etree.SubElement(self.robot, "link", name=name)
+
+    def _fixed(self, parent: Element, child: Element, origin: Any) -> None:
+        self._element(self._unique_joints.make(f"{child.get('name')}_fixed"), "fixed", parent, child, origin)
+
+    def _joint(self, joint: int, parent: Element, child: Element, origin: Any) -> None:
+        model, kinds, name = self._model, self._kinds, self._names[joint]
+        kind = kinds(int(model.jnt_type[joint]))
+        limited, (lower, upper) = bool(model.jnt_limited[joint]), model.jnt_range[joint].tolist()
+        if kind == kinds.mjJNT_FREE:
+            if not self._free:
+                self._fixed(parent, child, origin)
+                return
+            self._element(name, "floating", parent, child, pin.SE3.Identity())
+        elif kind == kinds.mjJNT_BALL:
+            if limited:
+                raise RobotInvalid(
+                    f"MJCF: ball joint {name!r} has a range of {upper:g} rad, which can't be planned within; "
+                    "take its 'range' out, or set limited=\"false\"",
+                    joint=name,
+                )
+            self._element(name, "floating", parent, child, origin)
+            self.balls.append(name)
+        else:
+            axis, turns = np.array(model.jnt_axis[joint]), kind == kinds.mjJNT_HINGE
+            reference = float(model.qpos0[model.jnt_qposadr[joint]])
+            back = pin.AngleAxis(-reference, axis).matrix() if turns else np.eye(3)
+            shift = np.zeros(3) if turns else -reference * axis
+            if joint in self._laws.constants:
+                limited, lower = True, self._laws.constants[joint]
+                upper = lower
+            word = "prismatic" if not turns else "revolute" if limited else "continuous"
+            element = self._element(name, word, parent, child, origin * pin.SE3(back, shift))
+            etree.SubElement(element, "axis", xyz=_numbers(axis))
+            if not turns and not limited:
+                lower, upper = -ENDLESS, ENDLESS
+            if word != "continuous":
+                limits = {"lower": repr(lower), "upper": repr(upper), "velocity": "0", "effort": "0"}
+                etree.SubElement(element, "limit", limits)
+            if joint in self._laws.mimics:
+                source, multiplier, shifted = self._laws.mimics[joint]
+                law = {"joint": self._names[source], "multiplier": repr(multiplier), "offset": repr(shifted)}
+                etree.SubElement(element, "mimic", law)
+        self.joints[joint] = name
+
+    def _element(self, name: str, kind: str, parent: Element, child: Element, origin: Any) -> Element:
+        element = etree.SubElement(self.robot, "joint", name=name, type=kind)
+        add_origin(element, origin)
+        etree.SubElement(element, "parent", link=parent.get("name"))
+        etree.SubElement(element, "child", link=child.get("name"))
+        return element
+
+
+def kinematic_tree(model: Any, laws: JointLaws, free: bool, name: str) -> KinematicTree:
+    """The links and joints of a compiled MJCF: bodies and named sites are links, below the link `world`.
+
+    Args:
+        model: `mujoco.MjModel`.
+        laws: What equality constraints ask of its joints.
+        free: Whether free joints move; else their bodies stand where the file has them.
+        name: Of the robot.
+
+    Raises:
+        RobotInvalid: if a ball joint has a range; names it.
+    """
+    tree = _Tree(model, laws, free, name)
+    for body in range(1, model.nbody):
+        tree.add_body(body)
+    for site, given in enumerate(named(model, "site")):
+        if given:
+            tree.add_site(site, given)
+    return KinematicTree(tree.robot, tuple(tree.links), tree.joints, tuple(tree.balls))
+
+
+def placement(position: np.ndarray, quaternion: np.ndarray) -> Any:
+    """`pinocchio.SE3` of a position and a quaternion w, x, y, z as MuJoCo has it."""
+    w, x, y, z = quaternion.tolist()
+    return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
+
+
+def add_origin(element: Element, origin: Any) -> None:
+    """Give an element an <origin>; a quaternion keeps all digits where Euler angles lose half of them."""
+    quaternion = pin.Quaternion(origin.rotation).coeffs()
+    etree.SubElement(element, "origin", xyz=_numbers(origin.translation), quat_xyzw=_numbers(quaternion))
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
