@@ -14,7 +14,7 @@ from guidefield.errors import MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.scene import Scene
 
-ROBOT_ENDINGS = (".urdf", ".xacro")
+ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
 """Ends of the names of robot files, in any letters' case."""
 
 

@@ -121,7 +121,9 @@ def plan(
 @app.command()
 def certify(
     motion: Annotated[str, typer.Argument(help="A motion: .csv, .json, .npz, a run's .rrd, or the id of a kept run.")],
-    robot: Annotated[str | None, typer.Option(help="A robot, by its name or by its .urdf or .xacro file.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="A robot, by its name or by its .urdf, .xacro or .xml (MJCF) file.")
+    ] = None,
     scene: Annotated[str | None, typer.Option(help="A scene, by its name or by its .json file.")] = None,
     srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
     package_dir: Annotated[
@@ -333,7 +335,8 @@ def batch(
 @app.command()
 def robots(
     robot: Annotated[
-        str | None, typer.Argument(help="A robot, by its name or by its .urdf or .xacro file, to be told all about it.")
+        str | None,
+        typer.Argument(help="A robot, by its name or by its .urdf, .xacro or .xml file, to be told all about it."),
     ] = None,
     srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
     package_dir: Annotated[

@@ -29,7 +29,7 @@ class UrdfFile(Message, tag_field="type", tag="urdf_file"):
     """A robot in local files: in Python and on the command line only, refused from the wire.
 
     Attributes:
-        path: Its URDF, or a file that ends in `.xacro`.
+        path: Its URDF, a file that ends in `.xacro`, or an MJCF.
         srdf_path: Its SRDF.
         package_dirs: Folders that hold the packages of its meshes.
         root_joint: How its root link moves in the world.

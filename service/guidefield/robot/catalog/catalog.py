@@ -128,7 +128,7 @@ class Catalog:
         if entry is None:
             variants = [e.name for e in entries().values() if e.family == name]
             hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
-            if name.lower().endswith((".urdf", ".xacro")):
+            if name.lower().endswith((".urdf", ".xacro", ".xml")):
                 hint = f'a file is named by {{"type": "urdf_file", "path": "{name[:64]}"}}'
             elif not variants and (near := nearest(name, self.names())):
                 hint = f"did you mean {' or '.join(near)}? {hint}"

@@ -13,6 +13,8 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.replies import RobotSummary
 from guidefield.robot.catalog.library import Entry
 from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.mjcf.compilation import compile_text, is_mjcf
+from guidefield.robot.mjcf.conversion import convert, root_is_fixed
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
@@ -45,7 +47,16 @@ def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSumma
     """The same about a robot that a client stored; it may take meshes from those folders too."""
     line = RobotSummary(name=robot.name, source="stored", family=robot.name)
     card = msgspec.structs.replace(cards.EMPTY, root_joint=robot.root_joint)
-    return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
+    if not is_mjcf(robot.urdf):
+        return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
+    try:
+        compiled = compile_text(robot.urdf)
+        converted = convert(compiled, robot.name, robot.root_joint)
+    except RobotInvalid as error:
+        return msgspec.structs.replace(line, problem=str(error))
+    root = "fixed" if root_is_fixed(compiled.model, robot.root_joint) else robot.root_joint
+    card = msgspec.structs.replace(card, root_joint=root, ball_joints=list(converted.balls))
+    return _summary(line, converted.urdf, robot.srdf, card, MeshResolver(given=converted.meshes))
 
 
 def _summary(
