@@ -165,7 +165,7 @@ def kinematic_tree(model: Any, laws: JointLaws, free: bool, name: str) -> Kinema
 
 
 def placement(position: np.ndarray, quaternion: np.ndarray) -> Any:
-    """`pinocchio.SE3` of a position and a quaternion w, x, y, z as MuJoCo has it."""
+    """`pinocchio.SE3` of a position, shape (3,), and a quaternion w, x, y, z, shape (4,), as MuJoCo has them."""
     w, x, y, z = quaternion.tolist()
     return pin.SE3(pin.Quaternion(w, x, y, z).normalized().matrix(), np.array(position))
 
