@@ -36,7 +36,17 @@ FOREIGN_NAMES = {"get_cache_path", "get_call_template", "_get_module_for_linking
 """Methods that other packages ask for by these names."""
 IN_CMEEL = {"pinocchio": ["pin"], "coal": ["coal"]}
 """Packages below a folder of their own, which `importlib.metadata` doesn't look into."""
-OPTIONAL = {"cryptography", "ray", "opentelemetry", "prometheus_client", "mcp", "mcp_types", "mujoco", "rosbags", "xacro"}
+OPTIONAL = {
+    "cryptography",
+    "ray",
+    "opentelemetry",
+    "prometheus_client",
+    "mcp",
+    "mcp_types",
+    "mujoco",
+    "rosbags",
+    "xacro",
+}
 """Imported where the extra of that name is installed."""
 UNIMPORTED = {"example-robot-data", "pycollada"}
 """Data, and what trimesh needs for the files that we give it."""
