@@ -117,7 +117,7 @@ class _Touching:
 
 
 def keyframe_states(model: Any) -> dict[str, np.ndarray]:
-    """MuJoCo's configuration, shape (nq,), of each keyframe by name, `key<index>` where it has none; then `reference`."""
+    """MuJoCo's configuration, shape (nq,), of each keyframe by name, `key<index>` without one; then `reference`."""
     states = {name or f"key{index}": np.array(model.key_qpos[index]) for index, name in enumerate(named(model, "key"))}
     return {**states, AT_REFERENCE: np.array(model.qpos0)}
 
