@@ -80,7 +80,9 @@ def halve(
     small = half = 0
     for i in range(corners.shape[0]):
         if edges[i] < 0:
-            small_out[small] = corners[i]
+            for n in range(3):
+                for k in range(3):
+                    small_out[small, n, k] = corners[i, n, k]
             small_sources_out[small] = sources[i]
             small += 1
             continue
@@ -182,7 +184,9 @@ def gather(
     for m in range(turn.shape[0]):
         first_out[m] = at
         for k in range(first[turn[m]], first[turn[m] + 1]):
-            corners_out[at] = corners[order[k]]
+            for n in range(3):
+                for j in range(3):
+                    corners_out[at, n, j] = corners[order[k], n, j]
             sources_out[at] = sources[order[k]]
             at += 1
     first_out[turn.shape[0]] = at
