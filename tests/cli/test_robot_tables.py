@@ -8,7 +8,7 @@ from rich.console import Console, RenderableType
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.engine import answer
 from guidefield.messages.replies import RobotReply, RobotsReply, RobotSummary
-from guidefield.messages.requests import ReadRobot
+from guidefield.messages.requests import ReadRobot, UrdfText
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 
 
@@ -70,3 +70,11 @@ def test_covers_and_parts_are_told_where_they_are_known() -> None:
     assert "1 mesh is contained in 4 convex parts that stand off by at most 7.0 mm" in text
     unknown = replace(reply, geometry=[*shapes[1:], replace(shapes[0], cover=None)])
     assert "covered by" not in _text(robot_table(unknown))
+
+
+def test_a_robot_without_collision_geometry_is_shown() -> None:
+    reply = answer(ReadRobot(UrdfText('<robot name="bare"><link name="a"/></robot>')))
+    assert isinstance(reply, RobotReply)
+    text = _text(robot_table(reply))
+    assert "collision shapes: none" in text
+    assert "no collision geometry" in text

@@ -60,7 +60,7 @@ FAULTS = {
         "joint",
         "revolute, continuous, prismatic, fixed, floating, planar",
     ),
-    "no type": ((' type="continuous"', ""), 16, "joint", "unknown type None"),
+    "no type": ((' type="continuous"', ""), 16, "joint", "<joint> must have 'type'"),
     "no parent": (('<parent link="base"/>', ""), 9, "joint", "one <parent"),
     "no child": (('<child link="hand"/>', "<child/>"), 16, "joint", "one <child"),
     "unknown parent": (('<parent link="base"/>', '<parent link="bass"/>'), 10, "parent", "'bass' does not exist"),

@@ -49,7 +49,7 @@ def robot_table(reply: RobotReply) -> RenderableType:
         Text(reply.name, style="bold"),
         Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
         *([] if reply.rest_state is None else [Text(f"rest: the SRDF's state {reply.rest_state}")]),
-        Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items())}"),
+        Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items()) or 'none'}"),
         *(Text(line) for line in _measured(reply.geometry)),
         *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),
         joints,
@@ -63,7 +63,7 @@ def _measured(geometry: list[GeometryInfo]) -> list[str]:
     """How closely shapes are covered and cut into parts, as far as that is known."""
     lines = []
     covers = [shape.cover for shape in geometry if shape.cover is not None]
-    if len(covers) == len(geometry):
+    if covers and len(covers) == len(geometry):
         lines.append(
             f"covered by {sum(cover.spheres for cover in covers)} spheres that stand out by at most "
             f"{1e3 * max(cover.overhang for cover in covers):.1f} mm; "

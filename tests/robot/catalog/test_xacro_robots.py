@@ -119,6 +119,14 @@ def test_errors_name_the_file_and_the_cause(main: Path, old: str, new: str, word
     Catalog().load(UrdfFile(str(main)))  # nothing of the failure stays
 
 
+def test_a_file_of_macros_alone_is_told_from_a_robot(main: Path) -> None:
+    part = main.parents[2] / "parts" / "urdf" / "link.xacro"
+    with pytest.raises(
+        RobotInvalid, match=r"link.xacro expands to no link: .* name the xacro file that calls its macros"
+    ):
+        Catalog().load(UrdfFile(str(part)))
+
+
 def test_what_calls_itself_without_end_is_an_error(main: Path) -> None:
     part = main.parents[2] / "parts" / "urdf" / "link.xacro"
     part.write_text(PART.replace("<link", "<xacro:bar name='a' parent='b' length='1'/><link", 1))

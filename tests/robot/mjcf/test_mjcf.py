@@ -167,3 +167,30 @@ def test_a_text_that_names_files_is_refused() -> None:
     text = '<mujoco><asset><mesh file="/etc/passwd"/></asset></mujoco>'
     with pytest.raises(RobotInvalid, match="must name no file, it names '/etc/passwd'"):
         Catalog().load(UrdfText(text))
+
+
+MANY = '<replicate count="200"><replicate count="200"><geom size="0.1"/></replicate></replicate>'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"<worldbody>{MANY}</worldbody>", "line 2: the MJCF stands for more than 20000 elements"),
+        ('<worldbody><composite count="1000 1000 1"/></worldbody>', "stands for more than 20000 elements"),
+        ('<asset><texture width="99999" height="99999"/></asset>', "'width' and 'height' of <texture> are too large"),
+        ('<asset><hfield nrow="99999" ncol="99999"/></asset>', "'nrow' and 'ncol' of <hfield> are too large"),
+        ("<worldbody>", "the MJCF is not XML"),
+    ],
+)
+def test_a_text_that_stands_for_too_much_is_refused_before_it_is_compiled(text: str, words: str) -> None:
+    with pytest.raises(RobotInvalid, match=words):
+        Catalog().load(UrdfText(f"<mujoco>\n{text}</mujoco>"))
+
+
+def test_a_text_may_repeat_and_its_buffers_are_left_out() -> None:
+    body = (
+        '<body><joint/><geom size="0.1"/><replicate count="20" offset="0.1 0 0"><geom size="0.01"/></replicate></body>'
+    )
+    buffers = '<size memory="900G" nuserdata="2000000000"/><custom><numeric name="n" size="2000000000"/></custom>'
+    robot = Catalog().load(UrdfText(f"<mujoco>{buffers}<worldbody>{body}</worldbody></mujoco>"))
+    assert len(robot.geometry.geometryObjects) == 21

@@ -115,6 +115,47 @@ def test_a_missing_file_is_named() -> None:
         Catalog().load(UrdfFile(path="nowhere.urdf"))
 
 
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("/", "there is no URDF file '/': it is a folder; name a file in it"),
+        (f"{'a' * 5000}.urdf", "can't be opened: File name too long"),
+    ],
+)
+def test_what_cannot_be_opened_is_told(path: str, words: str) -> None:
+    with pytest.raises(RobotInvalid) as refused:
+        Catalog().load(UrdfFile(path=path))
+    assert words in refused.value.message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "'arm.urdf' is empty: it has 0 bytes"),
+        (b"<!DOCTYPE html><html>404</html>", "'arm.urdf' is an HTML page and not the file itself"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "'arm.urdf' is a pointer of git-LFS"),
+    ],
+)
+def test_what_stands_in_for_a_file_is_told(tmp_path, content: bytes, words: str) -> None:
+    (tmp_path / "arm.urdf").write_bytes(content)
+    with pytest.raises(RobotInvalid) as refused:
+        Catalog().load(UrdfFile(path=str(tmp_path / "arm.urdf")))
+    assert words in refused.value.message
+
+
+def test_a_text_with_half_a_surrogate_pair_is_told() -> None:
+    with pytest.raises(RobotInvalid, match="half a surrogate pair"):
+        Catalog().load(UrdfText(box_arm("y", 2).text.replace("<robot", "<robot version='\ud800'", 1)))
+
+
+def test_what_is_odd_about_many_links_alike_is_one_warning() -> None:
+    visual = '<visual><geometry><mesh filename="nowhere.stl"/></geometry></visual></link>'
+    robot = Catalog().load(UrdfText(box_arm("y", 2).text.replace("</link>", visual)))
+    told = [sentence for sentence in robot.warnings if "will not be drawn" in sentence]
+    assert len(told) == 1
+    assert told[0].endswith(" more likewise)")
+
+
 def test_a_file_and_its_text_make_the_same_robot(tmp_path) -> None:
     text = box_arm("y", 2)
     path = tmp_path / "arm.urdf"

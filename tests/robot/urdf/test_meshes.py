@@ -247,6 +247,18 @@ def test_a_search_that_reads_too_much_is_given_up_and_says_so(home, monkeypatch)
     assert MeshResolver.for_file(urdf).resolve("package://nowhere/parts/near.stl") == near
 
 
+def test_a_given_folder_is_searched_before_all_that_is_about_the_package(home, monkeypatch):
+    mesh = file_with(home / "arm/shapes/m.stl")
+    for number in range(30):
+        file_with(home / f"data/{number}.txt")
+    urdf = home / "arm/urdf/arm.urdf"
+    monkeypatch.setattr("guidefield.robot.urdf.nearby_files.MAX_ENTRIES", 20)
+    assert "too much to search" in refused(MeshResolver.for_file(urdf), "package://nowhere/m.stl").message
+    resolver = MeshResolver.for_file(urdf, [mesh.parent])
+    assert resolver.resolve("package://nowhere/m.stl") == mesh
+    assert f"'package://nowhere/m.stl' is not there; '{mesh}' is taken" in resolver.warnings()[0]
+
+
 def test_the_search_follows_no_link_to_a_folder_and_none_that_leads_outside(home):
     (home / "ws/arm/hop").symlink_to(home / "outside")
     (home / "ws/arm/loop").symlink_to(home / "ws/arm")

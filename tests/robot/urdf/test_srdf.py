@@ -15,6 +15,7 @@ from tests.robots import box_arm, load
     ("text", "words"),
     [
         ("<robot", "line 1: the SRDF is not XML"),
+        ('<robot xmlns:xacro="x/xacro"><xacro:include filename="g"/></robot>', "line 1: this is a xacro file"),
         ("<a/>", "root element must be <robot>, it is <a>"),
         ("<!DOCTYPE a [<!ENTITY x 'y'>]>\n<robot/>", "line 1: an SRDF must not have a <!DOCTYPE>"),
         ("<robot>\ud800</robot>", "half a surrogate pair"),
@@ -30,6 +31,10 @@ def test_what_is_refused(text: str, words: str) -> None:
     with pytest.raises(RobotInvalid) as refused:
         parse(text)
     assert words in refused.value.message
+
+
+def test_a_urdf_in_the_place_of_the_srdf_is_told() -> None:
+    assert "is this a URDF?" in parse(box_arm("y", 2).text).warnings[0]
 
 
 def test_names_that_the_robot_does_not_have_are_told() -> None:

@@ -145,12 +145,8 @@ class Catalog:
 
 
 def _from_file(reference: UrdfFile) -> RobotModel:
-    path = absolute(reference.path)
-    if not path.is_file():
-        raise RobotInvalid(f"there is no URDF file {reference.path!r}", path=reference.path)
-    srdf_path = absolute(reference.srdf_path) if reference.srdf_path else None
-    if srdf_path is not None and not srdf_path.is_file():
-        raise RobotInvalid(f"there is no SRDF file {reference.srdf_path!r}", path=reference.srdf_path)
+    path = _file(reference.path, "URDF")
+    srdf_path = _file(reference.srdf_path, "SRDF") if reference.srdf_path else None
     if is_mjcf(path.read_text(errors="replace")):
         return load_mjcf_file(path, None if srdf_path is None else read_xml(srdf_path), reference.root_joint)
     resolver = MeshResolver.for_file(path, map(absolute, reference.package_dirs))
@@ -165,6 +161,23 @@ def _from_file(reference: UrdfFile) -> RobotModel:
     return dataclasses.replace(robot, warnings=(*described.warnings, *robot.warnings))
 
 
+def _file(named: str, kind: str) -> Path:
+    """Return the path of a file that can be read.
+
+    Raises:
+        RobotInvalid: if there is none, or it can't be opened.
+    """
+    path = absolute(named)
+    try:
+        if path.is_file():
+            path.open("rb").close()
+            return path
+        why = "it is a folder; name a file in it" if path.is_dir() else ""
+    except OSError as error:
+        raise RobotInvalid(f"the {kind} file {named[:200]!r} can't be opened: {error.strerror}", path=named) from None
+    raise RobotInvalid(f"there is no {kind} file {named!r}{why and f': {why}'}", path=named)
+
+
 def _key(reference: RobotReference | SentRobot) -> str:
     if isinstance(reference, str):
         return f"catalog:{reference}"
@@ -172,7 +185,7 @@ def _key(reference: RobotReference | SentRobot) -> str:
         return f"sent:{reference.name}:{reference.content}"
     if isinstance(reference, UrdfText):
         content = "\0".join((reference.text, reference.srdf or "", reference.root_joint))
-        return f"text:{hashlib.sha256(content.encode()).hexdigest()}"
+        return f"text:{hashlib.sha256(content.encode(errors='surrogatepass')).hexdigest()}"
     arguments = sorted(reference.xacro_args.items())
     files = f"{reference.path}:{reference.srdf_path}:{reference.package_dirs}:{arguments}"
     return f"file:{Path.cwd()}:{files}:{reference.root_joint}"

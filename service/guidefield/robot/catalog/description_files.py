@@ -74,4 +74,11 @@ def robot_name(urdf: Path) -> str:
 def _expanded(path: Path, args: Mapping[str, ArgumentValue], resolver: MeshResolver, *, strict: bool) -> Expanded:
     if not is_xacro(path):
         return Expanded(read_xml(path), (), ())
-    return expand(path, args, resolver.package_folder, strict=strict)
+    expanded = expand(path, args, resolver.package_folder, strict=strict)
+    if strict and "<link" not in expanded.text and "<joint" not in expanded.text:
+        raise RobotInvalid(
+            f"{path.name} expands to no link: it only defines what other files use; name the xacro file that calls its "
+            "macros",
+            path=str(path),
+        )
+    return expanded

@@ -96,7 +96,7 @@ def content_of(path: Path) -> bytes:
     if content.startswith(POINTER):
         raise MeshFault("is a pointer of git-LFS and not the file itself: run `git lfs pull` where it comes from")
     if content[:200].lstrip(b"\xef\xbb\xbf \t\r\n").lower().startswith(PAGES):
-        raise MeshFault("is an HTML page and not a mesh: download the file itself")
+        raise MeshFault("is an HTML page and not the file itself: download that")
     return content
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 from collections.abc import Callable
@@ -9,12 +10,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lxml import etree
+
 from guidefield.errors import RobotInvalid
+from guidefield.robot.urdf.xml import Element, fault, root_of
 
 INSTALL_IT = "MuJoCo reads MJCF: install the extra `mujoco` (pip install 'guidefield[mujoco]')"
 
 _ROOT = re.compile(r"(?:\ufeff|\s+|<\?.*?\?>|<!--.*?-->)*+<mujoco(?:include)?[\s/>]", re.DOTALL)
 _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+MOST_ELEMENTS = 20_000
+"""Elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats."""
+MOST_SAMPLES = 2**22
+"""Pixels, heights or facets that an element of it may make MuJoCo compute."""
+_REPEATED = ("replicate", "composite", "flexcomp")
+"""Elements that stand for `count` times what is in them."""
+_COMPUTED = {"texture": ("width", "height"), "hfield": ("nrow", "ncol"), "mesh": ("params",)}
+"""Attributes whose product is the size of what is computed."""
+_BUFFERS = ("size", "custom")
+"""Sections of an MJCF that ask for memory and say nothing about a robot."""
 _ALONE = threading.Lock()
 """MuJoCo has one handler of warnings for the process."""
 
@@ -55,7 +69,8 @@ def compile_text(text: str) -> CompiledModel:
     """Compile an MJCF that names no file.
 
     Raises:
-        RobotInvalid: if the package `mujoco` is missing, if the text names a file, or if MuJoCo refuses it.
+        RobotInvalid: if the package `mujoco` is missing, if the text names a file or stands for more than a robot has,
+            or if MuJoCo refuses it.
     """
     for double, single in _FILE.findall(text):
         file = (double or single)[:200]
@@ -65,8 +80,48 @@ def compile_text(text: str) -> CompiledModel:
             file=file,
         )
     mujoco = import_mujoco()
-    model, warnings = _compiled("MJCF", lambda: mujoco.MjModel.from_xml_string(text))
+    bounded = _bounded(text)
+    model, warnings = _compiled("MJCF", lambda: mujoco.MjModel.from_xml_string(bounded))
     return CompiledModel(model, (), warnings)
+
+
+def _bounded(text: str) -> str:
+    """Return an MJCF without its buffers; it may stand for no more than `MOST_ELEMENTS`, nor for larger pictures.
+
+    A line of MJCF can stand for any number of bodies, which MuJoCo would make without asking.
+
+    Raises:
+        RobotInvalid: if it isn't XML, or stands for more.
+    """
+    root = root_of(text, "MJCF", [])
+    buffers = [element for element in root.iterchildren(etree.Element) if _tag(element) in _BUFFERS]
+    for element in buffers:
+        root.remove(element)
+    total, times = 0.0, {root: 1.0}
+    for element in root.iter(etree.Element):
+        above = element.getparent()
+        within = 1.0 if above is None else times[above]
+        times[element] = within * (_product(element, "count") if _tag(element) in _REPEATED else 1.0)
+        total += times[element]
+        if total > MOST_ELEMENTS:
+            raise fault(element, f"the MJCF stands for more than {MOST_ELEMENTS} elements", limit=MOST_ELEMENTS)
+        sizes = _COMPUTED.get(_tag(element), ())
+        if math.prod(_product(element, name) for name in sizes) > MOST_SAMPLES:
+            named = " and ".join(repr(name) for name in sizes)
+            raise fault(element, f"{named} of <{_tag(element)}> are too large: their product is at most {MOST_SAMPLES}")
+    return str(etree.tostring(root, encoding="unicode")) if buffers else text
+
+
+def _tag(element: Element) -> str:
+    return str(etree.QName(element).localname)
+
+
+def _product(element: Element, attribute: str) -> float:
+    """The product of an attribute's numbers, each at least 1; what is no number is left to MuJoCo to refuse."""
+    try:
+        return math.prod(max(1.0, float(word)) for word in element.get(attribute, "").split())
+    except ValueError:
+        return 1.0
 
 
 def import_mujoco() -> Any:

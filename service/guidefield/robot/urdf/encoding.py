@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 
 from guidefield.errors import RobotInvalid
+from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.reading import content_of
 
 MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -28,9 +30,13 @@ def read_xml(path: Path) -> str:
     """Read a URDF or SRDF file.
 
     Raises:
-        RobotInvalid: if it isn't in the encoding that it declares; names the file, the line and the byte.
+        RobotInvalid: if it can't be opened, is empty or stands in for a file; if it isn't in the encoding that it
+            declares: names the file, the line and the byte.
     """
-    content = path.read_bytes()
+    try:
+        content = content_of(path)
+    except MeshFault as error:
+        raise RobotInvalid(f"{path.name!r} {error}", path=path.name) from None
     encoding = _encoding_of(content, path)
     mark = next((mark for mark, _ in MARKS if content.startswith(mark)), b"")
     body = content[len(mark) :] if encoding == "utf-8" else content

@@ -55,9 +55,10 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
     name, kind = name_of(joint), joint.get("type")
     if kind not in JOINT_DOF:
         hint = "; a URDF has no ball joints" if kind in ("spherical", "ball", "universal") else ""
+        what = "<joint> must have 'type'" if kind is None else f"unknown type {kind!r}"
         raise fault(
             joint,
-            f"unknown type {kind!r}; a joint is one of {', '.join(JOINT_DOF)}{hint}",
+            f"{what}; a joint is one of {', '.join(JOINT_DOF)}{hint}",
             type=kind,
             available=[*JOINT_DOF],
         )

@@ -36,6 +36,12 @@ SHAPES = {
 THICKNESS = 2e-6
 """Thickness of a collision body that has none [m]."""
 
+NEVER_JUDGED = "a <visual> is never judged"
+NOT_DRAWN = "this <visual> will not be drawn"
+THIN = f"what is zero is judged as {1e3 * THICKNESS:g} mm"
+REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)
+"""Ends of warnings that a robot may have for each of its links."""
+
 CAPSULE_SINCE = (1, 1)
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -124,9 +130,7 @@ def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResol
         try:
             _settle_mesh(shape, resolver)
         except RobotInvalid:
-            warnings.append(
-                warning(shape, f"mesh {shape.get('filename')!r} can't be read; this <visual> will not be drawn")
-            )
+            warnings.append(warning(shape, f"mesh {shape.get('filename')!r} can't be read; {NOT_DRAWN}"))
             visual.getparent().remove(visual)
 
 
@@ -169,7 +173,7 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
             thin.append(f"{attribute!r} of {shape.get(attribute)!r}")
             shape.set(attribute, " ".join(repr(size or least) for size in sizes))
     if thin:
-        told = f"<{shape.tag}> has the {' and the '.join(thin)}; what is zero is judged as {1e3 * THICKNESS:g} mm"
+        told = f"<{shape.tag}> has the {' and the '.join(thin)}; {THIN}"
         warnings.append(warning(shape, told))
 
 
@@ -202,4 +206,4 @@ def _refuse(element: Element, message: str) -> None:
 
 
 def _warn(warnings: list[str], element: Element, message: str) -> None:
-    warnings.append(warning(element, message))
+    warnings.append(warning(element, f"{message}; {NEVER_JUDGED}"))

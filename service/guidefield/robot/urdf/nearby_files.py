@@ -80,7 +80,7 @@ class Level:
 
 
 def levels_about(enclosing: Sequence[Path], given: Sequence[Path]) -> list[Level]:
-    """Return the levels of a search: the folders about a URDF, those of its package first, then given ones.
+    """Return the levels of a search: the folders of a URDF's package, given ones, then those about the package.
 
     The package is the nearest folder with a `package.xml`, else the one above folders such as `urdf` and `robots`, else
     the one above the URDF's.
@@ -89,8 +89,11 @@ def levels_about(enclosing: Sequence[Path], given: Sequence[Path]) -> list[Level
     inner = [folder.name.lower() in INNER_FOLDERS for folder in enclosing[:-1]]
     first = inner.index(True) if True in inner[:2] else 0
     own = next(manifests, first + max(1, sum(1 for _ in takewhile(bool, inner[first:]))))
-    about = [Level(folder, Kind.OWN if k <= own else Kind.BEYOND) for k, folder in enumerate(enclosing)]
-    return [*about, *(Level(folder, Kind.GIVEN) for folder in given)]
+    return [
+        *(Level(folder, Kind.OWN) for folder in enclosing[: own + 1]),
+        *(Level(folder, Kind.GIVEN) for folder in given),
+        *(Level(folder, Kind.BEYOND) for folder in enclosing[own + 1 :]),
+    ]
 
 
 @dataclass(frozen=True)
@@ -140,8 +143,8 @@ class NearbyFiles:
     def find(self, path: str, *, in_package: bool) -> Match:
         """Find the files whose paths share the longest end with a path, letters' case aside.
 
-        The nearest level decides in which at least two names are shared, or all that the path has; else the nearest
-        in which the file's name is. Files of equal bytes are one.
+        The nearest level decides in which at least two names are shared, or all that the path has, and so does a
+        given folder; else the nearest in which the file's name is. Files of equal bytes are one.
 
         Args:
             path: The path.
@@ -156,7 +159,7 @@ class NearbyFiles:
             match = _longest(names, [file for file in within if file.is_relative_to(level.folder)])
             if match.common < level.min_common(len(names), in_package=in_package):
                 continue
-            if match.common >= min(2, len(names)):
+            if match.common >= min(2, len(names)) or level.kind is Kind.GIVEN:
                 return match
             weak = weak if weak.files else match
         return weak

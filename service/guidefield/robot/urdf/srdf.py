@@ -11,7 +11,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import Positions
-from guidefield.robot.urdf.xml import root_of
+from guidefield.robot.urdf.xml import drop_xacro, root_of
 
 STATES = ("default", "rest", "home", "ready")
 """Names of states that are preferred as the rest configuration, in this order; else it is the first state."""
@@ -96,13 +96,16 @@ def parse(text: str) -> Srdf:
     """Read an SRDF.
 
     Raises:
-        RobotInvalid: if it is too long, isn't XML, has a DOCTYPE, its root isn't <robot>, or a state's value is no
-            finite number.
+        RobotInvalid: if it is too long, isn't XML, has a DOCTYPE, is a xacro file that isn't expanded, its root isn't
+            <robot>, or a state's value is no finite number.
     """
     warnings: list[str] = []
     root = root_of(text, "SRDF", warnings)
+    drop_xacro(root, warnings)
     if root.tag != "robot":
         raise RobotInvalid(f"the SRDF's root element must be <robot>, it is <{root.tag}>", line=root.sourceline)
+    if (link := root.find("link")) is not None:
+        warnings.append(f"line {link.sourceline}: <link> is left out: links are those of the URDF; is this a URDF?")
     groups: dict[str, SrdfGroup] = {}
     for group in root.findall("group"):
         if groups.setdefault(name := group.get("name", ""), made := _group(group)) is not made:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ from lxml import etree
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.facts import JOINT_DOF, JointFacts, UrdfFacts
 from guidefield.robot.urdf.joints import check_joint, check_mimics
-from guidefield.robot.urdf.links import check_link
+from guidefield.robot.urdf.links import REPEATED, check_link
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.spelling import warn_of_misspelt
 from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
@@ -65,7 +66,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
         joints=joints,
         collisions={key: shapes for key, shapes in collisions.items() if shapes},
         mimics=mimics,
-        warnings=tuple(warnings),
+        warnings=tuple(_folded(warnings)),
         meshes={mesh.get("filename"): uri for mesh, uri in written},
         text=etree.tostring(root, encoding="unicode"),
     )
@@ -97,6 +98,20 @@ def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -
                 line=line,
                 element="collision",
             )
+
+
+def _folded(warnings: Collection[str]) -> list[str]:
+    """Keep the first of the warnings that say the same about many links, with the number of the others."""
+    ends = {sentence: sentence.rpartition("; ")[2] for sentence in warnings}
+    counts = Counter(ends[sentence] for sentence in warnings)
+    kept: list[str] = []
+    for sentence in warnings:
+        end = ends[sentence]
+        if end not in REPEATED or not (count := counts.pop(end, 0)):
+            kept += [sentence] if end not in REPEATED else []
+            continue
+        kept.append(f"{sentence} ({count - 1} more likewise)" if count > 1 else sentence)
+    return kept
 
 
 def _version(root: Element) -> tuple[int, int]:

@@ -20,7 +20,7 @@ LARGEST_LENGTH = 1e6
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-_A = {"URDF": "a", "SRDF": "an"}
+_A = {"URDF": "a", "SRDF": "an", "MJCF": "an"}
 EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file that ends in .xacro is expanded"
 _XACRO = "http://www.ros.org/wiki/xacro"
 _XACRO_DEFINITIONS = ("macro", "property", "arg")
@@ -54,7 +54,7 @@ def parse(text: str, warnings: list[str] | None = None) -> Element:
     warnings = [] if warnings is None else warnings
     root = root_of(text, "URDF", warnings)
     if "xmlns" in text or "xacro" in text:  # else there are none
-        _drop_xacro(root, warnings)
+        drop_xacro(root, warnings)
         _drop_default_namespace(root)
     if root.tag != "robot":
         raise fault(root, f"the root element of a URDF must be <robot>, it is <{root.tag}>")
@@ -62,13 +62,13 @@ def parse(text: str, warnings: list[str] | None = None) -> Element:
 
 
 def root_of(text: str, kind: str, warnings: list[str]) -> Element:
-    """The root element of a URDF or an SRDF, read as strictly as `parse` says.
+    """The root element of a URDF, an SRDF or an MJCF, read as strictly as `parse` says.
 
     Elements and attributes with a prefix that isn't declared, such as Gazebo's `sensor:camera`, are left out.
 
     Args:
         text: What is read.
-        kind: "URDF" or "SRDF".
+        kind: "URDF", "SRDF" or "MJCF".
         warnings: Gets a sentence for each prefix that isn't declared.
 
     Raises:
@@ -199,7 +199,7 @@ def _drop_undeclared(root: Element, warnings: list[str]) -> None:
         warnings.append(f"line {line}: the prefix {prefix!r} isn't declared: what has it is left out")
 
 
-def _drop_xacro(root: Element, warnings: list[str]) -> None:
+def drop_xacro(root: Element, warnings: list[str]) -> None:
     """Take out leftovers of xacro that stand for nothing; refuse a file that isn't expanded.
 
     Definitions stand for nothing, and so do calls of macros that the file doesn't define and that hold nothing: other
