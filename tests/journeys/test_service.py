@@ -238,9 +238,9 @@ BAD_INPUT = {
         "ROBOT_INVALID",
         "axis",
     ),
-    "lower over upper": (
+    "a limit without a number": (
         "plan",
-        _plan(robot=_urdf('<axis xyz="0 0 1"/><limit lower="1" upper="-1" effort="1" velocity="1"/>'), start={}),
+        _plan(robot=_urdf('<axis xyz="0 0 1"/><limit lower="one" upper="2" effort="1" velocity="1"/>'), start={}),
         "ROBOT_INVALID",
         "j",
     ),

@@ -84,7 +84,8 @@ def test_ways_keep_what_the_robot_may_be_off_by_and_what_the_judge_wants_of_each
         ends = [z, z + 0.5]
         assert largest <= swept <= 1.5 * largest
         assert room.swept(ends) == max(swept, room.swept(ends[1:])) > swept
-        assert room.clearance(STREAM.resting, ends) == 0.02 + room.swept(ends) + STREAM.resting
+        kept = 0.02 + room.swept(ends) + STREAM.resting
+        assert room.clearance(STREAM.resting, ends) == pytest.approx(kept, rel=1e-15)
         assert drifting.margins == pytest.approx([0.01 + 0.02 + 0.4 * 0.005])
         among = room._among(drifting, Kept(0.05, 0.1), 0.0, *ends)
         assert among.grown == pytest.approx(0.05 + 0.1 * 0.4 + drifting.margins + room.swept(ends))
