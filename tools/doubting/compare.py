@@ -357,7 +357,7 @@ def _clearances(judge: Judge, curve: Curve, sampled: Sampled, reply: Any) -> lis
         if own.minimum < sampled.own.distance - OFF - judge.slacks[judge.own].max(initial=0.0):
             closer = judge.least_of(curve, frozenset(own.pair))
             at_an_end = (judge.enclosed(curve, float(curve.times[k])) for k in (0, -1))
-            inside = own.minimum == 0.0 and any(pair is not None for pair in at_an_end)
+            inside = own.minimum == 0.0 and any(set(pair or ()) == set(own.pair) for pair in at_an_end)
             if own.minimum < closer - OFF and not (own.minimum <= 0.0 and closer <= 0.0) and not inside:
                 said = f"self_clearance.minimum is {own.minimum:.9g} of {own.pair}, who keep {closer:.9g}"
                 found.append(Disagreement(Kind.FIGURE, said))
