@@ -57,6 +57,10 @@ class TestClosestPairs:
             scene = scenes.build(messages.Scene("s", obstacles=[mesh]))
             world = World.build(whole_group(robot("panda"), Placement()), scene)
             assert not ClosestPairs(world).free(random_configurations(world, 3)).any()
+        world = World.build(whole_group(robot("ur5"), Placement()), scene)
+        found = list(ClosestPairs(world).clearances(random_configurations(world, 60)))
+        assert min(one.self_distance for one in found) <= 0.0 < max(one.self_distance for one in found)
+        assert {one.obstacle_distance for one in found} == {0.0}, "also where the robot touches itself"
 
 
 class TestGradient:

@@ -45,7 +45,7 @@ class ClosestPairs:
         count = len(configurations)
         distances, pairs = np.empty((count, 2)), np.empty((count, 2, CANDIDATES), np.int64)
         closest_pairs(self._moving, configurations, WITHIN, distances, pairs)
-        apart: np.ndarray = np.all(distances > NEARLY, axis=1)
+        apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
         enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
         alone[np.flatnonzero(apart)[enclosed]] = True
