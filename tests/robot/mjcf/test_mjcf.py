@@ -179,6 +179,7 @@ MANY = '<replicate count="200"><replicate count="200"><geom size="0.1"/></replic
         ('<worldbody><composite count="1000 1000 1"/></worldbody>', "stands for more than 20000 elements"),
         ('<asset><texture width="99999" height="99999"/></asset>', "'width' and 'height' of <texture> are too large"),
         ('<asset><hfield nrow="99999" ncol="99999"/></asset>', "'nrow' and 'ncol' of <hfield> are too large"),
+        ('<asset><mesh builtin="supersphere" params="2000 1 1"/></asset>', "'params' of <mesh> are too large"),
         ("<worldbody>", "the MJCF is not XML"),
     ],
 )

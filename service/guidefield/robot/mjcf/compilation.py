@@ -22,10 +22,12 @@ _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 MOST_ELEMENTS = 20_000
 """Elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats."""
 MOST_SAMPLES = 2**22
-"""Pixels, heights or facets that an element of it may make MuJoCo compute."""
+"""Pixels or heights that an element of it may make MuJoCo compute."""
+MOST_PARAMETER = 200
+"""Largest parameter of a built-in mesh; its facets grow with the square, and MuJoCo takes their hull."""
 _REPEATED = ("replicate", "composite", "flexcomp")
 """Elements that stand for `count` times what is in them."""
-_COMPUTED = {"texture": ("width", "height"), "hfield": ("nrow", "ncol"), "mesh": ("params",)}
+_COMPUTED = {"texture": ("width", "height"), "hfield": ("nrow", "ncol")}
 """Attributes whose product is the size of what is computed."""
 _BUFFERS = ("size", "custom")
 """Sections of an MJCF that ask for memory and say nothing about a robot."""
@@ -105,6 +107,8 @@ def _bounded(text: str) -> str:
         total += times[element]
         if total > MOST_ELEMENTS:
             raise fault(element, f"the MJCF stands for more than {MOST_ELEMENTS} elements", limit=MOST_ELEMENTS)
+        if _tag(element) == "mesh" and max(_numbers(element, "params"), default=0.0) > MOST_PARAMETER:
+            raise fault(element, f"'params' of <mesh> are too large: each is at most {MOST_PARAMETER}")
         sizes = _COMPUTED.get(_tag(element), ())
         if math.prod(_product(element, name) for name in sizes) > MOST_SAMPLES:
             named = " and ".join(repr(name) for name in sizes)
@@ -117,11 +121,16 @@ def _tag(element: Element) -> str:
 
 
 def _product(element: Element, attribute: str) -> float:
-    """The product of an attribute's numbers, each at least 1; what is no number is left to MuJoCo to refuse."""
+    """The product of an attribute's numbers, each at least 1."""
+    return math.prod(max(1.0, value) for value in _numbers(element, attribute))
+
+
+def _numbers(element: Element, attribute: str) -> list[float]:
+    """Numbers of an attribute; none where some aren't numbers, which MuJoCo refuses."""
     try:
-        return math.prod(max(1.0, float(word)) for word in element.get(attribute, "").split())
+        return [float(word) for word in element.get(attribute, "").split()]
     except ValueError:
-        return 1.0
+        return []
 
 
 def import_mujoco() -> Any:
