@@ -65,3 +65,13 @@ def test_parts_make_up_the_whole_again() -> None:
     first = int(np.flatnonzero(~mask)[0])
     own = again.points[again.first_point[k] : again.first_point[k + 1]]
     assert (own == elements.points[elements.first_point[first] : elements.first_point[first + 1]]).all()
+
+
+def test_points_of_an_element_are_the_corners_of_its_pieces_once() -> None:
+    elements = gathered(bisected(pieces(solids.lying(solids.torus())), 0.005), 0.01)
+    for k in range(len(elements.bounds)):
+        own = elements.points[elements.first_point[k] : elements.first_point[k + 1]].tolist()
+        corners = elements.pieces.corners[elements.first[k] : elements.first[k + 1]].reshape(-1, 3).tolist()
+        assert set(map(tuple, own)) == set(map(tuple, corners))
+        assert len(own) <= len(corners)
+    assert len(elements.points) < 2 * len(elements.pieces.sources), "of 3 corners each"

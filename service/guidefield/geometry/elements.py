@@ -8,7 +8,15 @@ import numpy as np
 
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.surfaces import Floats, Integers, area_of
-from guidefield.kernels.cover.pieces import balls_about, cell_middles, gather, grid_cells, halve, longest_edges
+from guidefield.kernels.cover.pieces import (
+    balls_about,
+    cell_middles,
+    distinct_points,
+    gather,
+    grid_cells,
+    halve,
+    longest_edges,
+)
 from guidefield.kernels.cover.stable_order import stable_order
 
 
@@ -39,31 +47,27 @@ class Elements(NamedTuple):
     Attributes:
         pieces: Those of the same element together.
         first: First piece of each element, and the number of all, shape (m + 1,).
+        points: Corners of the pieces of each element, equal ones once, shape (k, 3) [m].
+        first_point: First point of each element, and the number of all, shape (m + 1,).
         bounds: A ball about each element: centre and radius, shape (m, 4) [m].
     """
 
     pieces: Pieces
     first: Integers
+    points: Floats
+    first_point: Integers
     bounds: Floats
-
-    @property
-    def points(self) -> Floats:
-        """Corners of all pieces, shape (3 n, 3) [m]."""
-        return self.pieces.corners.reshape(-1, 3)
-
-    @property
-    def first_point(self) -> Integers:
-        """First point of each element, and the number of all, shape (m + 1,)."""
-        return 3 * self.first
 
     def some(self, chosen: np.ndarray) -> Elements:
         """The elements that a mask, shape (m,), chooses."""
         if chosen.all():
             return self
-        counts = np.diff(self.first)
+        counts, of_points = np.diff(self.first), np.diff(self.first_point)
         return Elements(
             self.pieces.some(np.repeat(chosen, counts)),
-            np.concatenate([[0], np.cumsum(counts[chosen])]),
+            _starts(counts[chosen]),
+            self.points[np.repeat(chosen, of_points)],
+            _starts(of_points[chosen]),
             np.ascontiguousarray(self.bounds[chosen]),
         )
 
@@ -102,7 +106,9 @@ def gathered(pieces: Pieces, size: float) -> Elements:
     turn = curve_order(middles[:found])
     together, starts = _unwritten(count), np.empty(found + 1, np.int64)
     gather(corners, np.ascontiguousarray(pieces.sources), order, first, turn, *together, starts)
-    return Elements(together, starts, _balls(together.corners.reshape(-1, 3), 3 * starts))
+    points, first_point = np.empty((3 * count, 3)), np.empty(found + 1, np.int64)
+    points = points[: distinct_points(together.corners.reshape(-1, 3), 3 * starts, points, first_point)]
+    return Elements(together, starts, points, first_point, _balls(points, first_point))
 
 
 def blocks(elements: Elements) -> Floats:
@@ -120,9 +126,15 @@ def _balls(points: Floats, first: Integers) -> Floats:
 
 def united(parts: list[Elements]) -> Elements:
     """All elements of several."""
-    counts = np.concatenate([np.diff(part.first) for part in parts])
     return Elements(
         joined([part.pieces for part in parts]),
-        np.concatenate([[0], np.cumsum(counts)]),
+        _starts(np.concatenate([np.diff(part.first) for part in parts])),
+        np.concatenate([part.points for part in parts]),
+        _starts(np.concatenate([np.diff(part.first_point) for part in parts])),
         np.concatenate([part.bounds for part in parts]),
     )
+
+
+def _starts(counts: Integers) -> Integers:
+    """Where runs of so many begin, and how many there are in all."""
+    return np.concatenate([[0], np.cumsum(counts)])

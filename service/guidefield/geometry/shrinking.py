@@ -63,7 +63,7 @@ def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers,
 
 def _owned_points(elements: Elements, owners: Integers, balls: int) -> tuple[Floats, Integers]:
     """The points (k, 3) of what each ball owns together [m], and where those of each begin, and k."""
-    of_points = np.repeat(owners, 3 * np.diff(elements.first))
+    of_points = np.repeat(owners, np.diff(elements.first_point))
     order, first = np.empty(len(of_points), np.int64), np.zeros(balls + 1, np.int64)
     stable_order(of_points, order)
     np.cumsum(np.bincount(of_points, minlength=balls), out=first[1:])

@@ -26,6 +26,9 @@ from guidefield.kernels.jit.signatures import (
 ROUNDING = 1.0 + 1e-12
 """By how much a ball is larger than the distance of its farthest point, whatever rounding does."""
 
+LOOK_BACK = 32
+"""A point is compared with the last so many that were kept."""
+
 
 @exact_kernel(types.int64(BLOCKS, SCALAR, INDICES_OUT))
 def longest_edges(corners: Floats, size: float, edges_out: Integers) -> int:
@@ -190,6 +193,36 @@ def gather(
             sources_out[at] = sources[order[k]]
             at += 1
     first_out[turn.shape[0]] = at
+
+
+@exact_kernel(types.int64(MATRIX, INDICES, MATRIX_OUT, INDICES_OUT))
+def distinct_points(corners: Floats, first: Integers, points_out: Floats, first_out: Integers) -> int:
+    """Keep one of equal points of each run; of very many some equal ones may stay.
+
+    Args:
+        corners: Shape (k, 3) [m].
+        first: Where each run begins, and k; shape (m + 1,).
+        points_out: Gets the points, the first of equal ones, in their order, shape (k, 3).
+        first_out: Gets where those of each run begin, and how many there are; shape (m + 1,).
+
+    Returns:
+        How many points there are.
+    """
+    count = 0
+    for m in range(first.shape[0] - 1):
+        first_out[m] = count
+        for i in range(first[m], first[m + 1]):
+            x, y, z = corners[i, 0], corners[i, 1], corners[i, 2]
+            is_new = True
+            for k in range(count - 1, max(first_out[m], count - LOOK_BACK) - 1, -1):
+                if points_out[k, 0] == x and points_out[k, 1] == y and points_out[k, 2] == z:
+                    is_new = False
+                    break
+            if is_new:
+                points_out[count, 0], points_out[count, 1], points_out[count, 2] = x, y, z
+                count += 1
+    first_out[first.shape[0] - 1] = count
+    return count
 
 
 @exact_kernel(void(MATRIX, INDICES, MATRIX_OUT))
