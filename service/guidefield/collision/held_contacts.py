@@ -8,15 +8,19 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import coal
+import pinocchio as pin
 
 from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.collision.pairs import PairNames
+from guidefield.collision.solids import Solid, is_around, solids_of_group
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 
 
 class HeldContact(NamedTuple):
-    """A held object and a link, or another held object, that touch at every configuration of a group.
+    """A held object and a link, or another held object, in contact at every configuration of a group.
+
+    One wholly inside the other's closed mesh is in contact with it.
 
     Attributes:
         pair: Their names.
@@ -35,6 +39,7 @@ def held_contacts(group: PlanningGroup) -> tuple[HeldContact, ...]:
         return ()
     shapes = list(group.geometry.geometryObjects)
     links = [group.robot.link_of_geometry(index) for index in range(len(shapes))]
+    solids = solids_of_group(group)
     exact = NarrowPhase(
         lambda body: shapes[body].geometry,
         lambda body: coal.Transform3s(shapes[body].placement.rotation, shapes[body].placement.translation),
@@ -45,9 +50,15 @@ def held_contacts(group: PlanningGroup) -> tuple[HeldContact, ...]:
         names = links[first], links[second]
         if shapes[first].parentJoint != shapes[second].parentJoint or held.isdisjoint(names):
             continue
-        if exact.penetration(first, second) is None:
+        placed = [(solids[body], shapes[body].placement) for body in (first, second)]
+        if exact.penetration(first, second) is None and not _is_one_around_the_other(*placed):
             continue
         surfaces = any(isinstance(shapes[body].geometry, coal.BVHModelBase) for body in (first, second))
         depth = None if surfaces else max(0.0, -exact.distance(first, second).distance)
         found.append(HeldContact(names, depth))
     return tuple(found)
+
+
+def _is_one_around_the_other(first: tuple[Solid, pin.SE3], second: tuple[Solid, pin.SE3]) -> bool:
+    (a, there), (b, at) = first, second
+    return is_around(a, b, there, at) or is_around(b, a, at, there)
