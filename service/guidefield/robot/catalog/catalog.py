@@ -29,7 +29,7 @@ from guidefield.robot.mjcf.compilation import is_mjcf
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.loading import load
 from guidefield.robot.model.model import RobotModel, RobotSource
-from guidefield.robot.model.second_reading import crosschecked
+from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
 from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.xacro_files import is_xacro

@@ -1,0 +1,135 @@
+"""A second reader of URDFs that nobody has tried: yourdfpy beside Pinocchio, and what it reads otherwise in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import logging
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from guidefield.robot.model.configuration import scalar
+from guidefield.robot.model.followers import follow
+from guidefield.robot.model.model import Joint, JointKind, RobotModel
+from guidefield.robot.model.spaces import RobotConfiguration
+
+SAME = 1e-6
+"""Placements of links that differ by more than this [m, or 1] are not the same."""
+MOST_TOLD = 5
+"""Of so many differences a sentence is made each; of the rest, how many they are."""
+BENT = 0.3
+"""Where in its range each joint stands while placements are compared; the value of those without limits [rad or m]."""
+_UNREAD = ("visual", "collision", "transmission", "gazebo")
+"""Elements that the other reader isn't given: it could open files for them."""
+_SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
+
+
+def crosschecked(robot: RobotModel) -> RobotModel:
+    """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
+
+    Compared are capsules, which yourdfpy doesn't know, the joints that can be given, and the placement of each link
+    with every joint bent, mimic joints where either reader puts them. Placements of robots with what yourdfpy doesn't
+    know are not compared: joints of several degrees of freedom, mimic joints of mimic joints, and rotations as
+    quaternions (URDF 1.1). No file is opened.
+    """
+    told = _differences(robot)
+    if len(told) > MOST_TOLD:
+        told = [*told[:MOST_TOLD], f"yourdfpy reads {len(told) - MOST_TOLD} more things otherwise"]
+    return dataclasses.replace(robot, warnings=(*robot.warnings, *told)) if told else robot
+
+
+def _differences(robot: RobotModel) -> list[str]:
+    root = etree.fromstring(robot.source.urdf_text.encode())
+    capsules = _capsules(robot, root)
+    return [*capsules, *_placed_otherwise(robot, root)]
+
+
+def _capsules(robot: RobotModel, root: Any) -> list[str]:
+    """Sentences about capsules, which Pinocchio alone reads.
+
+    They are shapes of URDF 1.1, or cylinders that `<collision_checking>` makes capsules.
+    """
+    shapes = {link.get("name"): [shape.tag for shape in link.iterfind("collision/geometry/*")] for link in root}
+    rounded = dict.fromkeys(
+        choice.link
+        for choice in robot.geometry_choices
+        if choice.shape == "capsule" and "cylinder" in shapes.get(choice.link, ())
+    )
+    unknown = [link for link, tags in shapes.items() if "capsule" in tags]
+    told = (
+        (rounded, "by <collision_checking> a cylinder is a capsule; yourdfpy and other tools read flat ends"),
+        (unknown, "yourdfpy and other tools don't know <capsule>, and see nothing there"),
+    )
+    return [f"link {', '.join(map(repr, links))}: {what}" for links, what in told if links]
+
+
+def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
+    """A sentence for each joint or link that yourdfpy reads otherwise."""
+    if not _known_to_both(robot, root):
+        return []
+    try:
+        other = _read(root)
+    except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
+        return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
+    q = _bent(robot)
+    given = {joint.name: scalar(joint, q) for joint in _joints(robot) if joint.mimic is None}
+    if alone := given.keys() ^ set(other.actuated_joint_names):
+        return [f"yourdfpy has other joints to move: {', '.join(sorted(alone))} are not in both"]
+    other.update_cfg(given)
+    return _misplaced(robot, q, other)
+
+
+def _joints(robot: RobotModel) -> list[Joint]:
+    """The joints that the URDF has: not the one by which the robot stands in the world."""
+    return list(robot.joints if robot.source.root_joint == "fixed" else robot.joints[1:])
+
+
+def _known_to_both(robot: RobotModel, root: Any) -> bool:
+    joints = _joints(robot)
+    scalar_joints = all(joint.kind in _SCALAR for joint in joints)
+    followed = {mimic.get("joint") for mimic in root.findall("joint/mimic")}
+    chained = any(joint.mimic is not None and joint.name in followed for joint in joints)
+    return scalar_joints and not chained and not root.findall(".//origin[@quat_xyzw]")
+
+
+def _read(root: Any) -> Any:
+    import yourdfpy
+
+    for element in [found for tag in _UNREAD for found in root.iter(tag)]:
+        element.getparent().remove(element)
+    for axis in [axis for axis in root.iter("axis") if axis.get("xyz")]:  # it slides by as much as a long axis says
+        direction = np.array(axis.get("xyz").split(), float)
+        length = np.linalg.norm(direction)
+        if length > 0.0:  # that of a fixed joint may be anything
+            axis.set("xyz", " ".join(map(repr, (direction / length).tolist())))
+    logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # what it finds is told in the robot's warnings
+    return yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), load_meshes=False, filename_handler=str)
+
+
+def _misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str]:
+    """A sentence for each link that the two place differently relative to the root, at a configuration, shape (nq,)."""
+    model, data = robot.model, robot.model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    root = data.oMf[robot.frame_id(other.base_link)]
+    told = []
+    for link in other.link_map:
+        ours = root.actInv(data.oMf[robot.frame_id(link)]).homogeneous
+        apart = float(np.abs(ours - other.get_transform(link, other.base_link)).max())
+        if not apart <= SAME * max(1.0, float(np.abs(ours).max())):
+            told.append(f"yourdfpy places link {link!r} otherwise, by {apart:.3g}")
+    return told
+
+
+def _bent(robot: RobotModel) -> RobotConfiguration:
+    """A configuration with every joint away from zero and from its limits, shape (nq,); followers where they belong."""
+    q = robot.rest.copy()
+    for joint in robot.joints:
+        if joint.kind in _SCALAR:
+            limited = bool(np.isfinite([joint.lower[0], joint.upper[0]]).all())
+            value = joint.lower[0] + BENT * (joint.upper[0] - joint.lower[0]) if limited else BENT
+            q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
+    follow(robot.joints, q)
+    return q
