@@ -97,7 +97,7 @@ def test_aligned_motions_are_not_contradicted(tmp_path: Path) -> None:
         assert min(unit.counts["mutants certified"], unit.counts["mutants refused"]) > 0
 
 
-@pytest.mark.parametrize("seed", [0, 6])
+@pytest.mark.parametrize("seed", [16, 30])
 def test_fixed_units_are_not_contradicted(tmp_path: Path, seed: int) -> None:
     from doubting.unit import Work
 
