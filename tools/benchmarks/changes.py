@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.scale import SEED, Made, _boxes, _plan
+from benchmarks import grown
+from benchmarks.grown import SEED, Made
 from guidefield.engine import Engine
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
@@ -45,7 +46,7 @@ def run(arguments: list[str]) -> None:
     asked = parser.parse_args(arguments)
     print(f"{'ms of CPU time':>24} {'change':>14} {'plan after it':>16} {'again':>16}", flush=True)
     for name, case in CASES.items():
-        boxes = _dense(asked.count) if case.dense else _boxes(asked.count, SEED)
+        boxes = _dense(asked.count) if case.dense else grown.boxes(asked.count, SEED)
         with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as folder:
             rows = 1e3 * _rounds(Engine(scenes=SceneStore(Path(folder))), boxes, case, asked.rounds)
         figures = [
@@ -60,7 +61,7 @@ def _rounds(engine: Engine, boxes: list[Made], case: Case, rounds: int) -> np.nd
     """Of each round the time of the change, of the next plan, and of that plan again, shape (n, 3) [s]."""
     scene = {"name": "cell", "obstacles": boxes}
     engine.answer({"type": "store_scene", "name": "cell", "scene": scene})
-    plan = codec.decode_request({**_plan(boxes), "scene": "cell"})
+    plan = codec.decode_request({**grown.plan(boxes), "scene": "cell"})
     for _ in range(3):
         _seconds(engine, plan)
     rows = []
@@ -84,7 +85,7 @@ def _seconds(engine: Engine, request: Any) -> float:
 
 def _dense(count: int) -> list[Made]:
     """Crumbs all about a robot, ten boxes among them, and none where it is."""
-    rng, made = np.random.default_rng(SEED), _boxes(min(10, count), SEED)
+    rng, made = np.random.default_rng(SEED), grown.boxes(min(10, count), SEED)
     while len(made) < count:
         place = rng.uniform(-1.6, 1.6, 3)
         if place[2] < -0.3 or np.hypot(place[0], place[1]) > 1.05:
