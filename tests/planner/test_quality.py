@@ -11,6 +11,7 @@ import pytest
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.smallest import TOLERANCE
+from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
@@ -21,6 +22,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import clearance, clearance_profile, figures
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Budget
+from guidefield.potential import RobotField
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene import library
 from guidefield.scene.scene import build
@@ -197,6 +199,34 @@ def test_a_panda_that_rests_has_the_distances_of_its_place() -> None:
     profile = clearance_profile(measured, made)
     assert profile.obstacle_pair[0] == there.obstacle_pair
     np.testing.assert_allclose(profile.witness[0], there.witness)
+
+
+def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_moves() -> None:
+    """By Coal alone, in a world of its own for each sample."""
+    planned = group("panda")
+    flight = messages.ObstacleTrajectory(
+        times=[0.0, 2.0], placements=[Placement(position=(0.45, -0.9, 0.6)), Placement(position=(0.45, 0.9, 0.6))]
+    )
+    scene = scene_of(
+        messages.Box(name="crate", size=(0.1, 0.1, 0.3), position=(0.3, 0.6, 0.15)),
+        messages.Sphere(name="ball", radius=0.05, trajectory=flight),
+    )
+    made = problem(planned, scene, q_start=rest(planned))
+    begin = planned.chart(rest(planned))
+    points = np.array([begin, begin + 0.4])
+    profile = clearance_profile(clearance(Trajectory(np.array([0.0, 2.0]), points, np.zeros_like(points)), made), made)
+    assert {pair[1] for pair in profile.obstacle_pair if pair} == {"crate", "ball"}
+    for row in range(0, len(profile.times), 5):
+        time_there, q = float(profile.times[row]), profile.configurations[row]
+        there = clearance_at(World.build(planned, scene.at(time_there)), planned.expand(q))
+        assert profile.obstacle_distance[row] == pytest.approx(there.obstacle_distance, abs=1e-6)
+        assert profile.self_distance[row] == pytest.approx(there.self_distance, abs=1e-6)
+        assert (profile.obstacle_pair[row], profile.self_pair[row]) == (there.obstacle_pair, there.self_pair)
+        between = np.linalg.norm(profile.witness[row, 0] - profile.witness[row, 1])
+        assert between == pytest.approx(abs(there.obstacle_distance), abs=1e-6)
+    samples = zip(profile.times.tolist(), profile.configurations, strict=True)
+    energies = [RobotField(planned, scene.at(there)).potential(q) for there, q in samples]
+    np.testing.assert_allclose(profile.potential, energies, rtol=1e-3)
 
 
 @pytest.mark.parametrize("knots", [1, 2, 30, 300])

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
@@ -21,10 +20,6 @@ from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
 from guidefield.robot.model.configuration import LimitFault, limit_faults
-from guidefield.robot.model.spaces import Configuration
-
-if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
-    from guidefield.potential import RobotField
 
 TOGETHER = 1000
 """Among obstacles that move, so many pieces are judged before the next: among what rests, then among what moves."""
@@ -50,18 +45,6 @@ class GivenProblem(Conditions):
         still = [j for j in joints if (j.name if j.mimic is None else j.mimic.driver) not in moving]
         faults = limit_faults(still, self.group.q_reference)
         return max(faults, key=lambda fault: fault.excess, default=None)
-
-    @cached_property
-    def robot_field(self) -> RobotField:
-        """The scene's field on the robot, for a recording."""
-        from guidefield.potential import Precision, RobotField
-
-        return RobotField(self.group, self.scene, Precision.SINGLE)
-
-    def potential(self, time: float, q: Configuration) -> float:
-        """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
-        field = self.robot_field.among(self.scene.at(time)) if self.scene.moves else self.robot_field
-        return field.potential(q)
 
 
 @dataclass(frozen=True, eq=False)

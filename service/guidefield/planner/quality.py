@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
 from guidefield.collision.minimum.along import smallest_along
+from guidefield.collision.minimum.asked import among_resting
+from guidefield.collision.minimum.closest import ClosestPairs
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.minimum.enclosures import enclosures_at
 from guidefield.collision.minimum.nearest import with_nearest
-from guidefield.collision.minimum.places import Places, Surveyor
+from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.kept import kept_with
@@ -24,27 +26,8 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.model.spaces import ChartCurves, Configuration, Configurations
-
-
-class Measured(Protocol):
-    """Conditions of a motion that was measured, with the field for its recording."""
-
-    @property
-    def group(self) -> PlanningGroup:
-        """The joints that move."""
-        ...
-
-    @property
-    def world(self) -> World:
-        """Robot and obstacles."""
-        ...
-
-    def potential(self, time: float, q: Configuration, /) -> float:
-        """Potential of the robot at a configuration (nq,) at a time [s]: U [m]."""
-        ...
+from guidefield.robot.model.spaces import ChartCurves, Configurations
 
 
 class MotionInTime(Protocol):
@@ -207,34 +190,54 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     )
 
 
-def clearance_profile(measured: Clearance, problem: Measured) -> ClearanceProfile:
+def clearance_profile(measured: Clearance, problem: Conditions) -> ClearanceProfile:
     """Distances and potential at the samples of a trajectory that was measured, for its recording."""
     group, surveyor = problem.group, measured.surveyor
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
     times = np.unique(np.concatenate([measured.times, smallest_at]))
-    places, rows = surveyor.places(times), np.arange(len(times))
-    configurations = np.array([group.from_chart(z) for z in surveyor.curve.at(times)[0]])
-    world = surveyor.worlds.moving
-    pairs = world.pairs
-    mixed, witness = np.arange(len(pairs)) >= pairs.n_self, np.full((len(times), 2, 3), np.nan)
-    obstacle_distance, obstacle_pair = _at_rows(surveyor, places, rows, np.flatnonzero(mixed))
-    self_distance, self_pair = _at_rows(surveyor, places, rows, np.flatnonzero(~mixed))
-    for index, (instant, pair) in enumerate(zip(times.tolist(), obstacle_pair, strict=True)):
-        if pair is not None:
-            witness[index] = surveyor.witness(instant, pair)
-    return ClearanceProfile(
+    zs = surveyor.curve.at(times)[0]
+    configurations = np.array([group.from_chart(z) for z in zs])
+    found = list(ClosestPairs(among_resting(surveyor.worlds)).clearances(group.expand_each(zs)))
+    profile = ClearanceProfile(
         times=times,
         configurations=configurations,
         lengths=np.interp(times, measured.times, measured.lengths),
-        obstacle_distance=obstacle_distance,
-        obstacle_pair=tuple(None if pair is None else world.pair_names(pair) for pair in obstacle_pair),
-        witness=witness,
-        self_distance=self_distance,
-        self_pair=tuple(None if pair is None else world.pair_names(pair) for pair in self_pair),
-        potentials=lambda: np.array(
-            [problem.potential(t, q) for t, q in zip(times.tolist(), configurations, strict=True)]
-        ),
+        obstacle_distance=np.array([one.obstacle_distance for one in found]),
+        obstacle_pair=tuple(one.obstacle_pair for one in found),
+        witness=np.array([np.full((2, 3), np.nan) if one.witness is None else one.witness for one in found]),
+        self_distance=np.array([one.self_distance for one in found]),
+        self_pair=tuple(one.self_pair for one in found),
+        potentials=lambda: _potentials(problem, times, configurations),
     )
+    return _with_movers(profile, surveyor) if problem.scene.moves else profile
+
+
+def _potentials(problem: Conditions, times: np.ndarray, configurations: Configurations) -> np.ndarray:
+    """Return the robot's potential at configurations (n, nq) at times (n,) [s]: shape (n,) [m]."""
+    from guidefield.potential import Precision, RobotField  # its kernels are loaded where a recording needs them
+
+    field = RobotField(problem.group, problem.scene, Precision.SINGLE)
+    if not problem.scene.moves:
+        return field.potentials(configurations)
+    rows = zip(times.tolist(), configurations, strict=True)
+    return np.array([field.among(problem.scene.at(time)).potential(q) for time, q in rows])
+
+
+def _with_movers(profile: ClearanceProfile, surveyor: Surveyor) -> ClearanceProfile:
+    """Replace distances of a profile among resting obstacles where a moving obstacle is closer."""
+    movers = np.flatnonzero(surveyor.mover_of_pair > 0)
+    if not len(movers):
+        return profile
+    distances, pairs, witness = profile.obstacle_distance.copy(), [*profile.obstacle_pair], profile.witness.copy()
+    places = surveyor.places(profile.times)
+    rows = np.flatnonzero(places.distances[:, movers].min(axis=1) < distances)
+    nearest = surveyor.closest(places, rows, movers)
+    for row, pair in zip(rows.tolist(), nearest.tolist(), strict=True):
+        if places.distances[row, pair] < distances[row]:
+            distances[row] = places.distances[row, pair]
+            pairs[row] = surveyor.worlds.moving.pair_names(pair)
+            witness[row] = surveyor.witness(float(places.times[row]), pair)
+    return replace(profile, obstacle_distance=distances, obstacle_pair=tuple(pairs), witness=witness)
 
 
 def _closest(found: Smallest, world: World) -> Closest:
@@ -251,16 +254,6 @@ def _with_enclosure(found: Closest, inside: list[int], time: float, world: World
     if not inside or found.distance <= 0.0:
         return found
     return Closest(0.0, min(found.bound, 0.0), time, world.pair_names(inside[0]))
-
-
-def _at_rows(
-    surveyor: Surveyor, places: Places, rows: np.ndarray, pairs: np.ndarray
-) -> tuple[np.ndarray, list[int] | list[None]]:
-    """The smallest distance (k,) of some pairs at rows (k,) of places, and of which pair it is."""
-    if not len(pairs):
-        return np.full(len(rows), np.inf), [None] * len(rows)
-    nearest = surveyor.closest(places, rows, pairs)
-    return places.distances[rows, nearest], nearest.tolist()
 
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:

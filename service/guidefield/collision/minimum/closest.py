@@ -44,7 +44,7 @@ class ClosestPairs:
             return
         count = len(configurations)
         distances, pairs = np.empty((count, 2)), np.empty((count, 2, CANDIDATES), np.int64)
-        closest_pairs(self._moving, configurations, WITHIN, distances, pairs)
+        closest_pairs(self._moving, np.ascontiguousarray(configurations), WITHIN, distances, pairs)
         apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
         enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
@@ -66,7 +66,7 @@ class ClosestPairs:
             free = np.array([not touching for touching in world.in_collision_each([*configurations])])
         else:
             contacts = np.empty(count, np.int64)
-            first_contacts(self._moving, configurations, NEARLY, contacts)
+            first_contacts(self._moving, np.ascontiguousarray(configurations), NEARLY, contacts)
             free = contacts < 0
             for index in np.flatnonzero(~free).tolist() if confirmed else ():
                 world.place(configurations[index])

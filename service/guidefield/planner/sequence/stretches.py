@@ -9,9 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
@@ -25,10 +23,6 @@ from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
-from guidefield.robot.model.spaces import Configuration
-
-if TYPE_CHECKING:  # its kernels are loaded where a recording needs them
-    from guidefield.potential import RobotField
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,18 +38,6 @@ class Stretch(Conditions):
     index: int
     motion: Trajectory
     way: StraightWay | None = None
-
-    @cached_property
-    def robot_field(self) -> RobotField:
-        """The scene's field on the robot, for a recording."""
-        from guidefield.potential import Precision, RobotField
-
-        return RobotField(self.group, self.scene, Precision.SINGLE)
-
-    def potential(self, time: float, q: Configuration) -> float:
-        """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
-        field = self.robot_field.among(self.scene.at(time)) if self.scene.moves else self.robot_field
-        return field.potential(q)
 
 
 def stretches_of(

@@ -138,7 +138,3 @@ class Problem(Conditions):
             start_acceleration=None,
             end_velocity=None,
         )
-
-    def potential(self, time: float, q: Configuration) -> float:
-        """Potential of the robot at a configuration (nq,) among the obstacles as they stand at a time [s]: U [m]."""
-        return self.at(time).robot_field.potential(q)
