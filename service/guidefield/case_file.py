@@ -243,8 +243,8 @@ def _hulls(shape: Any) -> dict[str, Any]:
 
 def _shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
     """The closed surface of a mesh that isn't closed as it is, or not turned alike."""
-    points, corners, _ = compact(vertices, triangles)
-    if not len(boundary(corners, len(points))):
+    _, corners, _ = compact(vertices, triangles)
+    if not len(boundary(corners)):
         return {}
     closed = mesh_surface(vertices, triangles)
     return {} if closed is None or not closed.solid else {"shell": _told(closed.vertices, closed.triangles)}

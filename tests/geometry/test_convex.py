@@ -50,6 +50,21 @@ def test_the_volume_is_that_of_the_hull_whatever_lies_at_one_place(
     assert volume(convex_hull(points)) == pytest.approx(expected, rel=1e-6, abs=1e-7 * size)
 
 
+@pytest.mark.parametrize("apart", [1e-17, 1e-16, 1e-15, 1e-14, 1e-13, 1e-12])
+def test_many_points_a_few_roundings_apart_have_a_hull(apart: float) -> None:
+    rng = np.random.default_rng(5)
+    for side in (0.02, 0.2, 3.0):  # the cut through a round body: a flat face of many corners, each met twice
+        angles = 2.0 * np.pi * rng.random(150)
+        rim = side * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(150)])
+        round_ = side * rng.normal(size=(1200, 3))
+        round_ /= np.linalg.norm(round_, axis=1)[:, None] / side
+        points = np.concatenate([rim, round_[round_[:, 2] < 0.0]]) @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        doubled = np.concatenate([points, points + side * apart * rng.normal(size=points.shape)])
+        hull = convex_hull(doubled)
+        expected = scipy.spatial.ConvexHull(doubled, qhull_options="QJ").volume
+        assert volume(hull) == pytest.approx(expected, rel=1e-8)
+
+
 def test_what_is_flat_has_no_hull() -> None:
     flat = np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)])
     for points in (np.zeros((0, 3)), np.zeros((9, 3)), np.eye(3), flat):

@@ -47,7 +47,7 @@ def test_corners_that_nearly_coincide_are_closed_by_thin_lids(body: str, width: 
     joined, found = seams(vertices, triangles)
     assert 0.0 < found <= np.sqrt(3.0) * WIDEST_CRACK
     lids = crack_lids(triangles, joined)
-    assert not len(boundary(np.concatenate([triangles, lids]), len(vertices)))
+    assert not len(boundary(np.concatenate([triangles, lids])))
     assert _least_heights(vertices[lids]).max() <= found * (1.0 + 1e-9)
     closed = volume(vertices, np.concatenate([triangles, lids]))
     area = trimesh.Trimesh(*BODIES[body], process=False).area

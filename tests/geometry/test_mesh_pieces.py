@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.geometry.decomposition import Decomposition, decompose
+from guidefield.geometry import surfaces
+from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import (
     BOXED,
@@ -23,6 +24,7 @@ from guidefield.geometry.mesh_tree import (
 from guidefield.geometry.solid import solid
 from guidefield.kernels.cover.beyond_planes import not_beyond
 from tests.collision.lanes.test_lanes import torus
+from tests.geometry import solids
 
 
 def ring() -> tuple[np.ndarray, np.ndarray, Decomposition]:
@@ -43,6 +45,29 @@ def test_a_tree_from_disk_is_the_one_that_was_computed(tmp_path: Path, monkeypat
             np.testing.assert_array_equal(found.hulls[node], hull)
     assert len(made.pieces) > 1
     assert len(list(tmp_path.rglob("tree-*"))) == 1
+
+
+def test_a_sliver_of_a_hull_takes_no_triangle_from_a_part() -> None:
+    box = surfaces.box((0.2, 0.2, 0.2))
+    a, b = box.vertices[0], box.vertices[-1]  # through the middle: a plane that holds the line has half of it beyond
+    for side in np.vstack([np.eye(3), -np.eye(3)]):
+        thin = surfaces.surface(
+            np.vstack([box.vertices, 0.5 * (a + b) + 1e-14 * side]),
+            np.vstack([[[0, 7, 8]], [[7, 0, 8]], box.triangles]),
+        )
+        part = Part(thin, 0.0, np.arange(len(box.triangles)))
+        alone = pieces_tree(box.vertices, box.triangles, Decomposition((part,), part))
+        whole = pieces_tree(box.vertices, box.triangles)
+        assert {row.tobytes() for row in alone.corners} == {row.tobytes() for row in whole.corners}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_triangle_is_in_a_part(seed: int) -> None:
+    vertices, triangles = solids.lying([solids.torus(), solids.channel(), solids.overlapping()][seed], seed)
+    cut = decompose(solid(vertices, triangles), 0.001, 8)
+    assert len(cut.parts) > 3
+    pieces = pieces_tree(vertices, triangles, cut).corners
+    assert {row.tobytes() for row in pieces} == {row.tobytes() for row in pieces_tree(vertices, triangles).corners}
 
 
 def test_triangles_beyond_a_plane_are_left_out() -> None:

@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
+from guidefield.geometry.directions import heights_along
 from guidefield.geometry.elements import Pieces, joined
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
@@ -21,7 +22,7 @@ def clipped(pieces: Pieces, plane: Floats) -> Pieces:
         pieces: The triangles.
         plane: Unit normal n and offset d, shape (4,) [m], in the triangles' frame.
     """
-    heights = pieces.corners @ plane[:3] - plane[3]
+    heights = heights_along(pieces.corners, plane[:3]) - plane[3]
     below = heights <= 0.0
     count = below.sum(axis=1)
     return joined(
@@ -37,10 +38,12 @@ def _cut(pieces: Pieces, heights: Floats, below: np.ndarray, count: np.ndarray, 
     first = (below[chosen] if corners_below == 1 else ~below[chosen]).argmax(axis=1)
     a, b, c = (pieces.corners[chosen][rows, (first + turn) % 3] for turn in range(3))
     ha, hb, hc = (heights[chosen][rows, (first + turn) % 3][:, None] for turn in range(3))
-    ab, ac = a + ha / (ha - hb) * (b - a), a + ha / (ha - hc) * (c - a)
     sources = pieces.sources[chosen]
+    # from what is below, so that neighbours have the same point of their edge, bit for bit
     if corners_below == 1:
+        ab, ac = a + ha / (ha - hb) * (b - a), a + ha / (ha - hc) * (c - a)
         return [Pieces(np.stack([a, ab, ac], axis=1), sources)]
+    ab, ac = b + hb / (hb - ha) * (a - b), c + hc / (hc - ha) * (a - c)
     return [Pieces(np.stack([ab, b, c], axis=1), sources), Pieces(np.stack([ab, c, ac], axis=1), sources)]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from guidefield.geometry.edges import edge_counts, numbered_edges
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.connected import lowest_connected
 from guidefield.kernels.cover.merge_points import merge_points
@@ -75,7 +76,7 @@ def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float
     Returns:
         The lids, shape (n, 3), and the largest extent of a part of the boundary [m]; 0 if the surface is closed.
     """
-    edges = boundary(triangles, len(vertices))
+    edges = boundary(triangles)
     if not len(edges):
         return np.empty((0, 3), np.int64), 0.0
     used, local = np.unique(edges, return_inverse=True)
@@ -118,21 +119,22 @@ def volumes(vertices: Floats, pieces: Sequence[Integers]) -> list[float]:
     return [float(signed_volume(vertices, np.ascontiguousarray(one, np.int64), about)) for one in pieces]
 
 
-def boundary(triangles: Integers, vertex_count: int) -> Integers:
+def boundary(triangles: Integers) -> Integers:
     """Edges of the boundary, as often as they are run through more this way than the other.
 
     Args:
         triangles: Indices of vertices, shape (t, 3).
-        vertex_count: How many vertices there are.
 
     Returns:
         First and second vertex of each, shape (n, 2).
     """
-    start = triangles.ravel()
-    end = np.roll(triangles, -1, axis=1).ravel()
-    edges, index = np.unique(np.minimum(start, end) * vertex_count + np.maximum(start, end), return_inverse=True)
-    surplus = np.bincount(index.reshape(-1), weights=np.where(start < end, 1.0, -1.0)).astype(np.int64)
-    low, high = np.divmod(edges, vertex_count)
+    numbered = numbers, count = numbered_edges(triangles)
+    up, down = edge_counts(triangles, numbered)
+    surplus = up - down
+    sides = np.flatnonzero(surplus[numbers])
+    start, end = triangles.ravel()[sides], triangles[sides // 3, (sides + 1) % 3]
+    low, high = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    low[numbers[sides]], high[numbers[sides]] = np.minimum(start, end), np.maximum(start, end)
     forward = np.where(surplus > 0, low, high), np.where(surplus > 0, high, low)
     edges_of_it: Integers = np.repeat(np.column_stack(forward), np.abs(surplus), axis=0)
     return edges_of_it

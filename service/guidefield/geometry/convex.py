@@ -8,10 +8,14 @@ import coal
 import numpy as np
 
 from guidefield.geometry.closed import merged_points
+from guidefield.geometry.directions import heights_along, spread_and_axes
 from guidefield.geometry.surfaces import Floats, Surface, surface
 
 _FLAT = 1e-11
 """Spread across over spread along, below which points count as lying in a plane."""
+
+_GRID = 2.0**-46
+"""Points no further apart are one, as a share of the mean distance of all from their middle: 1e-14 m in a link."""
 
 
 def convex_hull(points: Floats) -> Surface:
@@ -26,11 +30,13 @@ def convex_hull(points: Floats) -> Surface:
     """
     cloud = _distinct(points)
     rounded = _rounded(cloud)
+    first, _ = merged_points(rounded)
+    cloud, rounded = cloud[first], rounded[first]
     hull = _hull(rounded)
-    index = {row.tobytes(): k for k, row in enumerate(rounded)}
-    chosen = [index[vertex.tobytes()] for vertex in np.asarray(hull.points())]
-    triangles = [[hull.polygons(k)[corner] for corner in range(3)] for k in range(hull.num_polygons)]
-    return surface(cloud[chosen], np.array(triangles))
+    _, place = merged_points(np.concatenate([rounded, np.asarray(hull.points())]))
+    chosen = place[len(rounded) :]  # all places are those of the points, which are all different
+    triangles = np.array([(one[0], one[1], one[2]) for one in map(hull.polygons, range(hull.num_polygons))])
+    return surface(cloud[chosen], triangles)
 
 
 def convex(vertices: Floats, triangles: np.ndarray) -> Any:
@@ -61,17 +67,19 @@ def _distinct(points: Floats) -> Floats:
 
 
 def _rounded(cloud: Floats) -> Floats:
-    """The points under a linear map that makes them spread alike in all directions.
+    """The points under a linear map that makes them spread alike in all directions, on the places of `_GRID`.
 
-    Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that.
+    Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that, nor
+    points that are some roundings apart.
     """
     offsets = cloud - cloud.mean(axis=0) if len(cloud) else cloud
-    _, spread, axes = np.linalg.svd(offsets, full_matrices=False)
+    spread, axes = spread_and_axes(offsets)
     if len(cloud) < 4 or spread[2] <= _FLAT * spread[0]:
         raise FlatError(f"a convex hull needs points that do not lie in a plane, got {len(cloud)} different ones")
     turn = np.sign(np.linalg.det(axes))
-    rounded: Floats = turn * offsets @ (axes.T / spread) * np.sqrt(len(cloud))
-    return rounded
+    scale = turn * np.sqrt(len(cloud)) / spread
+    places = [heights_along(offsets, factor * axis) for factor, axis in zip(scale, axes, strict=True)]
+    return np.round(np.column_stack(places) * (1.0 / _GRID)) * _GRID
 
 
 def _hull(rounded: Floats) -> Any:

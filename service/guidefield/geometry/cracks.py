@@ -63,7 +63,7 @@ def crack_lids(triangles: Integers, joined: Integers) -> Integers:
     Returns:
         The lids, shape (n, 3).
     """
-    start, end = boundary(triangles, len(joined)).T
+    start, end = boundary(triangles).T
     lids = np.concatenate(
         [np.column_stack([end, start, joined[start]]), np.column_stack([end, joined[start], joined[end]])]
     )

@@ -16,10 +16,11 @@ import numpy as np
 
 from guidefield.geometry.clipping import clipped, corners_of_cell
 from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
-from guidefield.geometry.surfaces import Floats, Integers, Surface
+from guidefield.geometry.surfaces import Floats, Surface
 from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
 
 PLACES = 7
@@ -135,7 +136,9 @@ def _cell(body: Solid, planes: Floats, pieces: Pieces) -> _Cell | None:
         hull = convex_hull(points)
     except ValueError:
         return None
-    given = np.unique(body.given[pieces.sources])
+    held = np.zeros(len(body.given), bool)
+    held[pieces.sources] = True
+    given = np.sort(body.given[held])
     distance = stand_off(hull, body, tolerance=TOLERANCE, share=SHARE)
     return _Cell(planes, pieces, Part(hull, distance, given[given >= 0]))
 
@@ -192,23 +195,23 @@ class _Samples:
         _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)
         self._pieces = self._pieces.some(np.unique(first // 3))
         self._points = np.vstack([corners[np.sort(first)], cell.part.hull.vertices])
-        _, spread, self.axes = np.linalg.svd(self._points - self._points.mean(axis=0), full_matrices=False)
+        spread, self.axes = spread_and_axes(self._points - self._points.mean(axis=0))
         self._seen = np.ascontiguousarray((self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T)
 
     def volume(self) -> float:
         """About the volume of the hull [m^3]."""
-        furthest = self._points[(self._points @ self._seen).argmax(axis=0)]
-        return float(_volumes(furthest[None], self._points[:1])[0])
+        corners = self._points[furthest(self._points, self._seen.T)]
+        return float(_volumes(corners[None], self._points[:1])[0])
 
     def volumes_across(self, axis: Floats) -> list[tuple[float, float]]:
         """Places of planes across an axis [m], and about the volumes of the hulls of both halves together [m^3]."""
-        along, corners = self._points @ axis, self._pieces.corners @ axis
+        along, corners = heights_along(self._points, axis), heights_along(self._pieces.corners, axis)
         places = np.array(_places(along))
         cut, first = np.empty((count_cut(corners, places), 3)), np.empty(2 * len(places) + 1, np.int64)
         cut_halves(self._pieces.corners, corners, places, cut, first)
-        origins, furthest = np.empty((2 * len(places), 3)), np.empty((2 * len(places), DIRECTIONS, 3))
-        furthest_out(self._points, along, cut, first, places, self._seen, origins, furthest)
-        volumes = _volumes(furthest, origins)
+        origins, corners_of = np.empty((2 * len(places), 3)), np.empty((2 * len(places), DIRECTIONS, 3))
+        furthest_out(self._points, along, cut, first, places, self._seen, origins, corners_of)
+        volumes = _volumes(corners_of, origins)
         volumes[np.isnan(origins[:, 0])] = 0.0
         return list(zip(places.tolist(), (volumes[::2] + volumes[1::2]).tolist(), strict=True))
 
@@ -224,29 +227,22 @@ def _places(along: Floats) -> list[float]:
     return found
 
 
-def _volumes(furthest: Floats, origins: Floats) -> Floats:
+def _volumes(corners: Floats, origins: Floats) -> Floats:
     """About the volumes (n,) of the hulls of some points each [m^3], by those furthest in `_DIRECTIONS` and any one.
 
     They are joined as the directions are, which a hull's own corners nearly are.
 
     Args:
-        furthest: Shape (n, d, 3) [m].
+        corners: Shape (n, d, 3) [m].
         origins: Shape (n, 3) [m].
     """
-    a, b, c = np.moveaxis(furthest[:, _FACES] - origins[:, None, None], 2, 0)
+    a, b, c = np.moveaxis(corners[:, _FACES] - origins[:, None, None], 2, 0)
     products = zip(a, np.cross(b, c), strict=True)
     return np.array([abs(float(np.einsum("ij,ij->", *pair))) / 6.0 for pair in products])
 
 
-def _spread_directions() -> tuple[Floats, Integers]:
-    """Directions (`DIRECTIONS`, 3) over the sphere, about evenly, and the triangles (t, 3) between neighbours."""
-    k = np.arange(DIRECTIONS)
-    heights, turns = 1.0 - (2.0 * k + 1.0) / DIRECTIONS, k * np.pi * (3.0 - np.sqrt(5.0))
-    around = convex_hull(np.stack([*(np.sqrt(1.0 - heights**2) * [np.cos(turns), np.sin(turns)]), heights], axis=1))
-    return around.vertices, around.triangles
-
-
-_DIRECTIONS, _FACES = _spread_directions()
+_DIRECTIONS, _FACES = convex_hull(spread_directions(DIRECTIONS))
+"""Directions over the sphere, about evenly, and the triangles between neighbours."""
 
 _SAME_AXIS = 0.999
 """Cosine of axes that are not told apart."""
@@ -276,8 +272,7 @@ def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
 
 def _is_open_between(body: Solid, a: Part, b: Part, tight: float) -> bool:
     """Whether a point between two parts, so one of their common hull, is further than `tight` [m] from the body."""
-    (here, there), middle = (part.hull.vertices @ _DIRECTIONS.T for part in (a, b)), len(_DIRECTIONS) // 2
-    ends = a.hull.vertices[here.argmax(axis=0)], b.hull.vertices[there.argmax(axis=0)]
+    ends, middle = [part.hull.vertices[furthest(part.hull.vertices, _DIRECTIONS)] for part in (a, b)], DIRECTIONS // 2
     between = np.concatenate([0.5 * (ends[0] + ends[1]), 0.5 * (ends[0] + np.roll(ends[1], middle, axis=0))])
     return bool((body.depths(between) < -tight).any())
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from guidefield.geometry.cache import remembered
 from guidefield.geometry.decomposition import Decomposition, Part
+from guidefield.geometry.directions import furthest
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
@@ -16,6 +17,10 @@ LONGEST = 0.08
 
 ROUNDING = 1e-6
 """By how much a triangle has to be beyond a part's plane to be left out [m]."""
+
+
+MOST_PLANES = 64
+"""A triangle comes into a part if none of the planes of so many of its faces, the largest, has it beyond."""
 
 
 def pieces_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition | None = None) -> MeshTree:
@@ -63,10 +68,14 @@ def _in_part(pieces: Pieces, halved: np.ndarray, part: Part) -> np.ndarray:
     corners = np.ascontiguousarray(pieces.corners[inside & halved])
     if not len(corners):
         return whole
-    a, b, c = np.moveaxis(np.asarray(part.hull.vertices)[part.hull.triangles], 1, 0)
+    vertices = np.asarray(part.hull.vertices)
+    a, b, c = np.moveaxis(vertices[part.hull.triangles], 1, 0)
     normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, a)])
+    areas = np.linalg.norm(normals, axis=1)
+    largest = np.argsort(-areas, kind="stable")[:MOST_PLANES]
+    normals = normals[largest] / np.maximum(areas[largest], 1e-300)[:, None]
+    # each plane touches the part from outside, whatever the normal is: that of a sliver may have any direction
+    planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, vertices[furthest(vertices, normals)])])
     kept = np.empty(len(corners), np.bool_)
     not_beyond(corners.reshape(-1, 3), planes, ROUNDING, kept)
     return np.concatenate([whole, corners[kept]])

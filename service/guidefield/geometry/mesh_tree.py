@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.distance.triangle_tree_build import balls_about_runs, halve_runs
 
@@ -174,18 +175,10 @@ def spread_points(mesh: MeshTree, piece: int) -> np.ndarray:
     last = mesh.pieces[mesh.pieces > piece].min(initial=len(mesh.links))
     links = mesh.links[piece:last]
     corners = mesh.corners[links[links[:, 0] < 0, 2]].reshape(-1, 3)
-    directions = np.concatenate([_directions(SPREAD_POINTS - 6), np.eye(3), -np.eye(3)])
+    directions = np.concatenate([spread_directions(SPREAD_POINTS - 6), np.eye(3), -np.eye(3)])
     directions /= np.maximum(np.ptp(corners, axis=0), 1e-9)
-    found: np.ndarray = corners[np.unique(np.argmax(corners @ directions.T, axis=0))]
+    found: np.ndarray = corners[np.unique(furthest(corners, directions))]
     return found
-
-
-def _directions(count: int) -> np.ndarray:
-    """Unit vectors spread over all directions, shape (count, 3)."""
-    k = np.arange(count)
-    heights, turns = 1.0 - (2.0 * k + 1.0) / count, k * np.pi * (3.0 - np.sqrt(5.0))
-    across = np.sqrt(1.0 - heights**2)
-    return np.column_stack([across * np.cos(turns), across * np.sin(turns), heights])
 
 
 def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int) -> np.ndarray:
@@ -209,11 +202,11 @@ def polytope_about(vertices: np.ndarray) -> np.ndarray:
     if len(vertices) <= MOST_VERTICES:
         return vertices
     centre = vertices.mean(axis=0)
-    _, _, axes = np.linalg.svd(vertices - centre, full_matrices=False)
+    _, axes = spread_and_axes(vertices - centre)
     local = (vertices - centre) @ axes.T
     spread = np.ptp(local, axis=0)
     local /= spread
-    normals = _directions(MOST_VERTICES // 2 + 2)
+    normals = spread_directions(MOST_VERTICES // 2 + 2)
     dual = convex_hull(normals / ((local @ normals.T).max(axis=0) * (1.0 + 1e-6))[:, None])
     corners = dual.vertices[dual.triangles]
     # a facet of the dual lies in the plane x.v = 1 of a vertex v

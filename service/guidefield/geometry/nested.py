@@ -65,7 +65,7 @@ class _Within:
 
     def _is_around(self, outer: int, inner: int) -> bool:
         around, within = self._pieces[outer], self._pieces[inner]
-        if len(boundary(around, len(self._vertices))):
+        if len(boundary(around)):
             return False
         try:
             body = solid(self._vertices, around)

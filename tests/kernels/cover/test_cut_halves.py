@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.clipping import clipped
+from guidefield.geometry.directions import heights_along
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
 from tests.geometry import solids
@@ -19,7 +20,7 @@ def test_halves_are_what_clipping_leaves_and_its_furthest_points(mesh: solids.Me
     vertices, triangles = mesh
     pieces = bisected(Pieces(vertices[triangles], np.arange(len(triangles))), 0.02)
     points = np.unique(pieces.corners.reshape(-1, 3), axis=0)
-    along, corners = points @ axis, pieces.corners @ axis
+    along, corners = heights_along(points, axis), heights_along(pieces.corners, axis)
     low, high = float(along.min()), float(along.max())
     # beyond both ends, through corners, and between them
     places = np.array([low - 1.0, low, *along[:: max(1, len(along) // 5)], 0.3 * low + 0.7 * high, high, high + 1.0])

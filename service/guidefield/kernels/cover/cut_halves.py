@@ -65,7 +65,7 @@ def count_cut(along: Floats, places: Floats) -> int:
 
 @part
 def _cut(corners: Floats, along: Floats, t: int, i: int, j: int, place: float, point_out: Floats) -> None:
-    """The point at which the edge from corner i to corner j of triangle t meets a plane."""
+    """The point at which the edge from corner i, in the half, to corner j of triangle t meets a plane."""
     here, there = along[t, i] - place, along[t, j] - place
     for k in range(3):
         point_out[k] = corners[t, i, k] + here / (here - there) * (corners[t, j, k] - corners[t, i, k])
@@ -107,12 +107,12 @@ def cut_halves(corners: Floats, along: Floats, places: Floats, points_out: Float
                         _cut(corners, along, t, a, b, place, points_out[at + 1])
                         _cut(corners, along, t, a, c, place, points_out[at + 2])
                     else:
-                        _cut(corners, along, t, a, b, place, points_out[at])
+                        _cut(corners, along, t, b, a, place, points_out[at])
                         points_out[at + 1] = corners[t, b] if turn == 2 else corners[t, c]
                         if turn == 2:
                             points_out[at + 2] = corners[t, c]
                         else:
-                            _cut(corners, along, t, a, c, place, points_out[at + 2])
+                            _cut(corners, along, t, c, a, place, points_out[at + 2])
                     at += CORNERS
     first_out[half] = at
 
@@ -168,3 +168,18 @@ def furthest_out(
             i = which[d]
             if i >= 0:
                 furthest_out[half, d] = points[i] if i < points.shape[0] else cut[i - points.shape[0]]
+
+
+@exact_kernel(void(MATRIX, MATRIX, INDICES_OUT))
+def furthest_along(points: Floats, directions: Floats, which_out: Integers) -> None:
+    """Find the points that are furthest in some directions; of several the first.
+
+    Args:
+        points: Shape (m, 3) [m].
+        directions: Shape (3, d).
+        which_out: Gets the points' places, shape (d,).
+    """
+    best = np.full(directions.shape[1], -math.inf)
+    which_out[:] = 0
+    for i in range(points.shape[0]):
+        _further(points[i, 0], points[i, 1], points[i, 2], directions, i, best, which_out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
+from guidefield.geometry.edges import edge_counts
 from guidefield.kept import kept_with
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.robot.bodies.charges import surface
@@ -31,10 +32,8 @@ def _body(shape: object) -> Body:
 
 def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
     """Whether every edge is run through once in each direction, around a positive volume."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    first, second = edges.astype(np.int64).T
-    there, back = np.unique(first * len(vertices) + second), np.unique(second * len(vertices) + first)
-    if len(there) < len(edges) or not np.array_equal(there, back):
+    up, down = edge_counts(triangles)
+    if not ((up == 1) & (down == 1)).all():
         return False
     a, b, c = np.moveaxis(vertices[triangles] - vertices.mean(axis=0), 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0.0
