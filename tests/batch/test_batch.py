@@ -15,7 +15,8 @@ import pytest
 
 import guidefield
 from guidefield.batch.cluster import _why
-from guidefield.batch.results import RESULTS, Item
+from guidefield.batch.request_file import Item
+from guidefield.batch.results import RESULTS
 
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
 PLAN = {

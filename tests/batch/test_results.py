@@ -2,75 +2,138 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
+import tracemalloc
 from pathlib import Path
 
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.batch.results import RESULTS, Item, Outcome, Results, crashed, items
+from guidefield.batch.request_file import Item, RequestFile
+from guidefield.batch.results import RESULTS, Outcome, Results, crashed
 from guidefield.errors import MalformedRequest, WorkerCrashed
 
 REPLY = b'{"status": {"code": 1, "name": "SUCCESS"}}'
 
 
-def _item(line: int, request: bytes = b"{}") -> Item:
-    return Item(line, request, None)
+def _requests(folder: Path, *lines: bytes) -> RequestFile:
+    path = folder / "requests.jsonl"
+    path.write_bytes(b"\n".join(lines))
+    return RequestFile(path)
+
+
+def _items(requests: RequestFile) -> list[Item]:
+    return list(requests.items(Path("out"), recordings=False))
 
 
 def test_requests_are_read_line_by_line(tmp_path: Path) -> None:
-    (tmp_path / "r.jsonl").write_bytes(b'{"a": 1}\n\n  \n{"b": 2}')
-    found = list(items(tmp_path / "r.jsonl", tmp_path / "out", recordings=True))
-    assert [(item.line, item.request) for item in found] == [(1, b'{"a": 1}'), (4, b'{"b": 2}')]
-    assert found[1].recording == tmp_path / "out" / "recordings" / "4.rrd"
+    with _requests(tmp_path, b'{"a": 1}', b"", b"  \r", b'{"b": 2}\r', b'{"c": 3}') as requests:
+        for _ in range(2):
+            found = list(requests.items(tmp_path / "out", recordings=True))
+            assert [(item.line, item.request) for item in found] == [
+                (1, b'{"a": 1}'),
+                (4, b'{"b": 2}'),
+                (5, b'{"c": 3}'),
+            ]
+        assert len(requests) == 3
+        assert found[1].recording == tmp_path / "out" / "recordings" / "4.rrd"
+        assert found[1].content == hashlib.sha256(b'{"b": 2}').hexdigest()[:16]
     with pytest.raises(MalformedRequest, match="can't be read"):
-        list(items(tmp_path / "nowhere", tmp_path, recordings=False))
+        RequestFile(tmp_path / "nowhere")
+
+
+def test_requests_come_through_a_pipe(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.write(writer, b'{"a": 1}\n{"b": 2}\n')
+    os.close(writer)
+    with RequestFile(Path(f"/dev/fd/{reader}")) as requests:
+        assert len(requests) == 2
+        assert [item.request for item in _items(requests)] == [b'{"a": 1}', b'{"b": 2}']
+    os.close(reader)
 
 
 def test_what_was_answered_stays_answered(tmp_path: Path) -> None:
-    with Results(tmp_path) as results:
-        results.add(Outcome(_item(1), True, REPLY))
-        results.add(Outcome(_item(2), False, b'{"code": -105, "name": "ROBOT_INVALID"}'))
-    with Results(tmp_path) as again:
-        assert again.has(_item(1))
-        assert again.has(_item(2))
-        assert not again.has(_item(3))
-        assert not again.has(_item(1, b'{"edited": 1}'))
-        assert sorted(again.codes()) == [-105, 1]
+    with _requests(tmp_path, b"{}", b"{}", b"{}") as requests, Results(tmp_path, requests) as results:
+        first, second, _ = _items(requests)
+        results.add(Outcome(first, True, REPLY))
+        results.add(Outcome(second, False, b'{"code": -105, "name": "ROBOT_INVALID"}'))
+    with _requests(tmp_path, b"{}", b"{}", b"{}") as requests, Results(tmp_path, requests) as again:
+        assert [again.has(item) for item in _items(requests)] == [True, True, False]
+        assert again.codes == {1: 1, -105: 1}
+    with _requests(tmp_path, b'{"edited": 1}', b"{}") as requests, Results(tmp_path, requests) as again:
+        assert [again.has(item) for item in _items(requests)] == [False, True]
+        assert again.codes == {-105: 1}, "the answer to what was edited doesn't count"
     lines = [json.loads(line) for line in (tmp_path / RESULTS).read_text().splitlines()]
     assert lines[0]["reply"]["status"]["name"] == "SUCCESS"
     assert lines[1]["error"]["name"] == "ROBOT_INVALID"
 
 
 def test_what_crashed_is_told_and_asked_again(tmp_path: Path) -> None:
-    with Results(tmp_path) as results:
-        results.add(crashed(_item(1), WorkerCrashed("it died")))
-        assert "CRASH" in (tmp_path / RESULTS).read_text()
-    with Results(tmp_path) as again:
-        assert not again.has(_item(1))
-        again.add(Outcome(_item(1), True, REPLY))
-    assert len((tmp_path / RESULTS).read_text().splitlines()) == 1
+    with _requests(tmp_path, b"{}") as requests:
+        (item,) = _items(requests)
+        with Results(tmp_path, requests) as results:
+            results.add(crashed(item, WorkerCrashed("it died")))
+            assert not results.has(item)
+        with Results(tmp_path, requests) as again:
+            assert not again.has(item)
+            assert not again.codes
+            again.add(Outcome(item, True, REPLY))
+        with Results(tmp_path, requests) as answered:
+            assert answered.has(item)
+            assert answered.codes == {1: 1}
+    lines = [json.loads(line) for line in (tmp_path / RESULTS).read_text().splitlines()]
+    assert [line.get("error", {}).get("name") for line in lines] == ["CRASH", None], "the last line counts"
 
 
-def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / RESULTS).write_text('{"speed": 1}\n')
-    with pytest.raises(MalformedRequest, match="choose another folder"):
-        Results(tmp_path)
-    assert (tmp_path / RESULTS).read_text() == '{"speed": 1}\n'
+def test_one_process_at_a_time_adds_to_results(tmp_path: Path) -> None:
+    with _requests(tmp_path, b"{}") as requests:
+        with Results(tmp_path, requests), pytest.raises(MalformedRequest, match="another process adds"):
+            Results(tmp_path, requests)
+        with Results(tmp_path, requests):
+            pass
+
+
+def test_a_finished_batch_is_read_with_little_memory(tmp_path: Path) -> None:
+    reply = REPLY[:-1] + b', "path": [' + b"0.5, " * 20_000 + b"0.5]}"
+    with _requests(tmp_path, *[b"{}"] * 100) as requests, Results(tmp_path, requests) as results:
+        for item in _items(requests):
+            results.add(Outcome(item, True, reply))
+    before = (tmp_path / RESULTS).stat()
+    tracemalloc.start()
+    try:
+        with _requests(tmp_path, *[b"{}"] * 100) as requests, Results(tmp_path, requests) as again:
+            assert again.codes == {1: 100}
+        assert tracemalloc.get_traced_memory()[1] < 0.4 * before.st_size
+    finally:
+        tracemalloc.stop()
+    after = (tmp_path / RESULTS).stat()
+    assert (after.st_ino, after.st_size, after.st_mtime_ns) == (before.st_ino, before.st_size, before.st_mtime_ns)
+
+
+@pytest.mark.parametrize("text", ['{"speed": 1}\n', '{"speed": 1}'])
+def test_a_file_of_somebody_else_is_left_alone(text: str, tmp_path: Path) -> None:
+    (tmp_path / RESULTS).write_text(text)
+    with _requests(tmp_path, b"{}") as requests, pytest.raises(MalformedRequest, match="choose another folder"):
+        Results(tmp_path, requests)
+    assert (tmp_path / RESULTS).read_text() == text
 
 
 @given(cut=st.integers(0, 3 * 200))
 def test_a_file_that_was_cut_anywhere_keeps_its_whole_lines(cut: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("batch")
-    with Results(folder) as results:
-        for line in (1, 2, 3):
-            results.add(Outcome(_item(line), True, REPLY))
-    whole = (folder / RESULTS).read_bytes()
-    (folder / RESULTS).write_bytes(whole[:cut])
-    with Results(folder) as again:
-        kept = whole[:cut].count(b"\n")
-        assert [again.has(_item(line)) for line in (1, 2, 3)] == [line <= kept for line in (1, 2, 3)]
-        for line in (1, 2, 3):
-            if not again.has(_item(line)):
-                again.add(Outcome(_item(line), True, REPLY))
-    assert (folder / RESULTS).read_bytes() == whole
+    with _requests(folder, b"{}", b"{}", b"{}") as requests:
+        wanted = _items(requests)
+        with Results(folder, requests) as results:
+            for item in wanted:
+                results.add(Outcome(item, True, REPLY))
+        whole = (folder / RESULTS).read_bytes()
+        (folder / RESULTS).write_bytes(whole[:cut])
+        with Results(folder, requests) as again:
+            kept = whole[:cut].count(b"\n")
+            assert [again.has(item) for item in wanted] == [item.line <= kept for item in wanted]
+            for item in wanted:
+                if not again.has(item):
+                    again.add(Outcome(item, True, REPLY))
+        assert (folder / RESULTS).read_bytes() == whole

@@ -23,7 +23,6 @@ import argparse
 import contextlib
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -65,6 +64,13 @@ RECORDED = msgspec.structs.replace(PLAN, recording="full")
 PLAIN, SERVICE, IN_PROCESS = "plain", "service", "in process"
 BATCH_TURNS = 40
 """Configurations of the first joint that the plans of a batch go to, one after the other."""
+_MEASURED = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(used.ru_utime + used.ru_stime, used.ru_maxrss)
+"""
+"""Runs a command; prints its processor time [s] and the memory of the largest of its processes [KiB]."""
 Figures = dict[tuple[str, str], float]
 """What was measured: the quantity and the target."""
 GOALS: tuple[tuple[str, float, Callable[[Figures], float]], ...] = (
@@ -274,14 +280,11 @@ def measure_batch(plans: int, workers: int, figures: Figures) -> None:
         command = [sys.executable, "-m", "guidefield", "batch", str(requests), "-o", f"{folder}/results"]
         command += ["--workers", str(workers), "--no-recordings"]
         for label in ("answered", "again"):
-            before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-            process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            _, status, used = os.wait4(process.pid, 0)
-            elapsed, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-            assert status == 0, f"the batch ended with {status}"
-            figures["batch", label] = elapsed
-            work = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-            print(f"{label:32s}{elapsed:9.2f}{work:9.2f}  {used.ru_maxrss / 1024:9.0f}", flush=True)
+            began = time.perf_counter()
+            measured = subprocess.run([sys.executable, "-c", _MEASURED, *command], capture_output=True, check=True)
+            figures["batch", label] = elapsed = time.perf_counter() - began
+            work, memory = map(float, measured.stdout.split())
+            print(f"{label:32s}{elapsed:9.2f}{work:9.2f}  {memory / 1024:9.0f}", flush=True)
 
 
 def print_goals(figures: Figures) -> None:

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.batch.answering import CannotWork, answered
-from guidefield.batch.results import Item, Outcome, crashed
+from guidefield.batch.request_file import Item
+from guidefield.batch.results import Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.whole_file import write_whole

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from itertools import islice
 
 from guidefield.batch.answering import CannotWork, answered, seconds_for
-from guidefield.batch.results import Item, Outcome, crashed
+from guidefield.batch.request_file import Item
+from guidefield.batch.results import Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.pool.pool import Pool

@@ -1,9 +1,9 @@
-"""What has come of a batch by now: one line for each request in a file that is only added to."""
+"""The results of a batch: a file with a line for each answer, which is only added to."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator
+import fcntl
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -11,32 +11,15 @@ from typing import Self
 
 import msgspec
 
+from guidefield.batch.request_file import BLANK, Item, RequestFile
 from guidefield.errors import MalformedRequest, Status, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.replies import error_reply
-from guidefield.whole_file import write_whole
 
-RESULTS, RECORDINGS = "results.jsonl", "recordings"
-
-
-@dataclass(frozen=True)
-class Item:
-    """One request of a batch.
-
-    Attributes:
-        line: Its line in the file, from 1.
-        request: As it is written there.
-        recording: Where its recording goes, if anywhere.
-    """
-
-    line: int
-    request: bytes
-    recording: Path | None
-
-    @property
-    def content(self) -> str:
-        """A name for what is asked: a request that was edited is asked anew."""
-        return hashlib.sha256(self.request).hexdigest()[:16]
+RESULTS = "results.jsonl"
+LINE_BEGIN = b'{"line":'
+READ_AT_ONCE = 1 << 20
+"""Buffer for the file that is read [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +32,7 @@ class Outcome:
 
 
 class _Line(msgspec.Struct, omit_defaults=True):
-    """One line of the results."""
+    """One line of the results, as it is written."""
 
     line: int
     request: str
@@ -58,33 +41,56 @@ class _Line(msgspec.Struct, omit_defaults=True):
 
 
 class _Named(msgspec.Struct):
-    code: int = 1
+    code: int = Status.SUCCESS
     status: _Named | None = None
+
+    def outcome(self) -> int:
+        """Return the code of a reply's status, or of an error; a reply without a status is a success."""
+        return self.code if self.status is None else self.status.code
+
+
+class _Result(msgspec.Struct):
+    """The part of a line that is read again."""
+
+    line: int
+    request: str
+    reply: _Named | None = None
+    error: _Named | None = None
 
 
 class Results:
-    """The results in a folder; a context manager.
+    """The results of a batch in a folder; a context manager.
 
     A line is written whole after the request's recording. What a killed process left of a line is cut off, and that
-    request is asked again; so is one whose worker crashed.
+    request is asked again; so is one whose worker crashed, which then has a second line. Nothing is rewritten, and
+    nothing is held in memory but 9 bytes for each line of the requests.
 
     Args:
         folder: Made if it isn't there.
+        requests: The requests of this batch; results of others, such as of a line before it was edited, don't count.
 
     Raises:
-        MalformedRequest: if its results can't be understood.
+        MalformedRequest: if its results can't be understood, or another process adds to them.
+
+    Attributes:
+        codes: How often each code was answered, without crashes; a reply without a status counts as a success.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, requests: RequestFile) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._path = folder / RESULTS
-        self._done: dict[tuple[int, str], int] = {}
-        whole = b""
-        for line in self._path.read_bytes().splitlines(keepends=True) if self._path.exists() else ():
-            if line.endswith(b"\n") and self._keep(line):
-                whole += line
-        write_whole(self._path, whole)
+        self._wanted = requests.fingerprints
+        self._answered = bytearray(len(self._wanted))
+        self.codes: Counter[int] = Counter()
         self._file = self._path.open("ab")
+        try:
+            self._lock()
+            end = self._read()
+            if end < self._file.tell():
+                self._file.truncate(end)
+        except BaseException:
+            self._file.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -95,54 +101,56 @@ class Results:
         self._file.close()
 
     def has(self, item: Item) -> bool:
-        """Whether a request is answered."""
-        return (item.line, item.content) in self._done
+        """Tell if a request is answered."""
+        return bool(self._answered[item.line])
 
     def add(self, outcome: Outcome) -> None:
-        """Keep what came of a request."""
-        raw = msgspec.Raw(outcome.payload)
-        line = _Line(outcome.item.line, outcome.item.content, **{"reply" if outcome.is_reply else "error": raw})
+        """Write the outcome of a request."""
+        item, raw = outcome.item, msgspec.Raw(outcome.payload)
+        line = _Line(item.line, item.content, **{"reply" if outcome.is_reply else "error": raw})
         self._file.write(msgspec.json.encode(line) + b"\n")
         self._file.flush()
-        self._note(line)
+        self._note(item.line, msgspec.json.decode(outcome.payload, type=_Named).outcome())
 
-    def codes(self) -> list[int]:
-        """The codes of all replies and errors; a reply without a status counts as a success."""
-        return list(self._done.values())
-
-    def _keep(self, text: bytes) -> bool:
+    def _lock(self) -> None:
+        """Keep other processes out, where the file system has locks."""
         try:
-            return self._note(msgspec.json.decode(text, type=_Line)) != Status.CRASH
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise MalformedRequest(
+                f"another process adds to {str(self._path)!r}; wait for it, or choose another folder"
+            ) from None
+        except OSError:
+            return
+
+    def _read(self) -> int:
+        """Read all whole lines; return where they end [bytes]."""
+        end = 0
+        with self._path.open("rb", READ_AT_ONCE) as file:
+            for text in file:
+                if not text.endswith(b"\n") and text.startswith(LINE_BEGIN[: len(text)]):
+                    break  # a killed process was writing it
+                end += len(text)
+                result = self._decode(text)
+                known = 0 < result.line < len(self._wanted) and self._wanted[result.line] != BLANK
+                if known and f"{self._wanted[result.line]:016x}" == result.request:
+                    self._note(result.line, (result.reply or result.error or _Named()).outcome())
+        return end
+
+    def _decode(self, text: bytes) -> _Result:
+        try:
+            return msgspec.json.decode(text, type=_Result)
         except msgspec.DecodeError as error:
             raise MalformedRequest(
                 f"{str(self._path)!r} holds something else than the results of a batch ({error}); choose another folder"
             ) from None
 
-    def _note(self, line: _Line) -> int:
-        named = msgspec.json.decode(line.reply or line.error or b"{}", type=_Named)
-        code = named.code if named.status is None else named.status.code
-        if code != Status.CRASH:
-            self._done[line.line, line.request] = code
-        return code
-
-
-def items(requests: Path, folder: Path, *, recordings: bool) -> Iterator[Item]:
-    """The requests of a file, one JSON object on each line that isn't blank; their recordings go to a folder.
-
-    Raises:
-        MalformedRequest: if the file can't be read.
-    """
-    try:
-        lines = requests.read_bytes().splitlines()
-    except OSError as error:
-        raise MalformedRequest(
-            f"the requests can't be read: {requests.name}: {error.strerror}", path=str(requests)
-        ) from None
-    for number, line in enumerate(lines, 1):
-        if line.strip():
-            yield Item(number, line, folder / RECORDINGS / f"{number}.rrd" if recordings else None)
+    def _note(self, line: int, code: int) -> None:
+        if code != Status.CRASH and not self._answered[line]:
+            self._answered[line] = True
+            self.codes[code] += 1
 
 
 def crashed(item: Item, error: WorkerCrashed) -> Outcome:
-    """The outcome of a request whose worker died."""
+    """Return the outcome of a request whose worker died."""
     return Outcome(item, False, codec.encode(error_reply(error)))

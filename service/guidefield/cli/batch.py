@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from guidefield.batch.results import RESULTS, Results, items
+from guidefield.batch.request_file import Item, RequestFile
+from guidefield.batch.results import RESULTS, Outcome, Results
 from guidefield.errors import ERRORS, Status
 
 
@@ -30,31 +31,31 @@ def run(requests: Path, folder: Path, out: Console, *, workers: int, ray: str | 
         MalformedRequest: if the file can't be read.
         CannotWork: if there are no workers, or no such cluster.
     """
-    wanted = list(items(requests, folder, recordings=recordings))
-    with Results(folder) as results:
-        left = [item for item in wanted if not results.has(item)]
+    with RequestFile(requests) as asked, Results(folder, asked) as results:
+        wanted, answered = len(asked), results.codes.total()
+        left = (item for item in asked.items(folder, recordings=recordings) if not results.has(item))
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=out) as bar:
-            task = bar.add_task("answered", total=len(wanted), completed=len(wanted) - len(left))
-            if left:
-                if ray is None:
-                    from guidefield.batch.local import over_workers
-
-                    outcomes = over_workers(left, workers)
-                else:
-                    from guidefield.batch.cluster import over_cluster
-
-                    outcomes = over_cluster(left, ray)
-                for outcome in outcomes:
-                    results.add(outcome)
-                    bar.advance(task)
-        answered = results.codes()
-    names = Counter(Status(code).name if code in set(Status) else str(code) for code in answered)
-    crashes = len(wanted) - len(answered)
-    if crashes:
+            task = bar.add_task("answered", total=wanted, completed=answered)
+            for outcome in _outcomes(left, workers, ray) if answered < wanted else ():
+                results.add(outcome)
+                bar.advance(task)
+        codes = results.codes
+    names = {Status(code).name if code in set(Status) else str(code): count for code, count in codes.most_common()}
+    if crashes := wanted - codes.total():
         names["CRASH"] = crashes
-    out.print(", ".join(f"{count} {name}" for name, count in names.most_common()) or "nothing to do", highlight=False)
+    out.print(", ".join(f"{count} {name}" for name, count in names.items()) or "nothing to do", highlight=False)
     out.print(f"results in {folder / RESULTS}", highlight=False, soft_wrap=True)
-    if crashes or any(code in ERRORS for code in answered):
+    if crashes or any(code in ERRORS for code in codes):
         return 2
-    return 0 if all(code == Status.SUCCESS for code in answered) else 1
+    return 0 if all(code == Status.SUCCESS for code in codes) else 1
+
+
+def _outcomes(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[Outcome]:
+    if ray is None:
+        from guidefield.batch.local import over_workers
+
+        return over_workers(items, workers)
+    from guidefield.batch.cluster import over_cluster
+
+    return over_cluster(items, ray)
