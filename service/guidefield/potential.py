@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from guidefield.kernels.field.energy import ChargedRobot, energy, potentials
-from guidefield.kernels.field.field_tables import FieldTables, single_precision
+from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
+from guidefield.scene.field_in_time import Origin, field_of_movers, single_tables
 from guidefield.scene.scene import Scene
 
 
@@ -149,10 +150,68 @@ class RobotField:
         return by_link
 
 
+def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | None, qs: Configurations) -> np.ndarray:
+    """Return U at configurations of several times, in single precision.
+
+    Args:
+        group: The robot, reduced to what moves.
+        scene: The obstacles.
+        times: Of each configuration, shape (n,) [s]; None: all obstacles are where they are at first.
+        qs: Shape (n, nq).
+
+    Returns:
+        Shape (n,) [m].
+    """
+    values = RobotField(group, scene.resting, Precision.SINGLE).potentials(qs)
+    if scene.moves:
+        charges = moving_charges(group)
+        values += field_of_movers(scene, charges.placed(qs), times)[0] @ charges.weights
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class MovingCharges:
+    """The charged points of a group that its joints move.
+
+    Attributes:
+        group: The group.
+        points: In the frame of their joint, shape (p, 3) [m].
+        weights: Area that each stands for, shape (p,) [m^2].
+        joints: Index of the joint that moves each, shape (p,).
+    """
+
+    group: PlanningGroup
+    points: np.ndarray
+    weights: np.ndarray
+    joints: np.ndarray
+
+    def placed(self, qs: Configurations) -> np.ndarray:
+        """Return the points at configurations (n, nq), shape (n, p, 3) [m, world]."""
+        parents, kinds, axes, fixed, idx_q, _, _ = joints_of(self.group)
+        placements = np.empty((len(qs), self.group.model.njoints, 3, 4))
+        for q, there in zip(qs, placements, strict=True):
+            joint_placements(parents, kinds, axes, fixed, idx_q, self.group.expand(q), there)
+        carried = placements[:, self.joints]
+        placed: np.ndarray = np.einsum("npij,pj->npi", carried[..., :3], self.points) + carried[..., 3]
+        return placed
+
+
+def moving_charges(group: PlanningGroup) -> MovingCharges:
+    """Return the charged points that the group's joints move."""
+    charged = _charged_robot(group)
+    moving = charged.point_joints > 0
+    return MovingCharges(group, charged.points[moving], charged.weights[moving], charged.point_joints[moving])
+
+
+def origin_of(group: PlanningGroup) -> Origin:
+    """Where the robot's first joint is [m, world]: single precision is best near it."""
+    x, y, z = group.model.jointPlacements[min(1, group.model.njoints - 1)].translation.tolist()
+    return x, y, z
+
+
 def _single(group: PlanningGroup, scene: Scene) -> FieldTables:
     """The scene's field in single precision about the robot's first joint."""
-    first = min(1, group.model.njoints - 1)
-    return single_precision(scene.tables, np.array(group.model.jointPlacements[first].translation))
+    return single_tables(scene, origin_of(group))
 
 
 _TABLES: dict[Precision, Callable[[PlanningGroup, Scene], FieldTables]] = {

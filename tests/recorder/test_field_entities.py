@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,7 +12,7 @@ from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.potential import RobotField
-from guidefield.recorder.field_entities import LONGEST_ARROW, MAGNIFIED, RESOLUTION, charges, picture_of_plane
+from guidefield.recorder.field_entities import LONGEST_ARROW, RESOLUTION, charges, picture_of_plane
 from guidefield.scene.scene import Scene, build
 from tests.recorder.runs import placed_group
 
@@ -22,7 +23,7 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
     ball = messages.Sphere(name="ball", radius=0.1, position=(0.0, 0.4, 0.5))
     chunks = {
         chunk.entity_path: chunk.to_record_batch()
-        for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP)
+        for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP, (0.0, 0.0, 0.0))
     }
     assert set(chunks) == {"/field/picture", "/field/slice"}
     corners = np.array(chunks["/field/slice"].column("Mesh3D:vertex_positions").to_pylist()[0])
@@ -35,7 +36,6 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
         np.linalg.norm(np.diff(way, axis=0), axis=1),
         np.linalg.norm(np.diff(shares * [np.linalg.norm(across), np.linalg.norm(down)], axis=0), axis=1)
         * RESOLUTION
-        * MAGNIFIED
         / longest,
         rtol=0.05,
     )
@@ -44,12 +44,15 @@ def test_there_is_a_flat_picture_with_the_way_and_one_at_its_place() -> None:
 def test_a_picture_among_moving_obstacles_is_told_from_others() -> None:
     route = messages.ObstacleTrajectory(times=[0.0, 1.0], placements=[Placement(), Placement(position=(0.0, 1.0, 0.0))])
     ball = messages.Sphere(name="ball", radius=0.1, trajectory=route)
-    paths = {chunk.entity_path for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP)}
+    paths = {
+        chunk.entity_path
+        for chunk in picture_of_plane(build(messages.Scene(name="s", obstacles=[ball])), TIP, (0.0, 0.0, 0.0))
+    }
     assert paths == {"/field/picture_at_start", "/field/slice"}
 
 
 def test_where_nothing_is_charged_there_is_none() -> None:
-    assert list(picture_of_plane(build(messages.Scene(name="s")), TIP)) == []
+    assert list(picture_of_plane(build(messages.Scene(name="s")), TIP, (0.0, 0.0, 0.0))) == []
 
 
 BESIDE_THE_HAND = (0.72, -0.02, 0.8)
@@ -63,10 +66,16 @@ def _ball(x: float, y: float, z: float) -> messages.Sphere:
 def test_points_are_coloured_by_the_force_on_them_and_arrows_sum_it_up(moved: bool) -> None:
     """Both are told by central differences of the potential alone."""
     group = placed_group("panda")
-    first = build(messages.Scene(name="s", obstacles=[_ball(*BESIDE_THE_HAND)]))
-    second = build(messages.Scene(name="s", obstacles=[_ball(0.2, -0.5, 0.7)])) if moved else first
+    box = messages.Box(name="box", size=(0.1, 0.2, 0.3), position=(0.0, 0.6, 0.5))
+    ball, times = _ball(*BESIDE_THE_HAND), np.array([0.0, 1.0])
+    if moved:
+        there = [Placement(position=BESIDE_THE_HAND), Placement(position=(0.2, -0.5, 0.7))]
+        route = messages.ObstacleTrajectory(times=times.tolist(), placements=there)
+        ball = msgspec.structs.replace(ball, trajectory=route)
+    scene = build(messages.Scene(name="s", obstacles=[box, ball]))
+    first, second = scene.at(0.0), scene.at(1.0)
     qs = np.array([group.q_origin, group.q_origin + 0.2])
-    chunks = list(charges(group, [first, second], qs, rr.TimeColumn("step", sequence=[0, 1])))
+    chunks = list(charges(group, scene, times, qs, rr.TimeColumn("step", sequence=[0, 1])))
     batches = {(chunk.entity_path, chunk.is_static): chunk.to_record_batch() for chunk in chunks}
     forces = batches["/field/forces", False]
     arrows = forces.column("Arrows3D:vectors").to_pylist()

@@ -214,13 +214,9 @@ def clearance_profile(measured: Clearance, problem: Conditions) -> ClearanceProf
 
 def _potentials(problem: Conditions, times: np.ndarray, configurations: Configurations) -> np.ndarray:
     """Return the robot's potential at configurations (n, nq) at times (n,) [s]: shape (n,) [m]."""
-    from guidefield.potential import Precision, RobotField  # its kernels are loaded where a recording needs them
+    from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
 
-    field = RobotField(problem.group, problem.scene, Precision.SINGLE)
-    if not problem.scene.moves:
-        return field.potentials(configurations)
-    rows = zip(times.tolist(), configurations, strict=True)
-    return np.array([field.among(problem.scene.at(time)).potential(q) for time, q in rows])
+    return potentials_in_time(problem.group, problem.scene, times, configurations)
 
 
 def _with_movers(profile: ClearanceProfile, surveyor: Surveyor) -> ClearanceProfile:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.potential import origin_of
 from guidefield.recorder import bodies, bodies_file, field_entities, plots, robot_entities, scene_entities
 from guidefield.recorder.blueprint import Eye
 from guidefield.recorder.bodies_file import Drawn
@@ -89,13 +90,12 @@ class Shown:
         """The field, and what it does to the robot along the motion."""
         if not self.scene.obstacles:
             return
-        motion, scene = self.motion, self.scene
-        most = field_entities.MOMENTS_AMONG_MOVING if scene.moves else field_entities.MOMENTS
-        rows = evenly(len(motion.times), most)
-        scenes = [scene.at(time) if motion.timed else scene for time in motion.times[rows].tolist()]
-        yield from self.field_at(scenes, motion.configurations[rows], path_times(motion.times[rows]))
+        motion = self.motion
+        rows = evenly(len(motion.times), field_entities.MOMENTS)
+        times = motion.times[rows] if motion.timed else None
+        yield from self.field_at(times, motion.configurations[rows], path_times(motion.times[rows]))
 
-    def field_at(self, scenes: Sequence[Scene], qs: Configurations, times: rr.TimeColumn) -> Iterator[Chunk]:
-        """The field on the robot at configurations (n, nq), among the obstacles as they then stand, and a picture."""
-        yield from field_entities.charges(self.group, scenes, qs, times)
-        yield from field_entities.picture_of_plane(self.scene, self.at.tip)
+    def field_at(self, times: np.ndarray | None, qs: Configurations, column: rr.TimeColumn) -> Iterator[Chunk]:
+        """The field on the robot at configurations (n, nq) of times (n,), None for before all, and a picture."""
+        yield from field_entities.charges(self.group, self.scene, times, qs, column)
+        yield from field_entities.picture_of_plane(self.scene, self.at.tip, origin_of(self.group))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -76,6 +76,12 @@ def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) ->
         columns: What an archetype's ``columns()`` gives, n rows each.
     """
     return Chunk.from_columns(path, list(times), [column for group in columns for column in group])
+
+
+def rgba32(color: Sequence[int]) -> np.uint32:
+    """A colour (RGBA) as Rerun packs it: of many that are alike, arrays of these are made sooner than of tuples."""
+    red, green, blue, alpha = color
+    return np.uint32(red << 24 | green << 16 | blue << 8 | alpha)
 
 
 def evenly(count: int, most: int) -> np.ndarray:

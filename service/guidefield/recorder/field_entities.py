@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
-import pinocchio as pin
 import rerun as rr
-from PIL import Image
 from rerun.chunk import Chunk
 
-from guidefield.kernels.field.field import field_at_points
-from guidefield.potential import RobotField
-from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, still, timed
+from guidefield.messages import scene as messages
+from guidefield.potential import RobotField, moving_charges, origin_of
+from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, rgba32, still, timed
 from guidefield.recorder.robot_entities import moved_frame
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
+from guidefield.scene.field_in_time import Origin, field_in_time
 from guidefield.scene.field_slice import field_slice
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, build
 from guidefield.scene.slice_plane import planes_along
 
-MOMENTS, MOMENTS_AMONG_MOVING = 13, 7
-"""Configurations at which forces are shown, of those at which the robot is; a scene each where obstacles move."""
+MOMENTS = 13
+"""Configurations at which forces are shown, of those at which the robot is shown."""
 
 LONGEST_ARROW = 0.25
 """Length of the arrow of the largest force of a recording [m]."""
@@ -29,11 +28,10 @@ LONGEST_ARROW = 0.25
 FORCE_DECADES = 2.0
 """How many powers of ten of force the colours of points and the lengths of arrows tell apart."""
 
-RESOLUTION, MAGNIFIED = 120, 3
-"""Pixels along the longer side at which the field is known, and how many a picture has for each: it is smooth."""
+RESOLUTION = 120
+"""Pixels along the longer side of the picture: the field is smooth, and viewers interpolate."""
 
-QUALITY = 75
-"""Of the picture's compression (JPEG, 0 to 100)."""
+NOTHING = build(messages.Scene(name="nothing"))
 
 ARROW_COLOR = (255, 140, 60, 255)
 POINT_RADIUS = 0.007
@@ -43,57 +41,54 @@ WEAK, STRONG = np.array([70.0, 110.0, 220.0]), np.array([255.0, 70.0, 50.0])
 
 
 def charges(
-    group: PlanningGroup, scenes: Sequence[Scene], configurations: Configurations, times: rr.TimeColumn
+    group: PlanningGroup, scene: Scene, times: np.ndarray | None, configurations: Configurations, column: rr.TimeColumn
 ) -> Iterator[Chunk]:
     """The robot's charged points in their links, coloured by the scene's force on them, and the force on each link.
 
-    The scene's force on a point of weight w is -w grad Phi; arrows are what `RobotField` sums up for each link, its
-    repulsion by other links included. Both are on a scale of `FORCE_DECADES` powers of ten below the largest.
+    The scene's force on a point of weight w is -w grad Phi; arrows are its sum over each link and the repulsion by
+    other links. Both are on a scale of `FORCE_DECADES` powers of ten below the largest.
 
     Args:
         group: The joints that were planned for.
-        scenes: What is charged at each time, n of them.
+        scene: What is charged.
+        times: When the robot is there, shape (n,) [s]; None: all obstacles are where they are at first.
         configurations: Shape (n, nq).
-        times: Column of the n times.
+        column: Column of n times, as they are shown.
     """
-    field = RobotField(group, scenes[0])
-    moving = field.charged[2] > 0
-    points, weights, joints = (part[moving] for part in field.charged[:3])
-    data, placed, wrenches = group.model.createData(), [], []
-    for scene, q in zip(scenes, configurations, strict=True):
-        field = field if scene is scenes[0] else RobotField(group, scene)
-        pin.forwardKinematics(group.model, data, group.expand(q))
-        placed.append(_placed(points, joints, data.oMi))
-        wrenches.append(field.evaluate(q).wrenches[:, :3])
-    world = np.array(placed)
-    pulls = _gradients(scenes, world)
-    strength = np.linalg.norm(pulls, axis=2) * weights
-    colors = _colors(_share(strength))
-    for joint in np.unique(joints):
+    charged = moving_charges(group)
+    points, joints = charged.placed(configurations), charged.joints
+    forces = -charged.weights[:, None] * field_in_time(scene, points, times, origin_of(group))[1]
+    colors = _colors(_share(np.linalg.norm(forces, axis=2)))
+    moved = np.unique(joints)
+    for joint in moved:
         own = joints == joint
         path = entity("field", "charges", group.model.names[int(joint)])
-        radii = rr.Points3D(points[own], radii=[POINT_RADIUS])
-        yield still(path, rr.CoordinateFrame(moved_frame(group, int(joint))), radii)
-        shown = rr.Points3D.columns(colors=colors[:, own].reshape(-1, 4)).partition([int(own.sum())] * len(world))
-        yield timed(path, [times], shown)
-    yield _arrows(np.array(wrenches), world, joints, times)
+        at_rest = rr.Points3D(charged.points[own], radii=[POINT_RADIUS])
+        yield still(path, rr.CoordinateFrame(moved_frame(group, int(joint))), at_rest)
+        shown = rr.Points3D.columns(colors=colors[:, own].reshape(-1, 4)).partition([int(own.sum())] * len(points))
+        yield timed(path, [column], shown)
+    of_links = RobotField(group, NOTHING)
+    on_links = np.array([of_links.evaluate(q).wrenches[:, :3] for q in configurations])[:, moved]
+    on_links += np.stack([forces[:, joints == joint].sum(axis=1) for joint in moved], axis=1)
+    origins = np.stack([points[:, joints == joint].mean(axis=1) for joint in moved], axis=1)
+    yield _arrows(on_links, origins, column)
 
 
-def picture_of_plane(scene: Scene, tip: np.ndarray) -> Iterator[Chunk]:
+def picture_of_plane(scene: Scene, tip: np.ndarray, origin: Origin) -> Iterator[Chunk]:
     """The field in the plane that fits the tip's way best: as a picture with the way on it, and at its place.
 
     Args:
         scene: What is charged; nothing is drawn of a scene without charge.
         tip: The tip's way, shape (n, 3) [m, world].
+        origin: A place near it for which the field's tables are kept [m, world].
     """
     plane = planes_along(tip)[0]
-    drawn = field_slice(scene, plane, RESOLUTION)
+    drawn = field_slice(scene, plane, RESOLUTION, origin)
     if not np.isfinite(drawn.log_potential).any():
         return
-    rows, columns = (MAGNIFIED * size for size in drawn.image.shape[:2])
-    way = rr.LineStrips2D([plane.projected(tip, rows, columns)], colors=[(255, 255, 255, 255)], radii=[0.4 * MAGNIFIED])
-    smooth = np.asarray(Image.fromarray(drawn.image).resize((columns, rows), Image.Resampling.BICUBIC))
-    picture = rr.Image(smooth).compress(jpeg_quality=QUALITY)
+    rows, columns = drawn.image.shape[:2]
+    way = rr.LineStrips2D([plane.projected(tip, rows, columns)], colors=[(255, 255, 255, 255)], radii=[0.4])
+    picture = rr.Image(drawn.image, magnification_filter=rr.components.MagnificationFilter.Bicubic)
     yield still(PICTURE_AT_START if scene.moves else PICTURE, picture, way)
     pane = rr.Mesh3D(
         vertex_positions=plane.corners,
@@ -102,22 +97,6 @@ def picture_of_plane(scene: Scene, tip: np.ndarray) -> Iterator[Chunk]:
         albedo_texture=np.ascontiguousarray(drawn.image[::2, ::2]),
     )
     yield still("/field/slice", pane)
-
-
-def _gradients(scenes: Sequence[Scene], world: np.ndarray) -> np.ndarray:
-    """Grad Phi of each scene at its points, both shape (n, points, 3)."""
-    if all(scene is scenes[0] for scene in scenes):
-        found = field_at_points(scenes[0].tables, world.reshape(-1, 3)).gradient
-        return found.reshape(world.shape)
-    return np.array([field_at_points(scene.tables, at).gradient for scene, at in zip(scenes, world, strict=True)])
-
-
-def _placed(points: np.ndarray, joints: np.ndarray, placements: list[pin.SE3]) -> np.ndarray:
-    """Points (n, 3) in the frames of their joints, in the world."""
-    rotations = np.array([placement.rotation for placement in placements])[joints]
-    translations = np.array([placement.translation for placement in placements])[joints]
-    placed: np.ndarray = np.einsum("nij,nj->ni", rotations, points) + translations
-    return placed
 
 
 def _share(strength: np.ndarray) -> np.ndarray:
@@ -133,17 +112,14 @@ def _colors(share: np.ndarray) -> np.ndarray:
     return np.concatenate([rgb, np.full((*share.shape, 1), 255.0)], axis=-1).round().astype(np.uint8)
 
 
-def _arrows(forces: np.ndarray, world: np.ndarray, joints: np.ndarray, times: rr.TimeColumn) -> Chunk:
-    """The force (n, njoints, 3) on what each joint moves, from the middle of its charged points (n, points, 3)."""
-    moved = np.unique(joints)
-    origins = np.stack([world[:, joints == joint].mean(axis=1) for joint in moved], axis=1)
-    acting = forces[:, moved]
-    sizes = np.linalg.norm(acting, axis=2, keepdims=True)
-    vectors = LONGEST_ARROW * _share(sizes) * acting / np.maximum(sizes, 1e-30)
+def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn) -> Chunk:
+    """Forces (n, k, 3) as arrows from their origins (n, k, 3) [m, world], at n times."""
+    sizes = np.linalg.norm(forces, axis=2, keepdims=True)
+    vectors = LONGEST_ARROW * _share(sizes) * forces / np.maximum(sizes, 1e-30)
     columns = rr.Arrows3D.columns(
         origins=origins.reshape(-1, 3),
         vectors=vectors.reshape(-1, 3),
-        colors=[ARROW_COLOR] * vectors[..., 0].size,
-        radii=np.full(vectors[..., 0].size, 0.004),
+        colors=np.full(sizes.size, rgba32(ARROW_COLOR)),
+        radii=np.full(sizes.size, 0.004),
     )
-    return timed("/field/forces", [times], columns.partition([len(moved)] * len(forces)))
+    return timed("/field/forces", [column], columns.partition([forces.shape[1]] * len(forces)))

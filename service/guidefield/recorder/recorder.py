@@ -118,7 +118,7 @@ class Recorder:
         elif self._scene.obstacles:
             few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
             times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
-            yield from shown.field_at([self._scene] * len(few), np.array([step.q for _, step in few]), times)
+            yield from shown.field_at(None, np.array([step.q for _, step in few]), times)
 
     def _planning(self, reply: PlanReply, start: Configuration, links: Sequence[str]) -> Iterator[Chunk]:
         """What the planner did, over its steps."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import rerun as rr
 import rerun_bindings as bindings
-from rerun.chunk import Chunk
+from rerun.chunk import Chunk, LazyChunkStream
 
 from guidefield.whole_file import write_whole
 
@@ -45,12 +45,16 @@ def encode_recording(recording_id: str, chunks: Iterable[Chunk], layout: Any) ->
     """
     application_id = f"{APPLICATION_ID}-{recording_id}"
     with _written_to_pipe() as (path, close, content):
-        with _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording:
-            if layout is None:
-                bindings.save(path, None, recording=recording.to_native())
-            else:
-                with _disconnected_after(_layout_stream(layout, application_id)) as layout_stream:
-                    bindings.save(path, layout_stream.memory_recording().storage, recording=recording.to_native())
+        if layout is None:  # without a recording stream, whose threads would have to be waited for
+            stream = LazyChunkStream.from_iter(chunks)
+            stream.write_rrd(path, application_id=application_id, recording_id=recording_id)
+            close()
+            return content()
+        with (
+            _disconnected_after(rr.RecordingStream(application_id, recording_id=recording_id)) as recording,
+            _disconnected_after(_layout_stream(layout, application_id)) as layout_stream,
+        ):
+            bindings.save(path, layout_stream.memory_recording().storage, recording=recording.to_native())
             close()  # now Rerun alone can write, and the pipe ends when it does
             recording.send_chunks(chunks)
         return content()

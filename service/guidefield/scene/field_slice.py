@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.kernels.field.field import Field, field_at_points
-from guidefield.kernels.field.field_tables import single_precision
+from guidefield.scene.field_in_time import Origin, single_tables
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import SlicePlane
 
@@ -71,7 +71,7 @@ class FieldSlice:
         return self.plane.size
 
 
-def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320) -> FieldSlice:
+def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: Origin | None = None) -> FieldSlice:
     """The scene's field in a plane, as a picture.
 
     Dark is far from everything, bright near a surface, by the logarithm of the potential; grey is inside of a solid.
@@ -81,12 +81,14 @@ def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320) -> Field
         scene: What is charged.
         plane: Where, e.g. one of `slice_plane.planes_along` the tip's path.
         resolution: Pixels along the longer side.
+        origin: A place near the rectangle for which the field's tables are kept [m, world]; None: its centre.
 
     Raises:
         ValueError: if the resolution is not positive.
     """
     rows, columns = plane.pixels(resolution)
-    tables = single_precision(scene.tables, plane.pose.translation)  # half the time, and far finer than colours are
+    x, y, z = plane.pose.translation.tolist()
+    tables = single_tables(scene, origin or (x, y, z))  # half the time, and far finer than colours are
     field = field_at_points(tables, plane.points(rows, columns).reshape(-1, 3))
     with np.errstate(divide="ignore"):
         log_potential = np.log10(field.potential)
@@ -119,9 +121,10 @@ def _contours(field: Field, plane: SlicePlane, pixel: float) -> np.ndarray:
     slope = np.maximum(np.linalg.norm(in_plane, axis=1) * pixel, 1e-3 * field.potential) + 1e-9
     inked = np.zeros(len(field.potential))
     for distances, opacity in ((CONTOURS, _LINE_OPACITY), (FINE_CONTOURS, _FINE_OPACITY)):
-        for distance in distances:
-            off = np.abs(field.potential - 2.0 * math.pi / distance) / slope
-            inked = np.maximum(inked, opacity * np.clip(_LINE + 0.5 - off, 0.0, 1.0))
+        levels = 2.0 * math.pi / np.array(distances[::-1])
+        after = np.clip(np.searchsorted(levels, field.potential), 1, len(levels) - 1)
+        nearest = np.minimum(*(np.abs(field.potential - levels[index]) for index in (after - 1, after)))
+        inked = np.maximum(inked, opacity * np.clip(_LINE + 0.5 - nearest / slope, 0.0, 1.0))
     return inked
 
 
