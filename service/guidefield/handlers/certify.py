@@ -94,7 +94,9 @@ def answer_certify(
     seconds = {"queue": began - received, "load": load_seconds, **stages.seconds}
     reply = reply_to(problem, judgement, measured, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: clearance_profile(measured or clearance(_motion(problem), problem), problem))
+        recording.finish(
+            reply, lambda: clearance_profile(measured or clearance(_motion(problem), problem), problem, scene)
+        )
     return reply
 
 

@@ -100,7 +100,7 @@ def answer_plan(
     seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: None if found is None else clearance_profile(found, problem))
+        recording.finish(reply, lambda: None if found is None else clearance_profile(found, problem, scene))
     return reply
 
 

@@ -59,7 +59,7 @@ def profile_of(measured: Sequence[tuple[Stretch, Clearance]]) -> ClearanceProfil
     """Distances along all steps, one stretch after the other."""
     if not measured:
         return None
-    parts = [clearance_profile(one, stretch) for stretch, one in measured]
+    parts = [clearance_profile(one, stretch, stretch.scene) for stretch, one in measured]
     starts = [0, *([1] * (len(parts) - 1))]
     travelled = np.cumsum([0.0, *(float(one.lengths[-1]) for one in parts)])
 

@@ -28,6 +28,7 @@ from guidefield.planner.task.conditions import Conditions
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
+from guidefield.scene.scene import Scene
 
 
 class MotionInTime(Protocol):
@@ -190,8 +191,16 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     )
 
 
-def clearance_profile(measured: Clearance, problem: Conditions) -> ClearanceProfile:
-    """Distances and potential at the samples of a trajectory that was measured, for its recording."""
+def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) -> ClearanceProfile:
+    """Return distances and potential at the samples of a measured trajectory, for its recording.
+
+    Args:
+        measured: What was measured.
+        problem: Its conditions.
+        charged: The scene whose field is felt: all of it, where the problem has what is in reach alone.
+    """
+    from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
+
     group, surveyor = problem.group, measured.surveyor
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
     times = np.unique(np.concatenate([measured.times, smallest_at]))
@@ -207,16 +216,9 @@ def clearance_profile(measured: Clearance, problem: Conditions) -> ClearanceProf
         witness=np.array([np.full((2, 3), np.nan) if one.witness is None else one.witness for one in found]),
         self_distance=np.array([one.self_distance for one in found]),
         self_pair=tuple(one.self_pair for one in found),
-        potentials=lambda: _potentials(problem, times, configurations),
+        potentials=lambda: potentials_in_time(group, charged, times, configurations),
     )
     return _with_movers(profile, surveyor) if problem.scene.moves else profile
-
-
-def _potentials(problem: Conditions, times: np.ndarray, configurations: Configurations) -> np.ndarray:
-    """Return the robot's potential at configurations (n, nq) at times (n,) [s]: shape (n,) [m]."""
-    from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
-
-    return potentials_in_time(problem.group, problem.scene, times, configurations)
 
 
 def _with_movers(profile: ClearanceProfile, surveyor: Surveyor) -> ClearanceProfile:
