@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import rerun as rr
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import packed, unpacked
 from guidefield.recorder.reading import read_recording
 from guidefield.recorder.writing import write_recording
@@ -26,6 +28,7 @@ def test_what_is_packed_is_unpacked_or_refused() -> None:
 
 
 def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
-    write_recording(tmp_path / "foreign.rrd", "foreign", [], None)
+    said = still("/said", rr.TextDocument("hello"))
+    write_recording(tmp_path / "foreign.rrd", "foreign", [said], None)
     with pytest.raises(MalformedRequest, match=r"no whole recording of guidefield.*: it has no '/__properties/plan'"):
         read_recording(tmp_path / "foreign.rrd")
