@@ -70,3 +70,27 @@ def test_a_certificate_that_does_not_hold_is_found(tmp_path: Path) -> None:
     crate = Box("crate", position=(0.0, 0.0, 0.6), size=(0.3, 0.3, 0.3))
     among = msgspec.structs.replace(request, scene=Scene("crate", obstacles=[crate]))
     assert any(one.kind.name == "FALSE_CERTIFICATE" for one in goals.doubt(among, reply))
+
+
+def test_robots_with_faults_that_are_read_alike_are_judged(tmp_path: Path) -> None:
+    """Reversed limits, a source of a mimic joint without its prefix, and joints whose names have dots."""
+    from robot_trials.trial import Trial
+
+    text = box_arm("y x mimic", 3).text.replace('lower="-2" upper="2"', 'lower="2" upper="-2"', 1)
+    for name, new in (('name="j1"', 'name="left_j1"'), ('name="j2"', 'name="joint_2.0"'), ("j3", "left_j3")):
+        assert name in text
+        text = text.replace(name, new)
+    (tmp_path / "arm.urdf").write_text(text)
+    trial = Trial(str(tmp_path / "arm.urdf"), True, 0, tmp_path / "line.json")
+    trial.run()
+    assert [plan["kind"] for plan in trial.line["plans"]] == ["planned", "planned"]
+    assert any("taken for 'left_j1'" in warning for warning in trial.line["warnings"])
+    assert any("exceeds" in warning for warning in trial.line["warnings"])
+
+
+def test_columns_are_split_into_joint_and_coordinate() -> None:
+    from doubting.columns import split_columns
+
+    names = ["base.x", "base.y", "base.theta", "joint_0.0", "arm.x", "ball.qx", "ball.qy", "ball.qz", "ball.qw"]
+    joints = ["base"] * 3 + ["joint_0.0", "arm.x"] + ["ball"] * 4
+    assert [joint for joint, _ in split_columns(names)] == joints

@@ -169,8 +169,8 @@ def between(rng: np.random.Generator, loaded: Loaded, first: Wire, last: Wire, m
 
 
 def _suffixes(joint: Joint) -> list[str]:
-    width = {JointKind.PLANAR: 3, JointKind.SPHERICAL: 4, JointKind.FLOATING: 7}.get(joint.kind, 1)
-    return [""] if width == 1 else [f".{k}" for k in range(width)]
+    parts = {JointKind.PLANAR: "x y theta", JointKind.SPHERICAL: "qx qy qz qw", JointKind.FLOATING: "x y z qx qy qz qw"}
+    return [f".{part}" for part in parts[joint.kind].split()] if joint.kind in parts else [""]
 
 
 def _held(rng: np.random.Generator, loaded: Loaded, names: frozenset[str], wires: list[Wire]) -> list[AttachedObject]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from doubting.columns import COORDINATES, split_columns
 from doubting.curve import Curve
 from doubting.judge import Judge, Nearest, Sampled
 from doubting.limits import RATES, Standing, standing
@@ -44,8 +45,6 @@ REACHED = 1e-6
 """The tip may be beyond its goal's tolerance by this [m or rad]."""
 END = 0.31
 """At each end so much of the way is left out of the inner clearance, and a little more [rad or m]."""
-COORDINATES = ("", "x", "y", "z", "theta", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
-"""Ends of columns of joints of several coordinates, in their order."""
 KEPT = 1e-6
 """A share of a rate's limit is kept up to this above 1."""
 
@@ -91,7 +90,7 @@ def continuous(loaded: Loaded) -> list[str]:
 
 def names_of(names: list[str]) -> frozenset[str]:
     """The joints that columns are of."""
-    return frozenset(name.partition(".")[0] for name in names)
+    return frozenset(joint for joint, _ in split_columns(names))
 
 
 def planned_curve(reply: PlanReply) -> Curve | None:
@@ -127,8 +126,8 @@ def asked_curve(loaded: Loaded, request: CertifyRequest) -> Curve:
 def ordered(loaded: Loaded, names: list[str]) -> tuple[list[str], list[int]]:
     """Columns in the order of the robot's joints and their coordinates: the names, and where they stood."""
     joints = {joint.name: k for k, joint in enumerate(loaded.model.joints)}
-    parts = [name.partition(".") for name in names]
-    order = sorted(range(len(names)), key=lambda k: (joints[parts[k][0]], COORDINATES.index(parts[k][2])))
+    parts = split_columns(names)
+    order = sorted(range(len(names)), key=lambda k: (joints[parts[k][0]], COORDINATES.index(parts[k][1])))
     return [names[k] for k in order], order
 
 
@@ -413,8 +412,8 @@ def _reached(request: PlanRequest, reply: PlanReply) -> list[Disagreement]:
         ends.append(("goal", request.goal.positions, rows[-1]))
     for what, asked, row in ends:
         by_joint: dict[str, list[float]] = {}
-        for name, value in zip(reply.position_names, row, strict=True):
-            by_joint.setdefault(name.partition(".")[0], []).append(value)
+        for (joint, _), value in zip(split_columns(reply.position_names), row, strict=True):
+            by_joint.setdefault(joint, []).append(value)
         for joint, values in by_joint.items():
             if joint in asked and not _same(np.atleast_1d(asked[joint]).astype(float), np.array(values)):
                 found.append(Disagreement(Kind.ENDS, f"{joint} is at {values}, the {what} has {asked[joint]}"))

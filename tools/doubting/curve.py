@@ -9,6 +9,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.interpolate import CubicSpline
 
+from doubting.columns import split_columns
+
 Values = dict[str, np.ndarray]
 """By joint, a row for each of n times: (n,) angles or lengths, (n, 3) planar, (n, 4) ball, (n, 7) floating."""
 Columns = list[list[float]]
@@ -73,8 +75,7 @@ class Curve:
         """
         rows = np.array(positions, float).reshape(len(positions), -1)
         widths: dict[str, int] = {}
-        for name in names:
-            joint = name.partition(".")[0]
+        for joint, _ in split_columns(names):
             widths[joint] = widths.get(joint, 0) + 1
         parts, points, rates, column, first = [], [], [], 0, 0
         speeds = None if velocities is None else np.array(velocities, float).reshape(len(rows), -1)

@@ -23,6 +23,7 @@ from guidefield.messages.values import Placement
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
+from robot_trials.mended import mend
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +48,15 @@ class Goals:
             InvalidGroup: if there is nothing to plan for.
         """
         planned = select(robot, None, None, robot.rest, pin.SE3.Identity()).joints
+        text = mend(robot.source.urdf_text)
         subject = Subject(
-            Formula.of(robot.source.urdf_text, robot.source.root_joint),
+            Formula.of(text, robot.source.root_joint),
             frozenset(frozenset(pair.links) for pair in robot.pairs_left_out),
             frozenset(choice.name for choice in robot.geometry_choices if choice.judged_as == "convex hull"),
             as_values(configuration_to_wire(robot.joints, robot.rest)),
             robot.tip,
         )
-        loaded = Loaded(Robot(), reference, robot, subject, robot.source.urdf_text, engine)
+        loaded = Loaded(Robot(), reference, robot, subject, text, engine)
         return cls(loaded, planned, loaded.judge(frozenset(joint.name for joint in planned)))
 
     def draw(self, seed: list[int], draws: int, obstacles: int) -> tuple[Wire, list[messages.Obstacle]] | None:

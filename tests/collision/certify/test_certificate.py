@@ -249,6 +249,26 @@ def test_what_passes_closer_than_the_floor_is_undecided():
     assert motion_free(sliding_along(3e-5), start, end).free
 
 
+@pytest.mark.parametrize("pieces", [1, 3, 200])
+@pytest.mark.parametrize("clearance", [0.0, 0.01])
+def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pieces, clearance):
+    """Contact begins where a piece does, in the middle of one, and at places that halving doesn't meet."""
+    arm, (vertices, triangles) = grouped(box_arm("slide", 1)), l_prism()
+    far = clearance_at(world_of(arm, [box("wall", (1.0, 1.0, 0.2), (0, 0, 3.0))]), np.zeros(1)).obstacle_distance
+    for gap in (0.25, 0.2, 0.2 + 1e-4 / 3, 0.1):
+        bottom = 2.9 - far + gap
+        for wall in (
+            box("wall", (1.0, 1.0, 0.2), (0, 0, bottom + 0.1)),
+            mesh_message(vertices + [-0.5, -0.5, bottom], triangles, "wall"),
+        ):
+            world = world_of(arm, [wall])
+            way = np.linspace(-0.2, 0.4, pieces + 1)[:, None]
+            verdict = certify(world, np.array([*pairwise(way)]), clearance)
+            assert verdict.reason is Reason.CONTACT or (clearance and verdict.reason is Reason.TOO_CLOSE)
+            piece, until = verdict.free_until
+            assert 0.6 * (piece + until) / pieces - 0.2 <= gap - clearance <= verdict.chart_point[0] + 1e-5
+
+
 @pytest.mark.parametrize(
     "joints",
     ["slide y slide x", "y x mimic mimic", "continuous continuous y", "continuous x screw", "oblique oblique oblique"],

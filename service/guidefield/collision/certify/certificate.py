@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.certify.chords import Chords, chords_of
-from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments
+from guidefield.collision.certify.curve_segments import CurveSegment, curve_segments, places_ahead, point_on
 from guidefield.collision.certify.position_limits import excesses
 from guidefield.collision.certify.settings import CERTIFICATE, LIMITS
 from guidefield.collision.certify.tables import certified_obstacles, certified_robot
@@ -28,7 +28,7 @@ from guidefield.kernels.certificate.asked import TOLD, find_asked
 from guidefield.kernels.certificate.near import ASKED
 from guidefield.robot.group.tangents import tangents
 from guidefield.robot.model.configuration import LimitFault
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ModelTangents
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ModelTangents
 
 ROOM = 1024
 """Room for so many pairs that are near each other in the segments of a batch; where there are more, they are found
@@ -59,10 +59,10 @@ def certify(
     Raises:
         ValueError: if a control point is not finite.
     """
-    judge = _Judge(world, min_clearance, floor)
     pieces = np.asarray(pieces, float)
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
+    judge = _Judge(world, pieces, min_clearance, floor)
     if world.held_contacts and len(pieces):
         begin: ChartPoint = pieces[0, 0]
         return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin)
@@ -92,19 +92,10 @@ def _beyond_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     piece = int(refused[0])
     at = int(np.argmax(found[piece]))
     parameter = float(places[piece, at])
-    z = _point(pieces[piece], parameter)
+    z = point_on(pieces[piece], parameter)
     joint = next(joint for joint in group.joints if joint.idx_v <= at < joint.idx_v + joint.nv)
     fault = LimitFault(joint.name, float(z[at]), float(group.lower[at]), float(group.upper[at]))
     return Verdict(Reason.BEYOND_LIMITS, 0, piece, parameter, (piece, 0.0), None, z, fault)
-
-
-def _point(controls: ChartPoints, parameter: float) -> ChartPoint:
-    """The point (nv,) of a Bezier curve, control points (k, nv), at a parameter: de Casteljau's scheme."""
-    row = controls
-    while len(row) > 1:
-        row = row[:-1] + parameter * (row[1:] - row[:-1])
-    point: ChartPoint = row[0]
-    return point
 
 
 def _place(segment: CurveSegment) -> tuple[int, float]:
@@ -122,8 +113,9 @@ def _unfinished(world: World, first: CurveSegment, evaluations: int) -> Verdict:
 class _Judge:
     """One judgement: what is asked for, and how many configurations were judged."""
 
-    def __init__(self, world: World, min_clearance: float, floor: float) -> None:
+    def __init__(self, world: World, pieces: ChartCurves, min_clearance: float, floor: float) -> None:
         self.world = world
+        self.pieces = pieces
         self.floor = floor
         self.evaluations = 0
         self.min_clearance = min_clearance
@@ -238,15 +230,22 @@ class _Judge:
 
     def _refusal_at(self, rest: CurveSegment, segment: CurveSegment, left: list[_Left]) -> Verdict | None:
         """Why a segment is refused where its rest begins: it touches there, or the pairs left can't move any less."""
-        z = rest.controls[0, 0]
+        z, place = rest.controls[0, 0], (rest.piece, rest.start)
         found = self._touching(z, left)
         if found is None:
-            undecided = [one.pair for one in left if one.bound <= self.floor]
+            undecided = [one for one in left if one.bound <= self.floor]
             if not undecided:
                 return None
-            found = Reason.UNDECIDED, undecided[0]
-        names = self.world.pair_names(found[1])
-        return Verdict(found[0], self.evaluations, rest.piece, rest.start, (segment.piece, segment.start), names, z)
+            found = Reason.UNDECIDED, undecided[0].pair
+            for ahead in places_ahead(_place(segment), place, len(self.pieces)):
+                there = point_on(self.pieces[ahead[0]], ahead[1])
+                touching = self._touching(there, undecided)
+                if touching is not None:
+                    found, z, place = touching, there, ahead
+                    break
+        return Verdict(
+            found[0], self.evaluations, *place, _place(segment), self.world.pair_names(found[1]), chart_point=z
+        )
 
     def _touching(self, z: ChartPoint, left: list[_Left]) -> tuple[Reason, int] | None:
         """What is wrong at a point (nv,) of the curve, contact or too close, and with which of some pairs; or None."""

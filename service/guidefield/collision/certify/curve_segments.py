@@ -11,8 +11,10 @@ import numpy as np
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.kernels.certificate.halves import find_halves
 from guidefield.kernels.certificate.ranges import find_ranges
-from guidefield.robot.model.spaces import ChartCurves, ChartPoints
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
+CHECKS_AHEAD = 8
+"""Places after an undecided one that are checked for contact; each is twice as far ahead as the one before."""
 MANY = 64.0
 """A curve that spans so many times `CERTIFICATE.widest` is divided bit by bit."""
 
@@ -99,6 +101,36 @@ def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
     low, high = np.empty((2, len(controls), controls.shape[2]))
     find_ranges(np.ascontiguousarray(controls), low, high)
     return cast(ChartPoints, low), cast(ChartPoints, high)
+
+
+def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
+    """Return the point (nv,) of a Bezier curve, control points (k, nv), at a parameter by de Casteljau's scheme."""
+    row = controls
+    while len(row) > 1:
+        row = row[:-1] + parameter * (row[1:] - row[:-1])
+    point: ChartPoint = row[0]
+    return point
+
+
+Place = tuple[int, float]
+"""Index of a piece, and the parameter on it."""
+
+
+def places_ahead(free_until: Place, undecided: Place, count: int) -> Iterator[Place]:
+    """Yield places shortly after an undecided one, where the contact that it comes before may be proved.
+
+    Args:
+        free_until: Up to where the motion is certified.
+        undecided: Where it is undecided.
+        count: Number of pieces of the motion.
+    """
+    here = sum(undecided)
+    for doubling in range(CHECKS_AHEAD):
+        ahead = min(here + 2**doubling * (here - sum(free_until)), count)
+        piece = min(int(ahead), count - 1)
+        yield piece, ahead - piece
+        if ahead == count:
+            return
 
 
 def halved(controls: ChartCurves) -> ChartCurves:
