@@ -94,6 +94,23 @@ def test_a_blade_that_touches_a_wall_is_as_deep_as_it_is(gap: float) -> None:
                     assert one[0] == pytest.approx(expected, abs=2e-6)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_point_inside_a_round_body_is_as_deep_as_it_is(seed: int) -> None:
+    """Coal's depth is up to a hundredth too little there."""
+    rng, thin = np.random.default_rng(seed), 2e-6
+    for point in (coal.Box(thin, thin, thin), coal.Cylinder(thin, thin), coal.Capsule(thin, thin), coal.Sphere(thin)):
+        radius, half, share = rng.uniform(0.02, 0.3), rng.uniform(0.1, 0.5), rng.choice([0.0, 0.1, 0.8])
+        place = at(*rng.normal(size=3), tuple(rng.uniform(-3.0, 3.0, 3)))
+        angle = rng.uniform(-np.pi, np.pi)
+        offset = share * radius * np.array([np.cos(angle), np.sin(angle), 0.0])
+        inside = coal.Transform3s(pin.rpy.rpyToMatrix(*rng.uniform(-3.0, 3.0, 3)), place.transform(offset))
+        for round_body in (coal.Cylinder(radius, 2.0 * half), coal.Capsule(radius, 2.0 * half)):
+            end = half + (radius if isinstance(round_body, coal.Capsule) else 0.0)
+            depth = min(radius * (1.0 - share), end)
+            for found in (measured(point, inside, round_body, place), measured(round_body, place, point, inside)):
+                assert -found[0] == pytest.approx(depth, abs=1e-5)
+
+
 def test_a_blades_tip_in_a_wall_is_where_the_witnesses_are() -> None:
     for distance, on_blade, on_wall in (
         measured(BLADE, at(1.0), WALL, at(2.05 - 1e-6)),

@@ -2,10 +2,11 @@
 
 Along a unit direction n two convex bodies overlap by h(n) = max n.a - min n.b over their points a and b: moved so far
 along n, the second one just touches the first. The penetration depth is the least h (Cameron and Culley 1986), so that
-no direction may have a smaller one than the depth that is told. EPA's polytope is flat where two bodies barely touch:
-for a thin blade that touches a wall it tells metres. Then h is descended from the best directions that are known. With
-the second body moved by h(n) and a margin along n, GJK's closest points give the next direction n': its h is no larger,
-because h(n') = (h(n) + margin) n.n' - gap, and the gap is the margin at least.
+the depth that is told has to be the least one known. EPA's polytope is flat where two bodies barely touch: for a thin
+blade that touches a wall it tells metres; of a point inside a cylinder it tells up to a hundredth too little. Then h is
+descended from the best directions that are known. With the second body moved by h(n) and a margin along n, GJK's closest
+points give the next direction n': its h is no larger, because h(n') = (h(n) + margin) n.n' - gap, and the gap is the
+margin at least.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any
     directions = bodies.directions(told)
     overlaps = bodies.overlaps(directions)
     least = float(overlaps.min())
-    if -told.distance <= least + ACCURACY * (1.0 + max(least, 0.0)):
+    if abs(least + told.distance) <= ACCURACY * (1.0 + max(least, 0.0)):
         return told._replace(distance=max(told.distance, -least))
     found = [bodies.descend(directions[k]) for k in np.argsort(overlaps)[:STARTS]]
     return max(found, key=lambda one: one.distance)
