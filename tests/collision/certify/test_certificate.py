@@ -259,7 +259,7 @@ def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pie
         bottom = 2.9 - far + gap
         for wall in (
             box("wall", (1.0, 1.0, 0.2), (0, 0, bottom + 0.1)),
-            mesh_message(vertices + [-0.5, -0.5, bottom], triangles, "wall"),
+            mesh_message(vertices + np.array([-0.5, -0.5, bottom]), triangles, "wall"),
         ):
             world = world_of(arm, [wall])
             way = np.linspace(-0.2, 0.4, pieces + 1)[:, None]

@@ -50,6 +50,21 @@ def test_a_mesh_that_is_nowhere_is_refused_with_line_and_advice(package: Path) -
         Catalog().load(UrdfFile(str(urdf)))
 
 
+def test_all_meshes_that_are_nowhere_are_named(package: Path) -> None:
+    urdf = package / "urdf" / "arm.urdf"
+    lost = [f"package://arm_description/meshes/lost{number}.stl" for number in range(9)]
+    there = "package://arm_description/meshes/collision/tip.stl"
+    shapes = [*map(shape, [there, lost[0], lost[0], there]), shape("drawn.stl", "visual"), *map(shape, lost)]
+    urdf.write_text(ARM.format(shapes="".join(shapes)))
+    with pytest.raises(RobotInvalid) as refused:
+        Catalog().load(UrdfFile(str(urdf)))
+    assert refused.value.details["missing"] == lost
+    assert all(repr(uri) in refused.value.message for uri in lost[:7])
+    assert "lost7" not in refused.value.message
+    assert "and 2 more" in refused.value.message
+    assert "drawn.stl" not in refused.value.message
+
+
 @pytest.mark.parametrize("path", ["a\0b.urdf", "a\0b.xacro", "~nobody-of-this-name/arm.urdf", "loop/arm.urdf"])
 def test_what_is_no_path_is_refused(path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

@@ -120,6 +120,16 @@ def test_what_cannot_be_planned_for_is_named(asked: str | list[str], match: str)
         select(model, asked, None, model.rest, HERE)
 
 
+def test_a_tip_that_nothing_moves_says_why() -> None:
+    """Its joint mimics one that can't move, so that no joint of the robot can."""
+    locked = box_arm("y mimic", 2).text.replace('lower="-2" upper="2"', 'lower="0" upper="0"', 1)
+    model = load(UrdfText(locked.replace('<parent link="l1"/>', '<parent link="l0"/>')))
+    with pytest.raises(
+        InvalidGroup, match=r"no joint moves 'l2' \('j2' mimics 'j1', whose limits are the same\).*no joint"
+    ):
+        select(model, None, "l2", model.rest, HERE)
+
+
 def test_an_unknown_tip_lists_the_frames() -> None:
     model = robot("panda")
     with pytest.raises(UnknownFrame, match="no frame 'nose'") as refused:

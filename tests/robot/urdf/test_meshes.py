@@ -348,6 +348,28 @@ def test_what_else_is_refused(home, uri, words):
     assert words in refused(MeshResolver.for_wire([home / "ws"]), uri).message
 
 
+@pytest.mark.parametrize(
+    "form", ["package://arm/meshes/{}", "model://arm/meshes/{}", "{}", "file://{home}/ws/arm/meshes/{}"]
+)
+def test_escapes_in_a_uri_are_read_unless_a_file_is_called_so(home, form):
+    blank = home / "ws/arm/meshes/a b.stl"
+    resolver = MeshResolver(package_dirs=(home / "ws",), base=home / "ws/arm/meshes")
+    assert resolver.resolve(form.format("a%20b.stl", home=home)) == blank
+    assert resolver.resolve(form.format("a b.stl", home=home)) == blank
+    literal = home / "ws/arm/meshes/a%20b.stl"
+    literal.write_text("solid")
+    assert resolver.resolve(form.format("a%20b.stl", home=home)) == literal
+    refused(resolver, form.format("a%2520b.stl", home=home).replace("%2520", "%252520"))
+
+
+def test_escapes_are_searched_too_and_lead_nowhere_outside(home):
+    urdf = home / "ws/arm/urdf/arm.urdf"
+    assert MeshResolver.for_file(urdf).resolve("package://renamed/meshes/a%20b.stl") == home / "ws/arm/meshes/a b.stl"
+    wire = MeshResolver.for_wire([home / "ws"])
+    assert "outside what is allowed" in refused(wire, "package://arm/%2e%2e/%2e%2e/outside/secret.stl").message
+    assert "outside what is allowed" in refused(wire, "package://arm/..%2F..%2Foutside/secret.stl").message
+
+
 def test_an_error_about_a_missing_mesh_says_what_to_do(home):
     lost = "package://nowhere/lost.stl"
     assert "`meshes` of `Client.store_robot`" in refused(MeshResolver.for_wire(), lost).message

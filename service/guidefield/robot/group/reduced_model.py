@@ -142,9 +142,13 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
                 f"joint {name!r} mimics {joint.mimic.driver!r} and can't be planned for by itself", joint=name
             )
     if not names:
-        movable = [joint.name for joint in robot.joints if joint.mimic is None]
+        movable = [joint.name for joint in robot.joints if joint.mimic is None and _can_move(joint)]
         hint = f"; `group` may name some of {', '.join(movable)}" if movable else ", as no joint of the robot can move"
-        raise InvalidGroup(f"no joint moves {tip!r}: there is nothing to plan for{hint}", tip=tip, available=movable)
+        reasons = _reasons_for_rest(robot, tip)
+        why = f" ({'; '.join(reasons)})" if reasons else ""
+        raise InvalidGroup(
+            f"no joint moves {tip!r}{why}: there is nothing to plan for{hint}", tip=tip, available=movable
+        )
     return tuple(joint.name for joint in robot.joints if joint.name in names)
 
 
@@ -162,6 +166,20 @@ def _default_joints(robot: RobotModel, tip: str) -> tuple[str, ...]:
         if any(joint is not None and _can_move(joint) for joint in candidates):
             return tuple(joint.name for joint in candidates if joint is not None)
     return tuple(joint.name for joint in own)
+
+
+def _reasons_for_rest(robot: RobotModel, tip: str) -> list[str]:
+    """Reasons why the joints before a tip, none of which is planned for by itself, don't move it."""
+    reasons = []
+    for name in joints_to(robot.model, tip):
+        joint = robot.joint(name)
+        if joint is not None and joint.mimic is not None:
+            driver = robot.joint(joint.mimic.driver)
+            locked = driver is not None and not _can_move(driver)
+            reasons.append(f"{name!r} mimics {joint.mimic.driver!r}{', whose limits are the same' if locked else ''}")
+        elif joint is not None and joint.passive:
+            reasons.append(f"{name!r} is passive in the SRDF")
+    return reasons
 
 
 def _can_move(joint: Joint) -> bool:

@@ -11,7 +11,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.facts import CollisionFacts
-from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.meshes import MAX_LISTED, MeshResolver
 from guidefield.robot.urdf.xml import (
     LARGEST_LENGTH,
     Element,
@@ -116,7 +116,7 @@ def _check_collision(
     check_origins(collision, version)
     shape = _check_geometry(collision, version, _refuse)
     _thicken(shape, warnings)
-    mesh = _settle_mesh(shape, resolver) if shape.tag == "mesh" else None
+    mesh = _settle_collision_mesh(shape, resolver) if shape.tag == "mesh" else None
     return CollisionFacts(link=name_of(collision.getparent()), shape=shape.tag, mesh=mesh, line=collision.sourceline)
 
 
@@ -175,6 +175,29 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
     if thin:
         told = f"<{shape.tag}> has the {' and the '.join(thin)}; {THIN}"
         warnings.append(warning(shape, told))
+
+
+def _settle_collision_mesh(mesh: Element, resolver: MeshResolver) -> Path:
+    """Put the real path into a `<mesh>`, or name it and all later ones that can't be had."""
+    try:
+        return _settle_mesh(mesh, resolver)
+    except RobotInvalid as error:
+        meshes = mesh.getroottree().getroot().findall("link/collision/geometry/mesh")
+        own, *later = dict.fromkeys(one.get("filename", "").strip() for one in meshes[meshes.index(mesh) :])
+        missing = [uri for uri in later if uri and not _can_be_had(uri, resolver)]
+        error.details["missing"] = [own, *missing]
+        if not missing:
+            raise
+        more = f" and {len(missing) - MAX_LISTED} more" if len(missing) > MAX_LISTED else ""
+        listed = ", ".join(map(repr, missing[:MAX_LISTED]))
+        raise RobotInvalid(f"{error.message}; these can't be had either: {listed}{more}", **error.details) from None
+
+
+def _can_be_had(uri: str, resolver: MeshResolver) -> bool:
+    try:
+        return bool(resolver.resolve(uri))
+    except RobotInvalid:
+        return False
 
 
 def _settle_mesh(mesh: Element, resolver: MeshResolver) -> Path:

@@ -131,6 +131,7 @@ class MeshResolver:
     def resolve(self, uri: str) -> Path:
         """Return the file that a mesh URI means, as an absolute path without links.
 
+        A URI may have escapes (`%20` is a blank); a file of the name as written comes first.
         A file that is found elsewhere than its URI says is noted in `remarks`.
 
         Args:
@@ -144,16 +145,19 @@ class MeshResolver:
             return self.given[uri].resolve()
         if Path(uri).suffix.lower() not in MESH_SUFFIXES:
             raise self._refused(uri, f"is not a mesh file; one ends in {', '.join(MESH_SUFFIXES)}")
-        candidates = self._candidates(uri)
-        inside = [path for path in candidates if _is_within(path, self.folders)]
-        for path in filter(_is_file, inside):
-            if self.nearby is not None:
-                self._compare(uri, path, inside)
-            return self._confined(uri, path)
+        outside = False
+        for written in dict.fromkeys((uri, unquote(uri))):
+            candidates = self._candidates(written)
+            inside = [path for path in candidates if _is_within(path, self.folders)]
+            for path in filter(_is_file, inside):
+                if self.nearby is not None:
+                    self._compare(uri, path, inside)
+                return self._confined(uri, path)
+            outside = bool(candidates) and not inside
         found = self._search(uri)
         if found is not None:
             return found
-        if candidates and not inside:
+        if outside:
             raise self._refused(uri, "lies outside what is allowed", self.advice)
         raise self._refused(uri, "was not found", self.advice)
 
@@ -203,8 +207,8 @@ class MeshResolver:
         """Search a file that isn't where its URI says; None if there is none, or no search is made."""
         if self.nearby is None:
             return None
-        scheme, separator, rest = uri.partition("://")
-        path = unquote(rest) if scheme == "file" else rest if separator else uri
+        scheme, separator, rest = unquote(uri).partition("://")
+        path = rest if separator else unquote(uri)
         declared: list[Path] = []
         if separator and scheme in PACKAGE_SCHEMES:
             name, _, path_in_package = rest.lstrip("/").partition("/")
@@ -256,7 +260,7 @@ class MeshResolver:
             return [_folded(folder / path.lstrip("/")) for folder in self._holders(name)]
         if separator and scheme != "file":
             raise self._refused(uri, "cannot be fetched; meshes are package://, model://, file:// or paths")
-        path = unquote(rest) if separator else uri
+        path = rest if separator else uri
         if path.startswith("/"):
             return [_folded(Path(path))]
         return [_folded(start / path) for start in (self.base, *self.package_dirs) if start is not None]
