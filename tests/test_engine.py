@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 import guidefield
+from guidefield import engine as engine_room
 from guidefield.aside import wait_for_others
 from guidefield.engine import Engine, LocalFiles, answer
 from guidefield.errors import InternalFailure, MalformedRequest, RobotInvalid, SceneInvalid, TimedOut, UnknownObject
-from guidefield.messages import given_requests, requests
+from guidefield.messages import requests
 from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotentialReply, RobotReply, RobotsReply
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
@@ -103,13 +104,13 @@ def test_a_robot_is_loaded_once_for_a_request(asked: dict[str, Any], monkeypatch
 
 def test_the_time_that_a_request_was_checked_for_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Large requests take long to check; else their answers would come so much later than was allowed."""
-    checked = given_requests.checked
+    read = engine_room.read_request
 
-    def slowly(*asked: Any) -> Any:
+    def slowly(request: Any) -> Any:
         time.sleep(0.3)
-        return checked(*asked)
+        return read(request)
 
-    monkeypatch.setattr(given_requests, "checked", slowly)
+    monkeypatch.setattr(engine_room, "read_request", slowly)
     request = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.1}}}
     reply = answer({**request, "guide_planes": [], "recording": "off"})
     assert 0.3 <= reply.timing.load <= reply.timing.total

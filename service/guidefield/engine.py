@@ -36,10 +36,7 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
 from guidefield.messages.faults import of_field
-from guidefield.messages.keys import WorkHead
-from guidefield.messages.known_payloads import read_again
 from guidefield.messages.own_scenes import to_give
-from guidefield.messages.reading import TooLongToRead, is_of_many, read_in_time
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -51,6 +48,7 @@ from guidefield.messages.replies import (
     SceneReply,
     ScenesReply,
 )
+from guidefield.messages.request_reader import read_request
 from guidefield.messages.scene import Obstacle, Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
 from guidefield.messages.streams import StreamOpen
@@ -218,10 +216,7 @@ class Engine:
         try:
             decoded: Any = request
             if not isinstance(request, msgspec.Struct):
-                decoded = _read(request, came if received is None else received)
-                if isinstance(decoded, Reply):
-                    self._counters["answered"] += 1
-                    return decoded
+                decoded = read_request(request)
             with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
                 began, load = None, _once(self._robot)
                 if received is None:
@@ -621,35 +616,7 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
     """
     came = time.monotonic()
     place = None if record_to is None else Path(record_to)
-    asked = _read(request, came)
-    return asked if isinstance(asked, Reply) else _default().answer(asked, record_to=place, came=came)
-
-
-def _wait_for_others(is_too_late: Callable[[], bool]) -> None:
-    with contextlib.suppress(StoppedError):
-        wait_for_others(is_too_late)
-
-
-def _read(request: bytes | dict[str, Any] | requests.Request, began: float) -> requests.Request | Reply:
-    """A request in any form, checked; the reply that says so where its time is up before, by `time.monotonic()` [s].
-
-    Raises:
-        TimedOut: if it has no such reply.
-        GuidefieldError: if it is ill-posed.
-    """
-    if type(request) is bytes and (known := read_again(request)) is not None:
-        return known
-    of_many = is_of_many(request)
-    with waiting_collector() if of_many else contextlib.nullcontext():
-        try:
-            return read_in_time(request, began, of_many, _wait_for_others)
-        except TooLongToRead as late:
-            head = late.head
-    from guidefield.handlers.unbegun import time_up_reading, timed_out_reading
-
-    if isinstance(head, WorkHead):
-        raise time_up_reading(head.allowed)
-    return timed_out_reading(head.run_id or uuid.uuid4().hex, head, time.monotonic() - began)
+    return _default().answer(read_request(request), record_to=place, came=came)
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:

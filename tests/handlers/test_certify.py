@@ -21,8 +21,9 @@ from guidefield.errors import InvalidConfiguration, MalformedRequest, Status
 from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
-from guidefield.messages import codec, given_requests, requests, scene as messages
+from guidefield.messages import codec, requests, scene as messages
 from guidefield.messages.replies import CertifyReply, PlanReply, as_plain_data
+from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion.trajectory import Trajectory
@@ -465,7 +466,7 @@ def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolatio
     reply = guidefield.answer(request)
     assert reply.status.name == "SUCCESS", reply.status.message
     assert reply.certificate.free_until.time == 13.5
-    problem, _ = certify_problem(given_requests.checked(request), robot("panda"), build(request.scene), Budget())
+    problem, _ = certify_problem(read_request(request), robot("panda"), build(request.scene), Budget())
     times = np.linspace(11.0, 13.5, 150)
     zs = problem.motion.scheduled.evaluate(times)[0]
     sampled = []

@@ -10,7 +10,8 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec, given_requests
+from guidefield.messages import codec
+from guidefield.messages.request_reader import read_request
 from guidefield.messages.requests import Clearance, JointsGoal, PlanRequest, PoseGoal, Potential
 from guidefield.messages.scene import Mesh, PointCloud, Scene
 from guidefield.messages.values import Float32Array
@@ -26,7 +27,7 @@ def test_numpys_numbers_and_arrays_are_numbers_and_lists(kind: Any) -> None:
     assert joints == PlanRequest("panda", "table", JointsGoal({"a": 2.0}))
     asked = PlanRequest("panda", "table", PoseGoal(np.array([1, 2, 3], kind), np.array(TURN, kind)))  # type: ignore[arg-type]
     pose = PlanRequest("panda", "table", PoseGoal((1.0, 2.0, 3.0), TURN))
-    assert given_requests.checked(asked) == pose
+    assert read_request(asked) == pose
     for encoding in codec.Encoding:
         assert codec.decode(codec.encode(asked, encoding), PlanRequest, encoding) == pose
 
@@ -55,7 +56,7 @@ def test_a_checked_struct_is_what_it_was() -> None:
         Clearance("panda", "table", [{"panda_joint1": 0.1}]),
         PlanRequest("panda", Scene("mine", obstacles=[cloud]), JointsGoal({"a": [0.0, 1.0]})),
     ):
-        assert given_requests.checked(request) == request
+        assert read_request(request) == request
 
 
 def terrain(count: int = 2000) -> Mesh:
@@ -70,7 +71,7 @@ def asked(mesh: Mesh) -> PlanRequest:
 
 def test_long_lists_are_checked_and_are_the_requests_own() -> None:
     mesh = terrain()
-    made = given_requests.checked(asked(mesh))
+    made = read_request(asked(mesh))
     assert made == asked(mesh)
     assert codec.decode_request(codec.encode(asked(mesh))) == made
     mesh.vertices[0] = (9.0, 9.0, 9.0)
@@ -83,7 +84,7 @@ def test_numpys_numbers_may_stand_in_long_lists(kind: Any) -> None:
     mesh = terrain()
     mesh.vertices[1500] = tuple(kind(k) for k in (1, 2, 3))
     mesh.triangles[1500] = tuple(np.array([3, 2, 1]))
-    made = given_requests.checked(asked(mesh))
+    made = read_request(asked(mesh))
     mesh.vertices[1500], mesh.triangles[1500] = (1.0, 2.0, 3.0), (3, 2, 1)
     assert made == asked(mesh)
 
@@ -105,5 +106,5 @@ def test_what_is_wrong_in_long_lists_is_told(field: str, value: Any, says: str) 
     mesh = terrain()
     getattr(mesh, field)[1500] = value
     with pytest.raises(MalformedRequest) as malformed:
-        given_requests.checked(asked(mesh))
+        read_request(asked(mesh))
     assert says in malformed.value.message

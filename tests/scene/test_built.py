@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-
 import numpy as np
 import pytest
 
-from guidefield.aside import StoppedError
-from guidefield.messages import given_requests, scene as messages
+from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import make_own
+from guidefield.messages.request_reader import read_request
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene import built, obstacle
-from guidefield.scene.built import MANY, BuiltScenes
+from guidefield.scene.built import BuiltScenes
 
 
 def scan(name: str, count: int) -> messages.Scene:
@@ -65,32 +63,15 @@ def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest
     assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least
 
 
-def test_a_checked_scene_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, hashed = BuiltScenes(2), 0
-    real = hashlib.sha256
-
-    def counting(data: bytes = b"") -> object:
-        nonlocal hashed
-        hashed += 1
-        return real(data)
-
-    monkeypatch.setattr(hashlib, "sha256", counting)
-    boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(100)]
+def test_a_scene_that_was_read_is_not_hashed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = BuiltScenes(2)
+    boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(200)]
     scene = messages.Scene(name="a", obstacles=boxes)
     asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))
-    first, again = given_requests.checked(asked), given_requests.checked(asked)
-    assert kept.of(first.scene) is kept.of(again.scene)
-    assert hashed == 1
-    assert kept.of(scene).obstacles == kept.of(scene).obstacles  # anybody may change this one: it is known by its hash
-    assert hashed == 3
+    first, again = read_request(asked), read_request(asked)
+    assert kept.of(scene).obstacles == kept.of(scene).obstacles  # anybody may change this one: it is hashed each time
+    with monkeypatch.context() as patched:
+        patched.setattr(built, "scene_content", lambda *_: pytest.fail("its bytes were hashed"))
+        assert kept.of(first.scene) is kept.of(again.scene)
     scene.obstacles.pop()
-    assert len(kept.of(given_requests.checked(asked).scene).obstacles) == 99
-
-
-def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
-    points = [(float(i), 0.0, 0.0) for i in range(MANY)]
-    cloud = messages.PointCloud(name="cloud", points=points, radius=0.1)
-    scenes = BuiltScenes(2)
-    monkeypatch.setattr(hashlib, "sha256", lambda *_: pytest.fail("there is no time"))
-    with pytest.raises(StoppedError, match="scene large"):
-        scenes.of(messages.Scene(name="large", obstacles=[cloud]), lambda: True)
+    assert len(kept.of(read_request(asked).scene).obstacles) == 199

@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from guidefield.aside import Spent, StoppedError, done_aside
+from guidefield.aside import Spent, done_aside
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.bvh import bvh
 from guidefield.geometry.placements import se3
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
-from guidefield.messages.values import Look, never
 from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene import obstacle
@@ -72,13 +71,9 @@ def holding(
                 object=one.obstacle.name,
             )
     if spent is None or not are_large(attached):
-        return _made(robot, _asked(attached, never))
+        return _made(robot, _asked(attached))
 
-    def look() -> None:
-        if spent():
-            raise StoppedError(_DOING)
-
-    asked = _asked(attached, look)
+    asked = _asked(attached)
     return done_aside(lambda: _made(robot, asked), spent, lambda: _DOING)
 
 
@@ -90,8 +85,8 @@ def are_large(attached: Sequence[AttachedObject]) -> bool:
 _DOING = "what the robot holds was built"
 
 
-def _asked(attached: Sequence[AttachedObject], look: Look) -> _Asked:
-    contents = [content_of(one.obstacle, look).all for one in attached]
+def _asked(attached: Sequence[AttachedObject]) -> _Asked:
+    contents = [content_of(one.obstacle).all for one in attached]
     others = [(one.link, one.placement, one.touch_links) for one in attached]
     return _Asked(msgspec.msgpack.encode([contents, others]), attached)
 

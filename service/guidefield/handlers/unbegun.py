@@ -65,19 +65,6 @@ def timed_out_loading(run_id: str, head: RunHead) -> MotionReply:
     return _unbegun(run_id, head, Status.TIMED_OUT, message, details, Timing(load=head.allowed, total=head.allowed))
 
 
-def timed_out_reading(run_id: str, head: RunHead, waited: float) -> MotionReply:
-    """TIMED_OUT where a request can't be read within the time that it allows.
-
-    Args:
-        run_id: Name of the run that did not begin.
-        head: What the request says about it.
-        waited: How long it took to see that [s].
-    """
-    details = {_field(head): head.allowed, "stage": "load"}
-    timing = Timing(load=waited, total=waited)
-    return _unbegun(run_id, head, Status.TIMED_OUT, _too_long_to_read(head.allowed), details, timing)
-
-
 def time_up_waiting(allowed: float) -> TimedOut:
     """What is told of a request that makes no run, whose time [s] was up before anybody began with it."""
     message = f"all workers were busy for the {allowed:g} s that were allowed; ask again, or allow more"
@@ -88,18 +75,6 @@ def time_up_loading(allowed: float) -> TimedOut:
     """The same where a worker still loads and prepares what it needs."""
     message = f"the {allowed:g} s that were allowed were up while things were loaded; they are kept: ask again"
     return TimedOut(message, allowed_time=allowed, stage="load")
-
-
-def time_up_reading(allowed: float) -> TimedOut:
-    """The same where it can't be read within its time."""
-    return TimedOut(_too_long_to_read(allowed), allowed_time=allowed, stage="load")
-
-
-def _too_long_to_read(allowed: float) -> str:
-    return (
-        f"reading the request takes longer than the {allowed:g} s that it allows; allow more, send points and "
-        "triangles packed, or store the scene and name it"
-    )
 
 
 def cancelled_before() -> Preempted:

@@ -16,14 +16,12 @@ from guidefield.messages.values import (
     LARGEST,
     PLANNING_TIME,
     AllowedTime,
-    Look,
     Message,
     Name,
     NonNegative,
     Placement,
     Positive,
     RunId,
-    never,
     require_finite,
     require_finite_number,
 )
@@ -167,16 +165,14 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             raise ValueError("`velocity_names` is for a `trajectory` that has `velocities`")
 
 
-def require_finite_rows(field: str, rows: Sequence[Sequence[float]], look: Look = never) -> None:
+def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
     """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long.
 
     Args:
         field: What they are called.
         rows: The rows.
-        look: Called again and again meanwhile.
     """
     for begin in range(0, len(rows), TOGETHER):
-        look()
         some = rows[begin : begin + TOGETHER]
         if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:
             continue  # the norm of all is more than that of each

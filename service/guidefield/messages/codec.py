@@ -91,6 +91,20 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
         raise _malformed(error, data, kind, encoding) from None
 
 
+def split(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
+    """Return the bytes of each field of a message; nothing of what isn't one.
+
+    Raises:
+        RequestTooLarge: as `decode`.
+    """
+    require_readable(len(data))
+    try:
+        fields: dict[str, msgspec.Raw] = _decoder(dict[str, msgspec.Raw], encoding).decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return {}
+    return fields
+
+
 def require_readable(size: int) -> None:
     """Refuse a payload that is too long to be looked at.
 
@@ -137,14 +151,12 @@ def kind_of(request: bytes) -> Any:
     return requests.PlanRequest if tag.type is None else requests.TaggedRequest
 
 
-def convert(plain: Any, kind: Any, at: str = "$", first: int = 0) -> Any:
+def convert(plain: Any, kind: Any) -> Any:
     """A message of plain data, in which NumPy's numbers and arrays may stand.
 
     Args:
         plain: The message as a dict, or a list of some.
         kind: A message class, a union of tagged ones, or the type of a list.
-        at: The path of what it is in what was sent.
-        first: Which of a list there is the first of those given.
 
     Raises:
         MalformedRequest: if it isn't such a message; names the path of the first fault.
@@ -156,7 +168,7 @@ def convert(plain: Any, kind: Any, at: str = "$", first: int = 0) -> Any:
             plain = without_arrays(plain)
             return msgspec.convert(plain, kind)
     except msgspec.ValidationError as error:
-        raise _refused(error, plain, kind, at, first) from None
+        raise _refused(error, plain, kind) from None
 
 
 def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
@@ -235,7 +247,7 @@ def _plain(data: bytes, encoding: Encoding) -> Any:
         return None
 
 
-def _refused(error: msgspec.ValidationError, data: Any, kind: Any, at: str = "$", first: int = 0) -> MalformedRequest:
+def _refused(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
     """What is wrong with plain data; without advice where there is none to look at again."""
     if data is None:
         message, path = faults.split(str(error))
@@ -243,5 +255,5 @@ def _refused(error: msgspec.ValidationError, data: Any, kind: Any, at: str = "$"
         return MalformedRequest(f"{message} (at {path})", path=path)
     check = functools.partial(msgspec.convert, type=kind)
     message, path, choices = faults.explained(str(error), data, kind, check)
-    path = faults.within(faults.of_field(message, path), at, first)
+    path = faults.of_field(message, path)
     return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))

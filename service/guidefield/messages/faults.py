@@ -113,18 +113,6 @@ def _as_float(text: str) -> float:
         return math.inf
 
 
-def within(path: str, at: str, first: int) -> str:
-    """The path in all that was sent of a fault in a part of it.
-
-    Args:
-        path: Of the fault in the part.
-        at: Of the part.
-        first: Where the part is some of a list: which of these is the first.
-    """
-    index = _INDEX.match(path)
-    return f"{at}[{first + int(index[1])}]{path[index.end() :]}" if index else f"{at}{path[1:]}"
-
-
 def explained(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, list[Any]]:
     """A fault that msgspec found, with the choices there are, and with the key that it leaves out of its path.
 

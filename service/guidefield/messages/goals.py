@@ -10,12 +10,10 @@ import msgspec
 
 from guidefield.messages.values import (
     LARGEST,
-    Look,
     Message,
     NonNegative,
     QuaternionXYZW,
     Vector3,
-    never,
     require_finite,
     require_finite_number,
     require_unit_quaternion,
@@ -54,11 +52,9 @@ def require_finite_positions(field: str, positions: Positions) -> None:
             require_finite_number(f"{field}.{joint}", value)
 
 
-def require_finite_configurations(field: str, configurations: Sequence[Positions], look: Look = never) -> None:
-    """The same of many configurations; `look` is called again and again meanwhile."""
+def require_finite_configurations(field: str, configurations: Sequence[Positions]) -> None:
+    """Raise ValueError if a joint value of a configuration is NaN or infinite; `field` names their list."""
     for index, positions in enumerate(configurations):
-        if index % TOGETHER == 0:
-            look()
         require_finite_positions(f"{field}[{index}]", positions)
 
 

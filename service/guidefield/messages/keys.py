@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import msgspec
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec, known_payloads, requests
+from guidefield.messages import codec, request_reader, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
@@ -201,17 +201,17 @@ def is_list(query: Query) -> bool:
 
 
 def _plan(query: Query) -> requests.Request:
-    request: requests.Request = known_payloads.read(query.payload, requests.PlanRequest, query.encoding)
+    request: requests.Request = request_reader.read_payload(query.payload, requests.PlanRequest, query.encoding)
     return request
 
 
 def _certify(query: Query) -> requests.Request:
-    request: requests.Request = known_payloads.read(query.payload, requests.CertifyRequest, query.encoding)
+    request: requests.Request = request_reader.read_payload(query.payload, requests.CertifyRequest, query.encoding)
     return request
 
 
 def _kinematics(query: Query) -> requests.Request:
-    request: requests.Request = known_payloads.read(query.payload, requests.KinematicsRequest, query.encoding)
+    request: requests.Request = request_reader.read_payload(query.payload, requests.KinematicsRequest, query.encoding)
     return request
 
 

@@ -19,14 +19,12 @@ from guidefield.messages.values import (
     LARGEST,
     ORIGIN,
     AllowedTime,
-    Look,
     Message,
     Name,
     Placement,
     QuaternionXYZW,
     RunId,
     Vector3,
-    never,
     require_finite,
     require_finite_number,
     require_unit_quaternion,
@@ -387,10 +385,9 @@ class Dynamics(Message, tag_field="type", tag="dynamics"):
 KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potential | Jacobian | Dynamics
 
 
-def require_finite_points(field: str, points: Sequence[Vector3], look: Look = never) -> None:
-    """Raise ValueError if a number is NaN, infinite or too large; `look` is called again and again meanwhile."""
+def require_finite_points(field: str, points: Sequence[Vector3]) -> None:
+    """Raise ValueError if a number is NaN, infinite or too large."""
     for begin in range(0, len(points), TOGETHER):
-        look()
         some = points[begin : begin + TOGETHER]
         if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
             for index, point in enumerate(some, begin):

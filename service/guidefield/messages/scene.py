@@ -12,7 +12,6 @@ from guidefield.messages.values import (
     IDENTITY,
     LARGEST,
     ORIGIN,
-    Look,
     Message,
     Name,
     NonNegative,
@@ -20,7 +19,6 @@ from guidefield.messages.values import (
     Positive,
     QuaternionXYZW,
     Vector3,
-    never,
     require_finite,
     require_finite_number,
     require_unit_quaternion,
@@ -145,15 +143,7 @@ class Mesh(_Placed, tag="mesh", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require_numbers()
-
-    def require_numbers(self, look: Look = never) -> None:
-        """Raise ValueError unless there are as many vertices and triangles as may be, all finite and of what there is.
-
-        Args:
-            look: Called again and again meanwhile.
-        """
-        check_triangles(check_points("vertices", self.vertices, look), self.triangles, look)
+        check_triangles(check_points("vertices", self.vertices), self.triangles)
 
 
 class Polygon(_Obstacle, tag="polygon", kw_only=True):
@@ -190,12 +180,8 @@ class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require_numbers()
+        check_points("points", self.points)
         require_finite_number("radius", self.radius)
-
-    def require_numbers(self, look: Look = never) -> None:
-        """Raise ValueError unless there are as many points as may be, all finite; `look` is called meanwhile."""
-        check_points("points", self.points, look)
 
 
 Obstacle = Box | Sphere | Cylinder | Capsule | Mesh | Polygon | HalfSpace | PointCloud

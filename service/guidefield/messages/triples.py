@@ -13,7 +13,7 @@ from typing import Annotated
 
 import msgspec
 
-from guidefield.messages.values import LARGEST, Float32Array, Look, Uint32Array, Vector3, never, require_finite
+from guidefield.messages.values import LARGEST, Float32Array, Uint32Array, Vector3, require_finite
 
 Points = list[Vector3] | Float32Array
 Triangle = tuple[int, int, int]
@@ -27,13 +27,12 @@ TOGETHER = 20_000
 """So many points or triangles are read or checked at one go, in a few milliseconds."""
 
 
-def check_points(field: str, points: Points, look: Look = never) -> int:
+def check_points(field: str, points: Points) -> int:
     """The number of points.
 
     Args:
         field: What they are called.
         points: As they are declared.
-        look: Called again and again meanwhile.
 
     Raises:
         ValueError: if there are too many or none, or one isn't finite.
@@ -49,7 +48,6 @@ def check_points(field: str, points: Points, look: Look = never) -> int:
             if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
                 for index, point in enumerate(some, begin):
                     require_finite(f"{field}[{index}]", point)
-            look()
     if not 1 <= count <= MAX_VERTICES:
         raise ValueError(f"`{field}` must have 1 to {MAX_VERTICES} points, got {count}")
     return count
@@ -62,13 +60,12 @@ def _require_packed_finite(field: str, packed: bytes) -> None:
             require_finite(f"{field}[{index // 3}]", (value,), index % 3)
 
 
-def check_triangles(count: int, triangles: Triangles, look: Look = never) -> None:
+def check_triangles(count: int, triangles: Triangles) -> None:
     """Check which vertices triangles name.
 
     Args:
         count: How many vertices there are.
         triangles: As they are declared.
-        look: Called again and again meanwhile.
 
     Raises:
         ValueError: if one names a vertex that there isn't, or there are too many or none that are packed.
@@ -78,7 +75,6 @@ def check_triangles(count: int, triangles: Triangles, look: Look = never) -> Non
             some = triangles[begin : begin + TOGETHER]
             if not _all_below(count, _packed(some)):  # of a million triangles this is found in a sixth of the time
                 _require_below(count, begin, some)
-            look()
         return
     packed = triangles.uint32
     if not 1 <= len(packed) // 12 <= MAX_VERTICES:

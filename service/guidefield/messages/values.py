@@ -34,7 +34,7 @@ QUATERNION_TOLERANCE = 1e-6
 """How far from 1 the norm of a quaternion may be; beyond, it is refused."""
 
 Look = Callable[[], object]
-"""Called again and again while what may be large is read or checked; what it raises ends that."""
+"""Called again and again while what may be large is built; what it raises ends that."""
 
 
 def never() -> None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 
-from guidefield.aside import Spent, StoppedError, done_aside, wait_for_others
+from guidefield.aside import Spent, done_aside, wait_for_others
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before, Own, own
-from guidefield.messages.values import Look, never
 from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
@@ -41,7 +40,7 @@ class BuiltScenes:
         Raises:
             StoppedError: if time was up before it was built.
         """
-        content, parts = self._content(message, spent)
+        content, parts = self._content(message)
         built = self._scenes.pop(content, None)
         if built is None:
             built = self._built(message, parts, spent)
@@ -51,7 +50,7 @@ class BuiltScenes:
         self._scenes[content] = built
         return built
 
-    def _content(self, message: messages.Scene, spent: Spent | None) -> tuple[bytes, dict[int, Content]]:
+    def _content(self, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
         """What a scene is known by, and its meshes and clouds, by index, as far as these were looked at for it.
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
@@ -65,14 +64,11 @@ class BuiltScenes:
             message = before
         content, parts = None if mine is None else mine.content, dict[int, Content]()
         if content is None:
-            look = never if spent is None or not _has_many(message) else _looking(message.name, spent)
-            look()
-            content, parts = scene_content(message, look)
+            content, parts = scene_content(message)
             if mine is not None:
                 mine.content = content
         for later, known, change in reversed(changes):
-            look = never if spent is None else _looking(later.name, spent)
-            content, parts = changed_content(content, change, later, look)
+            content, parts = changed_content(content, change, later)
             known.content = content
         return content, parts
 
@@ -117,16 +113,6 @@ def _in_time(build: Callable[[], Scene], name: str, many: bool, spent: Spent) ->
         wait_for_others(spent)
         return build()
     return done_aside(build, spent, lambda: f"scene {name} was built")
-
-
-def _looking(name: str, spent: Spent) -> Look:
-    """Looks at the clock while the scene of a name is looked at."""
-
-    def look() -> None:
-        if spent():
-            raise StoppedError(f"scene {name} was looked at")
-
-    return look
 
 
 def _has_many(message: messages.Scene) -> bool:

@@ -10,8 +10,6 @@ import numpy as np
 
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before
-from guidefield.messages.values import Look, never
-from guidefield.messages.written import written
 
 
 class Content(NamedTuple):
@@ -33,54 +31,46 @@ _GEOMETRY: dict[type[messages.Obstacle], tuple[str, ...]] = {
 """Fields that may hold a million numbers, by kind."""
 
 
-def content_of(message: messages.Obstacle, look: Look = never) -> Content:
-    """Hash a declared obstacle; `look` is called again and again where that takes long."""
+def content_of(message: messages.Obstacle) -> Content:
+    """Hash a declared obstacle."""
     fields = _GEOMETRY.get(type(message))
     if fields is None:
         return Content(_hashed(message))
-    geometry = _hashed([getattr(message, field) for field in fields], look)
+    geometry = _hashed([getattr(message, field) for field in fields])
     rest = {name: value for name, value in msgspec.structs.asdict(message).items() if name not in fields}
     return Content(_hashed([type(message).__name__, rest, geometry]), geometry)
 
 
-def scene_content(message: messages.Scene, look: Look = never) -> tuple[bytes, dict[int, Content]]:
+def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     """The hash of all that is declared of a scene, and those of its meshes and clouds, by index.
 
     Args:
         message: The scene.
-        look: Called again and again where that takes long.
     """
-    many = {index: content_of(one, look) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
+    many = {index: content_of(one) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
     obstacles = [many[index].all if index in many else one for index, one in enumerate(message.obstacles)]
-    return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}, look), many
+    return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
 
 
-def changed_content(
-    before: bytes, change: Before, message: messages.Scene, look: Look = never
-) -> tuple[bytes, dict[int, Content]]:
+def changed_content(before: bytes, change: Before, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     """What a scene is known by that was made of one that is known: a hash of that, and of what changed.
 
     Args:
         before: What the scene before is known by.
         change: What it was before.
         message: The scene now.
-        look: Called again and again where that takes long.
 
     Returns:
         The hash, and those of the obstacles that are others, by index.
     """
     others = [*change.moved, *range(len(message.obstacles) - change.added, len(message.obstacles))]
-    fresh = {index: content_of(message.obstacles[index], look) for index in others}
+    fresh = {index: content_of(message.obstacles[index]) for index in others}
     return _hashed([before, message.name, change.removed, others, [one.all for one in fresh.values()]]), fresh
 
 
 _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 
 
-def _hashed(declared: object, look: Look = never) -> bytes:
-    """The hash of what is declared as MessagePack; `look` is called again and again while it is made."""
-    hashed = hashlib.sha256()
-    for some in written(declared, _ENCODER.encode):
-        hashed.update(some)
-        look()
-    return hashed.digest()
+def _hashed(declared: object) -> bytes:
+    """Hash what is declared, as MessagePack."""
+    return hashlib.blake2b(_ENCODER.encode(declared), digest_size=32).digest()

@@ -1,21 +1,19 @@
-"""What is large in a request is read some at a time, and what is made is what is made of it at one go."""
+"""Requests in every form are read alike, and their faults told alike."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from guidefield.collector import waiting_collector
 from guidefield.errors import MalformedRequest
-from guidefield.messages import codec, given_requests, scene
-from guidefield.messages.reading import TooLongToRead, read_in_time
-from guidefield.messages.requests import Clearance, JointsGoal, PlanRequest
+from guidefield.messages import codec
+from guidefield.messages.request_reader import read_request
+from guidefield.messages.requests import PlanRequest
+from guidefield.messages.scene import Box, Scene
 from guidefield.messages.values import Float32Array, Uint32Array
 from guidefield.scene.points import corners_in
 
@@ -128,8 +126,7 @@ def test_the_same_is_made_of_every_form(name: str) -> None:
     plain = LARGE[name]
     at_one_go = codec.decode_request(codec.encode(plain))  # type: ignore[arg-type]
     for given in (plain, at_one_go, {**plain, "scene": at_one_go.scene}):  # type: ignore[union-attr]
-        assert given_requests.is_large(given)
-        made = given_requests.checked(given)
+        made = read_request(given)
         assert type(made) is type(at_one_go)
         assert type(made.scene) is type(at_one_go.scene)  # type: ignore[union-attr]
         assert codec.encode(made) == codec.encode(at_one_go)
@@ -146,13 +143,13 @@ def test_arrays_may_stand_for_lists(kind: Any) -> None:
     declared = asked(
         mesh(vertices=packed, triangles=Uint32Array(corners.tobytes())), cloud(points=vertices.tolist()), *boxes(2)
     )
-    assert given_requests.checked(given) == codec.decode_request(codec.encode(declared))  # type: ignore[arg-type]
+    assert read_request(given) == codec.decode_request(codec.encode(declared))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", ["<i4", ">i4", "<i8", "<u4", "<u8", "<i2"])
 def test_arrays_of_triangles_name_the_same_corners(kind: str) -> None:
     corners = np.array(triangles()).astype(kind)
-    made = given_requests.checked(asked(mesh(triangles=corners)))
+    made = read_request(asked(mesh(triangles=corners)))
     assert (corners_in(made.scene.obstacles[0].triangles) == corners).all()  # type: ignore[union-attr]
 
 
@@ -161,7 +158,7 @@ def test_a_corner_that_there_is_not_is_named_whatever_the_array(wrong: int) -> N
     corners = np.array(triangles(), np.int64)
     corners[7, 1] = wrong
     with pytest.raises(MalformedRequest, match=rf"`triangles\[7\]` names vertex {wrong}, but there are {COUNT}"):
-        given_requests.checked(asked(mesh(triangles=corners)))
+        read_request(asked(mesh(triangles=corners)))
 
 
 def test_packed_and_listed_ones_may_stand_beside_each_other() -> None:
@@ -170,8 +167,8 @@ def test_packed_and_listed_ones_may_stand_beside_each_other() -> None:
     for fields in ({"vertices": corners}, {"triangles": packed}):
         given = asked(mesh(**fields))
         expected = codec.decode_request(codec.encode(given))  # type: ignore[arg-type]
-        assert given_requests.checked(given) == expected
-        assert given_requests.checked(expected) == expected
+        assert read_request(given) == expected
+        assert read_request(expected) == expected
 
 
 def _wrong(change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
@@ -218,54 +215,13 @@ FAULTS: dict[str, Callable[[dict[str, Any]], object]] = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_told_as_at_one_go(name: str) -> None:
+def test_a_fault_is_told_as_by_the_decoder(name: str) -> None:
     made = _wrong(FAULTS[name])
     with pytest.raises(MalformedRequest) as at_one_go:
         codec.convert(made, PlanRequest)
     with pytest.raises(MalformedRequest) as found:
-        given_requests.checked(made)
+        read_request(made)
     assert (found.value.message, found.value.details) == (at_one_go.value.message, at_one_go.value.details)
-
-
-class _Enough(Exception):
-    pass
-
-
-@pytest.mark.parametrize("form", ["dicts", "messages"])
-@pytest.mark.parametrize(
-    "name",
-    ["boxes", "all kinds", "planes", "held", "change", "moves", "goals", "steps", "trajectory", "configurations"],
-)
-def test_who_looks_may_end_it_at_any_time(name: str, form: str) -> None:
-    given = LARGE[name] if form == "dicts" else codec.decode_request(codec.encode(LARGE[name]))  # type: ignore[arg-type]
-    looks = [0]
-
-    def look(last: int = 0) -> None:
-        looks[0] += 1
-        if looks[0] == last:
-            raise _Enough
-
-    given_requests.checked(_again(given), look)
-    assert looks[0] >= 3
-    for last in range(1, looks[0], 3):
-        looks[0] = 0
-        with pytest.raises(_Enough):
-            given_requests.checked(_again(given), partial(look, last))
-
-
-def _again(given: Any) -> Any:
-    """A request that isn't known from before."""
-    if isinstance(given, dict):
-        declared = given.get("scene")
-        unknown = {**declared, "name": f"s {time.monotonic_ns()}"} if isinstance(declared, dict) else declared
-        return {**given, "scene": unknown} if "scene" in given else given
-    if isinstance(given.scene, str):
-        return given
-    return msgspec.structs.replace(given, scene=_renamed(given.scene))
-
-
-def _renamed(declared: scene.Scene) -> scene.Scene:
-    return msgspec.structs.replace(declared, name=f"{declared.name} {time.monotonic_ns()}")
 
 
 OTHER_FAULTS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
@@ -298,55 +254,34 @@ OTHER_FAULTS: dict[str, tuple[str, Callable[[dict[str, Any]], object]]] = {
 
 
 @pytest.mark.parametrize("name", OTHER_FAULTS)
-def test_a_fault_of_other_long_lists_too(name: str) -> None:
+def test_a_fault_of_other_lists_is_too(name: str) -> None:
     kind, change = OTHER_FAULTS[name]
     made = msgspec.json.decode(codec.encode(LARGE[kind]))  # type: ignore[arg-type]
     change(made)
     with pytest.raises(MalformedRequest) as at_one_go:
         codec.decode_request(made)
     with pytest.raises(MalformedRequest) as found:
-        given_requests.checked(made)
+        read_request(made)
     assert (found.value.message, found.value.details) == (at_one_go.value.message, at_one_go.value.details)
 
 
 def test_arrays_may_stand_for_rows() -> None:
     arrays = {name: np.array(value) for name, value in TRAJECTORY.items()}
-    assert given_requests.checked(judged(trajectory=arrays)) == codec.decode_request(judged(trajectory=TRAJECTORY))
+    assert read_request(judged(trajectory=arrays)) == codec.decode_request(judged(trajectory=TRAJECTORY))
     given = work("potential", points=np.ones((COUNT, 3), np.float32))
     del given["robot"]
-    assert given_requests.checked(given).points == [(1.0, 1.0, 1.0)] * COUNT  # type: ignore[union-attr]
+    assert read_request(given).points == [(1.0, 1.0, 1.0)] * COUNT  # type: ignore[union-attr]
 
 
-def test_between_two_looks_little_time_passes() -> None:
-    """A hundred thousand boxes, and a mesh of so many triangles, take some tenths of a second."""
-    given = asked(mesh(100_000), *boxes(40_000), cloud(100_000))
-    moments: list[float] = []
-    with waiting_collector():
-        given_requests.checked(given, lambda: moments.append(time.process_time()))
-    assert np.diff(moments).max() < 0.05
-    assert len(moments) > 50
-
-
-@pytest.mark.parametrize("kind", [PlanRequest, Clearance])
-def test_what_cannot_be_read_in_time_is_told_so(kind: Any) -> None:
-    many = codec.convert({"name": "s", "obstacles": boxes(20_000)}, scene.Scene)
-    fields = {"goal": JointsGoal({}), "allowed_planning_time": 0.01, "run_id": "mine"}
-    given = kind("panda", many, **(fields if kind is PlanRequest else {"configurations": [], "allowed_time": 0.01}))
-    for form in (given, msgspec.to_builtins(given)):
-        with pytest.raises(TooLongToRead) as late:
-            read_in_time(form, time.monotonic())
-        assert late.value.head.allowed == 0.01
-        assert kind is Clearance or late.value.head.run_id == "mine"  # type: ignore[union-attr]
-        assert read_in_time({**msgspec.to_builtins(given), **_patient(kind)}, time.monotonic()).scene == many  # type: ignore[union-attr]
-
-
-def _patient(kind: Any) -> dict[str, float]:
-    return {"allowed_planning_time" if kind is PlanRequest else "allowed_time": 60.0}
-
-
-def test_a_fault_elsewhere_is_told_whatever_the_time() -> None:
-    given = _again({**asked(*boxes()), "allowed_planning_time": 1e-9, "goal": {"type": "joint"}})
-    with pytest.raises(MalformedRequest, match=r"\$.goal.type"):
-        read_in_time(given, time.monotonic())
-    with pytest.raises(MalformedRequest, match=r"\$.allowed_planning_time"):
-        read_in_time({**given, **asked(*boxes()), "allowed_planning_time": "soon"}, time.monotonic())
+def test_messages_in_a_dict_are_checked() -> None:
+    """msgspec takes a message in a dict as it is: what is wrong in one would be found by nobody."""
+    sound, box = asked(*boxes(1)), Box(name="a", size=(1.0, -1.0, 1.0))
+    wrong = {
+        "$.scene.name": {"scene": Scene(3)},  # type: ignore[arg-type]
+        "$.scene.obstacles[0].size[1]": {"scene": {"name": "s", "obstacles": [box]}},
+        "$.attached_objects[0].obstacle.size[1]": {"attached_objects": [held(box)]},  # type: ignore[arg-type]
+    }
+    for path, fields in wrong.items():
+        with pytest.raises(MalformedRequest) as found:
+            read_request({**sound, **fields})
+        assert found.value.details["path"].startswith(path)
