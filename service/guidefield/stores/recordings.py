@@ -14,6 +14,8 @@ from guidefield.whole_file import write_whole
 
 RECORDING, OWED, LOST = ".rrd", ".owed", ".lost"
 """Endings of file names: a recording, the mark of the process that writes it, the reason why none was written."""
+SCENE_LINK = ".drawn"
+"""Ending of a recording's link to the file of its scene, where that is large."""
 LONGEST_WRITING_S = 60.0
 """Longest wait for a recording that is being written [s]."""
 POLL_INTERVAL_S = 0.01
@@ -103,7 +105,7 @@ class Recordings:
         Raises:
             OSError: if the disk refuses.
         """
-        for ending in (OWED, LOST, RECORDING):
+        for ending in (OWED, LOST, RECORDING, SCENE_LINK):
             self._file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:
