@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
+from guidefield.aside import StoppedError, wait_for_others
 from guidefield.collector import waiting_collector
-from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.errors import (
     GuidefieldError,
     MalformedRequest,
+    Preempted,
     RobotInvalid,
     SceneInvalid,
     at_path,
@@ -53,7 +54,7 @@ from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
-from guidefield.run import Owe, Run
+from guidefield.run import Destination, Run
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
@@ -63,7 +64,9 @@ from guidefield.stores.shared import Kind
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
     from guidefield.robot.catalog.catalog import Catalog
+    from guidefield.robot.catalog.sent import SentRobot
     from guidefield.robot.model.model import RobotModel
+    from guidefield.run_log import RobotOrigin
     from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
     from guidefield.stream.stream import CertifiedStream
@@ -75,9 +78,6 @@ MAX_CACHED_SCENES = 16
 
 Lend = Callable[[Kind, str, str], "Engine"]
 """The engine of a user that shares something of a kind and name; raises NotAllowed where it isn't shared."""
-
-Load = Callable[[requests.RobotReference], "RobotModel"]
-"""Loads the robot that a request means; raises RobotInvalid."""
 
 _log = logging.getLogger(__name__)
 
@@ -97,11 +97,10 @@ class _Asking:
 
     received: float
     watcher: Watcher | None
-    later: Owe | None
-    load: Load
-    """Loads its robot, once."""
+    load: _RobotOnce
     began: float | None = None
     """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
+    deferred: bool = False
 
 
 class Loaded:
@@ -112,14 +111,14 @@ class Loaded:
     """
 
     def __init__(self, packages: Sequence[Path]) -> None:
-        self._packages = packages
+        self.packages = tuple(packages)
 
     @functools.cached_property
     def catalog(self) -> Catalog:
         """Robots."""
         from guidefield.robot.catalog.catalog import Catalog
 
-        return Catalog(self._packages)
+        return Catalog(self.packages)
 
     @functools.cached_property
     def built(self) -> BuiltScenes:
@@ -189,9 +188,9 @@ class Engine:
         request: bytes | dict[str, Any] | requests.Request,
         *,
         record_to: Path | None = None,
+        deferred: bool = False,
         received: float | None = None,
         watcher: Watcher | None = None,
-        later: Owe | None = None,
         came: float | None = None,
     ) -> Reply:
         """Answer one request of any kind.
@@ -199,11 +198,10 @@ class Engine:
         Args:
             request: JSON bytes, plain data, or a Struct.
             record_to: Where to write the recording of a plan or judgement; None leaves that to the store of runs.
+            deferred: True if only the log of that file, which ends with .rrd, is to be written, beside it.
             received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
                 prepared for its first use. Deadlines count from it.
             watcher: Hears how far a plan is, and may end it.
-            later: Takes what can be done after the answer, the writing of a recording that is kept; None: it is written
-                before.
             came: When whoever asks began to read it, on the same clock [s]; None: now. Where `received` isn't given,
                 reading counts for the deadline, and as loading.
 
@@ -217,12 +215,12 @@ class Engine:
             if not isinstance(request, msgspec.Struct):
                 decoded = read_request(request)
             with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
-                began, load = None, _once(self._robot)
+                began, load = None, _RobotOnce(self._origin, self._loaded)
                 if received is None:
                     read = time.monotonic() - came
                     ready = self._was_ready(decoded, load)
                     received = began = came if ready else time.monotonic() - read
-                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, later, load, began))
+                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, load, began, deferred))
         except GuidefieldError as error:
             self._counters["refused"] += 1
             if "path" not in error.details and (path := of_field(error.message, "$")) != "$":
@@ -240,7 +238,7 @@ class Engine:
         needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
         return needs and received is None and not self._compiled
 
-    def _was_ready(self, request: requests.Request, load: Load) -> bool:
+    def _was_ready(self, request: requests.Request, load: _RobotOnce) -> bool:
         """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
         compiled = self._compiled
         if self._is_first(request, None):
@@ -293,17 +291,16 @@ class Engine:
         answer = answer_steps if request.steps else answer_plan
 
         def answered(run: Run, began: float) -> PlanReply:
-            deadline = Deadline(asking.received + request.allowed_planning_time, run.cancelled)
             return answer(
                 request,
                 asking.load(request.robot),
-                self._scene(request.scene, deadline),
+                self._scene_in_time(request.scene, asking.received + request.allowed_planning_time, run.cancelled),
                 run_id=run.run_id,
                 received=asking.received,
-                deadline=deadline,
                 began=began,
                 record=run.record,
                 preparing=run.prepare,
+                cancelled=run.cancelled,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -312,16 +309,15 @@ class Engine:
         from guidefield.handlers.certify import answer_certify
 
         def answered(run: Run, began: float) -> CertifyReply:
-            deadline = Deadline(asking.received + request.allowed_time, run.cancelled)
             return answer_certify(
                 request,
                 asking.load(request.robot),
-                self._scene(request.scene, deadline),
+                self._scene_in_time(request.scene, asking.received + request.allowed_time, run.cancelled),
                 run_id=run.run_id,
                 received=asking.received,
-                deadline=deadline,
                 began=began,
-                record=run.record_given,
+                record=run.record,
+                cancelled=run.cancelled,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -342,16 +338,23 @@ class Engine:
             answered: Answers it, given the run and when its work began, by `time.monotonic()` [s].
         """
         run_id = request.run_id or uuid.uuid4().hex
-        key = f"guidefield/{self._instance}/runs/{run_id}/recording"
+        to: Destination | None = None
+        if record_to is not None:
+            log = (Recordings(record_to.parent), record_to.stem) if asking.deferred else None
+            to = Destination(record_to, str(record_to), log=log)
+        elif self._recordings is not None:
+            key = f"guidefield/{self._instance}/runs/{run_id}/recording"
+            to = Destination.stored(self._recordings, run_id, key)
         watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressTold(run_id, received, watcher)
-        run = Run(run_id, request, self._recordings, record_to, key, progress, asking.later)
+        run = Run(run_id, request, to, asking.load.origin, progress)
         try:
             return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
-        except DeadlineExpired as late:
+        except StoppedError as stopped:
             from guidefield.handlers.unbegun import stopped_loading
 
-            reply = stopped_loading(run_id, request, late, time.monotonic() - received)
+            waited = time.monotonic() - received
+            reply = stopped_loading(run_id, request, str(stopped), run.cancelled(), waited)
             return run.end(cast(_R, reply))
 
     def motion_of(self, request: requests.CertifyRequest) -> Motion:
@@ -390,24 +393,27 @@ class Engine:
         return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking, watching)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
+        from guidefield.handlers.allowance import Allowance
         from guidefield.handlers.kinematics import answer_kinematics
-        from guidefield.handlers.preparation import prepare_field
-        from guidefield.handlers.unbegun import stopped_work
+        from guidefield.handlers.preparing import field_in_time
+        from guidefield.handlers.unbegun import time_up_loading
 
-        until = received + request.allowed_time
-        deadline = Deadline(until) if watcher is None else Deadline(until, watcher.cancelled)
+        cancelled = _never if watcher is None else watcher.cancelled
+        allowance = Allowance(request.allowed_time, received + request.allowed_time, cancelled)
         robot = None if request.robot is None else self._robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
         reference = request.scene if isinstance(request, kinds) else None
         try:
-            scene = None if reference is None else self._scene(reference, deadline)
+            scene = None if reference is None else self._scene_in_time(reference, allowance.until, cancelled)
             if scene is not None and isinstance(request, requests.Potential):
-                prepare_field(scene, deadline)
-            if watcher is not None:
-                watcher.be_prepared()
-            return answer_kinematics(request, robot, scene, deadline)
-        except DeadlineExpired as late:
-            raise stopped_work(late, request.allowed_time) from None
+                field_in_time(scene, allowance.spent)
+        except StoppedError:
+            if cancelled():
+                raise Preempted("the request was cancelled while things were loaded", stage="load") from None
+            raise time_up_loading(request.allowed_time) from None
+        if watcher is not None:
+            watcher.be_prepared()
+        return answer_kinematics(request, robot, scene, allowance)
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
@@ -482,6 +488,11 @@ class Engine:
         return (self, name) if not colon or self._lend is None else (self._lend(kind, user, own), own)
 
     def _robot(self, reference: requests.RobotReference) -> RobotModel:
+        with at_path("$.robot"):
+            return self._loaded.catalog.load(self._origin(reference))
+
+    def _origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
+        """What a request's robot is loaded from: of a stored one its files, of one in local files where these are."""
         local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
         if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
             named = "a robot of robot_descriptions" if isinstance(reference, str) else "a robot in a local file"
@@ -492,19 +503,28 @@ class Engine:
             )
         with at_path("$.robot"):
             if not isinstance(reference, str):
-                return self._loaded.catalog.load(reference)
+                return reference
             holder, name = self._holder("robots", reference)
-            sent = holder._robots.find(name)
-            return self._loaded.catalog.load(name if sent is None else sent)
+            return holder._robots.find(name) or name
 
-    def _scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
-        """Return the scene that a request means, built.
+    def _scene(self, reference: requests.SceneReference) -> Scene:
+        """The scene that a request means, built."""
+        with at_path("$.scene"), _at_declared(reference):
+            return self._loaded.built.of(self._declared(reference))
+
+    def _scene_in_time(self, reference: requests.SceneReference, until: float, cancelled: Callable[[], bool]) -> Scene:
+        """The same, built by a time on the clock of `time.monotonic` [s].
 
         Raises:
-            DeadlineExpired: if the deadline passed before it was built.
+            StoppedError: if that was up before, or the request was cancelled.
         """
+
+        def spent() -> bool:
+            return cancelled() or time.monotonic() >= until
+
+        wait_for_others(spent)  # what they use may be used here, too
         with at_path("$.scene"), _at_declared(reference):
-            return self._loaded.built.of(self._declared(reference), deadline)
+            return self._loaded.built.of(self._declared(reference), spent)
 
     def _declared(self, reference: requests.SceneReference) -> SceneMessage:
         """The scene that a request means."""
@@ -549,16 +569,38 @@ def _at_added(coming: Sequence[Obstacle]) -> Iterator[None]:
         raise
 
 
-def _once(load: Load) -> Load:
-    """Loads the robot of a request once: whether its files changed isn't looked for again meanwhile."""
-    known: list[tuple[requests.RobotReference, RobotModel]] = []
+def _never() -> bool:
+    return False
 
-    def loaded(reference: requests.RobotReference) -> RobotModel:
-        if not (known and known[0][0] is reference):
-            known[:] = [(reference, load(reference))]
-        return known[0][1]
 
-    return loaded
+class _RobotOnce:
+    """Loads the robot of a request once: whether its files changed isn't looked for again meanwhile.
+
+    Args:
+        find: Finds what the robot is loaded from.
+        loaded: Loads it.
+    """
+
+    def __init__(
+        self, find: Callable[[requests.RobotReference], requests.RobotReference | SentRobot], loaded: Loaded
+    ) -> None:
+        self._find, self._loaded = find, loaded
+        self._known: tuple[requests.RobotReference, requests.RobotReference | SentRobot, RobotModel] | None = None
+
+    def __call__(self, reference: requests.RobotReference) -> RobotModel:
+        """Return the robot; raises RobotInvalid."""
+        if self._known is None or self._known[0] is not reference:
+            with at_path("$.robot"):
+                found = self._find(reference)
+                self._known = reference, found, self._loaded.catalog.load(found)
+        return self._known[2]
+
+    def origin(self) -> RobotOrigin:
+        """What the robot was loaded from."""
+        from guidefield.run_log import RobotOrigin
+
+        assert self._known is not None, "it was loaded"
+        return RobotOrigin(*self._loaded.catalog.origin(self._known[1]), self._loaded.packages)
 
 
 _default = functools.cache(Engine)

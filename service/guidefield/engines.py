@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import threading
 import time
 from collections import OrderedDict
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from guidefield.engine import Engine, Loaded, LocalFiles
 from guidefield.errors import MalformedRequest, UnknownObject
@@ -16,9 +18,12 @@ from guidefield.messages.identities import PLAIN, USERS
 from guidefield.messages.replies import Done, RobotsReply, ScenesReply
 from guidefield.messages.values import Reply
 from guidefield.progress import Watcher
-from guidefield.run import LARGEST_RECORDING, Owe
+from guidefield.run import LARGEST_RECORDING, whole_recording
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.shared import Kind
+
+if TYPE_CHECKING:
+    from guidefield.rendering import Renderings
 
 MOST_KEPT = 100
 """Of how many users the engines are kept."""
@@ -62,7 +67,6 @@ class Engines:
         size: int = 0,
         received: float | None = None,
         watcher: Watcher | None = None,
-        later: Owe | None = None,
     ) -> Reply:
         """Answer one request about what is somebody's; the right to it was looked at.
 
@@ -73,7 +77,6 @@ class Engines:
             size: What it takes where it is stored [bytes].
             received: As of `Engine.answer`.
             watcher: As of `Engine.answer`.
-            later: As of `Engine.answer`.
 
         Raises:
             GuidefieldError: as `Engine.answer`; QuotaExceeded where the owner has no room for it.
@@ -81,12 +84,32 @@ class Engines:
         shared = self.stores.of(owner).shared
         if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
             self.stores.require_room(owner, size)
-        reply = self.of(owner).answer(request, received=received or time.monotonic(), watcher=watcher, later=later)
+        reply = self.of(owner).answer(request, received=received or time.monotonic(), watcher=watcher)
         if isinstance(request, requests.DeleteScene):
             shared.remove("scenes", request.name)
         elif isinstance(request, requests.DeleteRobot):
             shared.remove("robots", request.name)
         return self._with_others(asking, owner, reply)
+
+    def render(self, owner: str, run_id: str) -> None:
+        """Render the recording of a run from its log, if that is owed; raises OSError if the disk refuses."""
+        self._renderings.render(self.stores.of(owner).recordings, run_id)
+
+    def recording(self, owner: str, run_id: str) -> bytes:
+        """The recording of a run, rendered if that is owed, with all it needs.
+
+        Raises:
+            UnknownObject: if there is none, or it is damaged.
+            OSError: if the disk refuses.
+        """
+        self.render(owner, run_id)
+        return whole_recording(self.stores.of(owner).recordings, run_id)
+
+    @functools.cached_property
+    def _renderings(self) -> Renderings:
+        from guidefield.rendering import Renderings
+
+        return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.built)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
         """Let everybody read what is somebody's, or nobody else any more.

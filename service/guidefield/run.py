@@ -2,41 +2,58 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
 from guidefield.errors import UnknownObject, without_path
-from guidefield.later import Work
-from guidefield.messages.replies import CertifyReply, PlanReply, Timing
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, Timing
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressTold
 from guidefield.stores.recordings import Recordings
+from guidefield.versions import made_with
 
 if TYPE_CHECKING:
-    from guidefield.handlers.recording import RecordingInPieces
-    from guidefield.planner.motion.given_motion import GivenMotion
-    from guidefield.planner.quality import ClearanceProfile
+    from guidefield.handlers.recording import RecordedMotion
+    from guidefield.planner.task.event_log import EventLog
     from guidefield.planner.task.trace import Event
-    from guidefield.recorder.place import Place
     from guidefield.robot.group.group import PlanningGroup
+    from guidefield.run_log import RobotOrigin
     from guidefield.scene.scene import Scene
 
 LARGEST_RECORDING = 512 * 2**20
 """A recording that is larger is dropped [bytes]."""
 
-Owe = Callable[[Work], None]
-"""Takes work that is to be done after the answer."""
-
 _log = logging.getLogger(__name__)
 
 _R = TypeVar("_R", PlanReply, CertifyReply)
+
+
+@dataclass(frozen=True)
+class Destination:
+    """The place of a run's recording.
+
+    Attributes:
+        file: The recording.
+        key: What a reply says about where it is.
+        bodies: Folder of the robots' meshes, which recordings beside it share; None: it holds them itself.
+        log: Folder and name of the log that is written in place of the recording; None: the recording is.
+    """
+
+    file: Path
+    key: str
+    bodies: Path | None = None
+    log: tuple[Recordings, str] | None = None
+
+    @classmethod
+    def stored(cls, recordings: Recordings, run_id: str, key: str) -> Destination:
+        """The place of a recording in a store, where its log is written first."""
+        return cls(recordings.path(run_id), key, recordings.bodies_folder, (recordings, run_id))
 
 
 class Run:
@@ -45,32 +62,26 @@ class Run:
     Args:
         run_id: Its name.
         request: As it came.
-        recordings: Where its recording goes, if anywhere.
-        record_to: Where it goes in place of that.
-        recording_key: What a reply says about where the recording is, if it is in `recordings`.
+        destination: Where its recording goes, if anywhere.
+        robot: Gives the source of its robot, once that is loaded.
         progress: Tells somebody how far it is, if anybody listens.
-        later: Takes the writing of a recording that goes to `recordings`; None: it is written before the reply.
     """
 
     def __init__(
         self,
         run_id: str,
         request: MotionRequest,
-        recordings: Recordings | None,
-        record_to: Path | None,
-        recording_key: str,
+        destination: Destination | None,
+        robot: Callable[[], RobotOrigin],
         progress: ProgressTold | None = None,
-        later: Owe | None = None,
     ) -> None:
         self.run_id = run_id
-        self._later = later
         self._progress = progress
         self._request = request
-        self._recordings = recordings
+        self._destination = None if request.recording == "off" else destination
+        self._robot = robot
         self._warnings = _Warnings(run_id)
-        self._recording: _Written | None = None
-        self._record_to = record_to
-        self._place = recording_key if record_to is None else str(record_to)
+        self._recording: _Recording | None = None
 
     def cancelled(self) -> bool:
         """Return whether a client asked the run to end; called at every iteration, it also lets progress be told."""
@@ -81,82 +92,32 @@ class Run:
         if self._progress is not None:
             self._progress.prepare(what)
 
-    def record(
-        self,
-        group: PlanningGroup,
-        scene: Scene,
-        shown: Callable[[], tuple[PlanningGroup, Scene]] | None = None,
-    ) -> _Observers[PlanReply]:
-        """An observer of a plan: tells its progress, and writes its recording when it is finished, once.
+    def record(self, group: PlanningGroup, scene: Scene) -> _Observers:
+        """An observer of the run: tells its progress, and keeps its recording when it is finished, once.
 
         Args:
             group: The joints that move.
             scene: Where.
-            shown: As the recorder's.
         """
-        request = self._request
-        assert isinstance(request, PlanRequest), "a plan is recorded"
-
-        def recorder(place: Place) -> RecordingInPieces[PlanReply]:
-            from guidefield.recorder.recorder import Recorder
-
-            return Recorder(place, group, scene, request, self.run_id, shown)
-
-        return self._observers(group, scene, recorder)
-
-    def record_given(self, group: PlanningGroup, scene: Scene, motion: GivenMotion) -> _Observers[CertifyReply]:
-        """The same of a motion that is judged."""
-        request = self._request
-        assert isinstance(request, CertifyRequest), "a judgement is recorded"
-
-        def recorder(place: Place) -> RecordingInPieces[CertifyReply]:
-            from guidefield.recorder.given_recorder import GivenRecorder
-
-            return GivenRecorder(place, group, scene, request, self.run_id, motion)
-
-        return self._observers(group, scene, recorder)
-
-    def _observers(
-        self, group: PlanningGroup, scene: Scene, recorder: Callable[[Place], RecordingInPieces[_R]]
-    ) -> _Observers[_R]:
-        """Who hears of progress, which is told what moves where, and what `recorder` makes if a recording is kept."""
         if self._progress is not None:
             self._progress.begin(group, scene)
-        recording: _Recording[_R] | _OwedRecording[_R] | None = None
-        if (place := self._where()) is not None:
-            recording = _Recording(recorder(place), place.file, self._place, self._warnings)
-            if self._later is not None and self._record_to is None and self._recordings is not None:
-                recording = _OwedRecording(recording, self.run_id, self._recordings, self._later)
-        self._recording = recording
+        if self._destination is not None:
+            origin = self._robot()
+            self._recording = _Recording(self.run_id, self._request, self._destination, origin, scene, self._warnings)
         if self._progress is not None:
             self._progress.be_prepared()
-        return _Observers(self._progress, recording)
-
-    def _where(self) -> Place | None:
-        """The place of the recording, if there is to be one."""
-        recordings = self._recordings
-        if self._request.recording == "off" or (self._record_to is None and recordings is None):
-            return None
-        from guidefield.recorder.bodies_file import cache_folder
-        from guidefield.recorder.place import Place
-
-        if self._record_to is not None:
-            return Place(self._record_to, cache_folder(), whole=True)
-        assert recordings is not None, "a recording goes somewhere"
-        with contextlib.suppress(OSError):  # its writing tells it
-            recordings.folder.mkdir(parents=True, exist_ok=True)
-        return Place(recordings.path(self.run_id), recordings.bodies_folder, whole=False)
+        return _Observers(self._progress, self._recording)
 
     def end(self, reply: _R, received: float | None = None) -> _R:
         """The reply as it is sent, with where its recording is, or why there is none.
 
-        What came after its timing was told counts as measuring, unless a recording was written meanwhile.
+        What came after its timing was told counts as measuring, unless a recording was kept meanwhile.
 
         Args:
             reply: What the run came to.
             received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
         """
-        place = None if self._recording is None else self._recording.written
+        place = None if self._recording is None else self._recording.kept
         timing = reply.timing
         if received is not None and self._recording is None:
             timing = _until(timing, time.monotonic() - received)
@@ -189,8 +150,6 @@ class _Warnings:
 def whole_recording(recordings: Recordings, run_id: str) -> bytes:
     """The recording of a run, with its robot's meshes: one file that anybody can open.
 
-    Where it is still being written, this waits for it.
-
     Raises:
         UnknownObject: if the run has no recording, or not yet, or a damaged one.
         OSError: if the disk refuses.
@@ -205,12 +164,65 @@ def whole_recording(recordings: Recordings, run_id: str) -> bytes:
         raise UnknownObject(f"the recording of run {run_id!r} is damaged", run_id=run_id) from None
 
 
+def draw(
+    file: Path,
+    bodies: Path | None,
+    run_id: str,
+    request: MotionRequest,
+    reply: MotionReply,
+    motion: RecordedMotion,
+    events: EventLog,
+    made_with: str,
+) -> str | None:
+    """Write a recording.
+
+    Args:
+        file: The recording.
+        bodies: As in `Destination`.
+        run_id: Name of the run.
+        request: As it came.
+        reply: As it is recorded.
+        motion: The motion.
+        events: What the planner told.
+        made_with: The packages that the run was made with.
+
+    Returns:
+        Why it isn't kept; None if it is.
+
+    Raises:
+        OSError: if the disk refuses.
+    """
+    from guidefield.handlers.certify import JudgedMotion
+    from guidefield.recorder.bodies_file import cache_folder
+    from guidefield.recorder.given_recorder import GivenRecorder
+    from guidefield.recorder.place import Place
+    from guidefield.recorder.recorder import Recorder
+
+    place = Place(file, bodies or cache_folder(), whole=bodies is None)
+    profile = motion.profile()
+    group, scene = motion.shown()
+    if isinstance(request, PlanRequest):
+        assert isinstance(reply, PlanReply), "a plan was answered"
+        Recorder(place, group, scene, request, run_id, events, made_with).write(reply, profile)
+    else:
+        assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
+        assert isinstance(reply, CertifyReply), "a judgement was answered"
+        assert isinstance(motion, JudgedMotion), "a motion was judged"
+        assert profile is not None, "a motion that is judged is measured"
+        GivenRecorder(place, group, scene, request, run_id, motion.given, made_with).write(reply, profile)
+    size = file.stat().st_size
+    if size <= LARGEST_RECORDING:
+        return None
+    file.unlink()
+    return f"it has {size} bytes, at most {LARGEST_RECORDING} are kept"
+
+
 @dataclass(frozen=True)
-class _Observers(Generic[_R]):
-    """Those who watch a run, as one."""
+class _Observers:
+    """The observers of a run as one."""
 
     progress: ProgressTold | None
-    recording: _Recording[_R] | _OwedRecording[_R] | None
+    recording: _Recording | None
 
     def observe(self, event: Event) -> None:
         """Pass on what the planner tells."""
@@ -218,55 +230,54 @@ class _Observers(Generic[_R]):
             if observer is not None:
                 observer.observe(event)
 
-    def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
-        """Have the recording written, if there is one: nothing is measured for none."""
+    def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
+        """Have the recording kept, if there is one: nothing is measured for none."""
         if self.recording is not None:
-            self.recording.finish(reply, profile)
+            self.recording.finish(reply, motion)
 
 
-class _Written(Protocol):
-    """A recording whose place is known once it is written."""
-
-    written: str | None
-
-
-class _Recording(Generic[_R]):
-    """A recorder whose failure to write is told, not raised.
+class _Recording:
+    """The recording of a run: what the planner tells, until the end; failures to keep it are told, not raised.
 
     Attributes:
-        written: Where the recording is, for the reply; None until it is finished, and where it was not kept.
+        kept: Where the recording is or will be, for the reply; None until it is finished, and where it can't be kept.
     """
 
-    def __init__(self, recorder: RecordingInPieces[_R], path: Path, place: str, warnings: _Warnings) -> None:
-        self._recorder: RecordingInPieces[_R] = recorder
-        self._path = path
-        self.place = place
-        self._warnings = warnings
-        self.written: str | None = None
+    def __init__(
+        self,
+        run_id: str,
+        request: MotionRequest,
+        destination: Destination,
+        robot: RobotOrigin,
+        scene: Scene,
+        warnings: _Warnings,
+    ) -> None:
+        from guidefield.planner.task.event_log import EventLog
 
-    @property
-    def faults(self) -> list[str]:
-        """Why it is not kept."""
-        return self._warnings.texts
+        self._run_id, self._request, self._destination = run_id, request, destination
+        self._robot, self._scene, self._warnings = robot, scene, warnings
+        self._steps_only = request.recording == "summary"
+        self._events = EventLog()
+        self.kept: str | None = None
 
     def observe(self, event: Event) -> None:
-        """Pass on what the planner tells."""
-        self._recorder.observe(event)
+        """Keep what the planner tells."""
+        from guidefield.planner.task.trace import Step
 
-    def finish(
-        self, reply: _R, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = lambda: None
-    ) -> None:
-        """Write the recording; the reply in it says where it is. Between pieces of the work `pause` is called."""
+        if not self._steps_only or isinstance(event, Step):
+            self._events.add(event)
+
+    def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
+        """Keep the log of the run, or draw the recording: where no log can be kept, too."""
+        to = self._destination
+        told: MotionReply = msgspec.structs.replace(reply, recording=to.key)
         try:
-            self._recorder.finish(msgspec.structs.replace(reply, recording=self.place), profile, pause)
-            size = self._path.stat().st_size
-            if size > LARGEST_RECORDING:
-                self._path.unlink()
-                self._warnings.add(
-                    f"the recording is not kept: it has {size} bytes, at most {LARGEST_RECORDING} are kept"
-                )
-            else:
-                self.written = self.place
+            if to.log is None or not self._defer(*to.log, told, motion):
+                fault = draw(to.file, to.bodies, self._run_id, self._request, told, motion, self._events, made_with())
+                if fault is not None:
+                    self._warnings.add(f"the recording is not kept: {fault}")
+                    return
+            self.kept = to.key
         except OSError as error:
             self._warnings.add(f"the recording was not written: {without_path(error)}")
         except Exception as error:
@@ -275,36 +286,16 @@ class _Recording(Generic[_R]):
                 f"the recording was not written, because of a bug in guidefield: {type(error).__name__}: {error}"
             )
 
+    def _defer(self, recordings: Recordings, name: str, reply: MotionReply, motion: RecordedMotion) -> bool:
+        """Keep the log of the run; False if it can't be kept."""
+        from guidefield.run_log import write_log
 
-class _OwedRecording(Generic[_R]):
-    """A recording that is written after the reply has gone; who asks for it meanwhile waits.
-
-    Attributes:
-        written: Where the recording will be, for the reply; None until the run is finished.
-    """
-
-    def __init__(self, recording: _Recording[_R], run_id: str, recordings: Recordings, later: Owe) -> None:
-        self._recording: _Recording[_R] = recording
-        self._run_id, self._recordings, self._later = run_id, recordings, later
-        self.written: str | None = None
-
-    def observe(self, event: Event) -> None:
-        """Pass on what the planner tells."""
-        self._recording.observe(event)
-
-    def finish(self, reply: _R, profile: Callable[[], ClearanceProfile | None]) -> None:
-        """Owe the recording; where not even that can be kept, write it at once."""
-        recording, recordings, run_id = self._recording, self._recordings, self._run_id
-
-        def write(pause: Callable[[], None]) -> None:
-            recording.finish(reply, profile, pause)
-            recordings.settle(run_id, None if recording.written else "; ".join(recording.faults))
-
+        log, shared = write_log(
+            self._run_id, self._request, reply, self._robot, self._scene, self._events, motion.pack()
+        )
         try:
-            recordings.owe(run_id)
-        except OSError:
-            recording.finish(reply, profile)
-            self.written = recording.written
-            return
-        self._later(write)
-        self.written = recording.place
+            recordings.owe(name, log, shared)
+        except OSError as error:
+            _log.warning("run %s: its log can't be kept: %s", self._run_id, without_path(error))
+            return False
+        return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import os
 import time
@@ -57,24 +58,12 @@ def told_processor_time(pid: int) -> float:
     return float(spent.user + spent.system)
 
 
-def told_apart(pid: int) -> str:
-    """A process as it can be known again, also when its number belongs to another one: number and beginning."""
-    try:
-        return f"{pid} {psutil.Process(pid).create_time()}"
-    except psutil.Error:
-        return f"{pid}"
-
-
-def is_alive(process: str) -> bool:
-    """Whether a process, as `told_apart` knows it, still runs."""
-    pid, _, began = process.partition(" ")
-    if not (pid.isdigit() and began):
-        return False
-    try:
-        found = psutil.Process(int(pid))
-        return f"{found.create_time()}" == began and found.status() not in (psutil.STATUS_ZOMBIE, psutil.STATUS_DEAD)
-    except psutil.Error:
-        return False
+def become_idle() -> None:
+    """Have this process, and the threads that it starts from now on, work only while nobody else needs a processor."""
+    os.nice(19)
+    if hasattr(os, "SCHED_IDLE"):
+        with contextlib.suppress(OSError):  # a container may forbid it
+            os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def usable_processors() -> int:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -13,7 +15,6 @@ import msgspec
 from guidefield import logs
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, Preempted, Status, unforeseen
-from guidefield.later import Later, Work
 from guidefield.messages import codec, keys
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
@@ -22,6 +23,9 @@ from guidefield.messages.requests import ChangeScene, MotionRequest, Request, St
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
+
+REPLY_FIRST_S = 0.01
+"""Pause between a reply and the rendering of its recording, so that the reply goes out first [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -53,6 +57,7 @@ class EngineSetup:
         quotas: How much room each user has.
         packages: Folders of packages from which a robot that is sent may take meshes.
         prepare: Robots that each worker prepares for their first plan before it is ready.
+        eager: True if a worker renders each recording after its reply, before it takes the next query.
     """
 
     instance: str
@@ -62,6 +67,7 @@ class EngineSetup:
     packages: tuple[Path, ...] = ()
     prepare: tuple[str, ...] = ()
     quotas: Quotas = DEFAULT_QUOTAS
+    eager: bool = False
 
     def engines(self, database: RunDatabase | None = None) -> Engines:
         """Engines on the data folder; those that read runs are given their database."""
@@ -72,29 +78,64 @@ class EngineSetup:
         logs.configure(self.log_level, json=self.json_logs)
         engines = self.engines()
         engines.of(PLAIN).warm_up(self.prepare)
-        return EngineWorker(engines)
+        return EngineWorker(engines, EagerRendering(engines) if self.eager else None)
+
+
+class EagerRendering:
+    """Renders the recording of a run after its reply, and has the next query wait until that is done.
+
+    Args:
+        engines: Render it.
+    """
+
+    def __init__(self, engines: Engines) -> None:
+        self._engines = engines
+        self._thread: threading.Thread | None = None
+
+    def wait(self) -> None:
+        """Return once nothing is rendered."""
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def begin(self, owner: str, run_id: str, call: Call) -> None:
+        """Render a recording in a thread; the worker that owes it lives until then, if it can."""
+
+        def render() -> None:
+            time.sleep(REPLY_FIRST_S)
+            try:
+                self._engines.render(owner, run_id)
+            except Exception:
+                _log.exception("the recording of run %s could not be rendered; its log is kept", run_id)
+            call.owe(0)
+
+        call.owe(1)
+        self._thread = threading.Thread(target=render, name="guidefield-eager", daemon=True)
+        self._thread.start()
 
 
 @dataclass(frozen=True)
 class EngineWorker:
-    """Answers jobs with the engine of their users; their recordings are written when nobody waits for an answer."""
+    """Answers jobs with the engine of their users.
+
+    Attributes:
+        engines: The engines.
+        eager: Renders recordings after their replies; None: another process does.
+    """
 
     engines: Engines
-    later: Later = field(default_factory=Later)
+    eager: EagerRendering | None = None
 
     def __call__(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         """Return whether it is a reply, not an error, and its bytes; None if the job was set back and ended early."""
-        with self.later.answering():
-            owed: list[Work] = []
-            answer = self._answer(job, call, owed)
-            for work in owed if answer is not None else ():  # what begins anew owes nothing
-                self.later.add(work, call.owe)
-            return answer
+        if self.eager is not None:
+            self.eager.wait()
+        return self._answer(job, call)
 
-    def _answer(self, job: Job, call: Call, owed: list[Work]) -> tuple[bool, bytes] | None:
+    def _answer(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         encoding = job.query.encoding
         try:
-            return self._replied(job, call, owed)
+            return self._replied(job, call)
         except Preempted as error:
             if call.set_back():
                 return None
@@ -105,10 +146,12 @@ class EngineWorker:
             _log.exception("an answer could not be written")
             return False, codec.encode(error_reply(unforeseen(error)), encoding)
 
-    def _replied(self, job: Job, call: Call, owed: list[Work]) -> tuple[bool, bytes] | None:
+    def _replied(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         query = job.query
-        if keys.is_recording(query):  # of a stream; those of runs are files
-            return True, self.engines.stream_recording(query.owner, query.key[1])
+        if keys.is_recording(query):
+            of_run = query.key[0] == "runs"
+            recording = self.engines.recording if of_run else self.engines.stream_recording
+            return True, recording(query.owner, query.key[1])
         request = keys.request_of(query)
         if isinstance(request, MotionRequest) and request.run_id is None:
             request = msgspec.structs.replace(request, run_id=job.run_id)
@@ -120,11 +163,12 @@ class EngineWorker:
                 size=len(query.payload),
                 received=job.received,
                 watcher=call,
-                later=owed.append,
             )
         if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
+        if self.eager is not None and isinstance(reply, MotionReply) and reply.recording is not None:
+            self.eager.begin(query.owner, reply.run_id, call)
         return True, codec.encode(reply, query.encoding)
 
 

@@ -21,9 +21,8 @@ from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.recorder import documents
-from guidefield.recorder.documents import versions
 from guidefield.recorder.reading import read_recording
+from guidefield.versions import versions
 from tests.recorder.runs import made_up
 
 REQUEST = PlanRequest(
@@ -98,7 +97,7 @@ def test_a_file_is_compared_and_exported(planned: tuple[PlanRequest, PlanReply, 
 def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: Path) -> None:
     made = made_up("panda")
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
-    run.recorder(tmp_path / "run.rrd").finish(run.reply, lambda: run.profile)
+    run.recorder(tmp_path / "run.rrd").write(run.reply, run.profile)
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
     assert "not the same: the plan differs in status, path, trajectory" in said
     assert "it was made with the same versions as are here" in said
@@ -112,16 +111,13 @@ def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: P
         ("{here} none", "made on another kind of {here}: the plan differs in status, path, trajectory"),
     ],
 )
-def test_a_plan_of_another_processor_says_so(
-    kind: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_plan_of_another_processor_says_so(kind: str, told: str, tmp_path: Path) -> None:
     here = platform.machine()
     made = made_up("panda")
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
     there = {**versions(), "processor": kind.format(here=here)}
-    with monkeypatch.context() as elsewhere:
-        elsewhere.setattr(documents, "made_with", lambda: ", ".join(" ".join(one) for one in there.items()))
-        run.recorder(tmp_path / "run.rrd").finish(run.reply, lambda: run.profile)
+    made_with = ", ".join(" ".join(one) for one in there.items())
+    run.recorder(tmp_path / "run.rrd", made_with=made_with).write(run.reply, run.profile)
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
     assert told.format(here=here) in said
     assert "not the same" not in said

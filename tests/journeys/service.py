@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -26,6 +27,7 @@ ENDED_WITHIN = 60.0
 """Longer than any end takes, one by force too [s]."""
 ANSWERED_WITHIN = 300.0
 """Longer than any answer takes on a busy machine that is waited for [s]."""
+LOWEST_PRIORITY = 19
 SO_WITHIN = 120.0
 """Longer than anything but an answer takes there [s]."""
 
@@ -61,6 +63,13 @@ class Service:
 
     def workers(self) -> list[int]:
         """Process ids of its workers."""
+        return [pid for pid in self._spawned() if os.getpriority(os.PRIO_PROCESS, pid) < LOWEST_PRIORITY]
+
+    def renderers(self) -> list[int]:
+        """Process ids of what renders recordings, once it is at its low priority."""
+        return [pid for pid in self._spawned() if os.getpriority(os.PRIO_PROCESS, pid) == LOWEST_PRIORITY]
+
+    def _spawned(self) -> list[int]:
         return [pid for pid in _children(self.process.pid) if b"spawn_main" in _command_line(pid)]
 
 

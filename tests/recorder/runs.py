@@ -17,12 +17,14 @@ from guidefield.messages import replies, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.planner.task.event_log import EventLog
 from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
 from guidefield.recorder.place import Place
 from guidefield.recorder.recorder import Recorder
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
+from guidefield.versions import made_with as versions
 from tests.robots import robot
 
 PLACEMENT = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.7), np.array([0.3, -0.1, 0.2]))
@@ -80,13 +82,13 @@ class MadeUp:
     reply: replies.PlanReply
     profile: ClearanceProfile
 
-    def recorder(self, path: Path, place: Place | None = None) -> Recorder:
+    def recorder(self, path: Path, place: Place | None = None, made_with: str | None = None) -> Recorder:
         """A recorder that has heard all events, of a whole recording if no place is told."""
         place = place or Place(path, robots_folder(), whole=True)
-        recorder = Recorder(place, self.group, self.scene, self.request, self.reply.run_id)
+        log = EventLog()
         for event in self.events:
-            recorder.observe(event)
-        return recorder
+            log.add(event)
+        return Recorder(place, self.group, self.scene, self.request, self.reply.run_id, log, made_with or versions())
 
 
 def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeUp:

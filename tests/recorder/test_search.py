@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.planner.task.event_log import GROWTH_STEPS, MAX_ITERATIONS, MAX_NODES, EventLog, LoggedTrees
 from guidefield.planner.task.trace import PathRelaxed, TreeGrown
 from guidefield.recorder import search
-from guidefield.recorder.log import EventLog
 from tests.recorder.runs import MadeUp, grown_trees, made_up
 
 
@@ -26,9 +26,9 @@ def _tip(run: MadeUp, z: np.ndarray) -> np.ndarray:
 
 def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: MadeUp) -> None:
     trees = grown_trees(run.group)
-    (chunk,) = search.trees(run.group, [(5, TreeGrown(lambda: trees))])
+    (chunk,) = search.trees(run.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))])
     batch = chunk.to_record_batch()
-    assert batch.column("step").to_pylist() == list(range(5, 5 + search.GROWTH))
+    assert batch.column("step").to_pylist() == list(range(5, 5 + GROWTH_STEPS))
     rows = batch.column("LineStrips3D:strips").to_pylist()
     drawn = np.array([strip for row in rows for strip in row])
     expected = [
@@ -47,15 +47,15 @@ def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: Mad
 
 
 def test_a_long_tree_and_many_relaxed_paths_are_thinned_out(run: MadeUp) -> None:
-    many = 3 * search.MOST_NODES
+    many = 3 * MAX_NODES
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (many, run.group.nv))
     edges = search.tree_edges(run.group, points, np.arange(-1, many - 1))
-    assert len(edges) == search.MOST_NODES - 1
+    assert len(edges) == MAX_NODES - 1
     paths = [(number, PathRelaxed(points, 1.0)) for number in range(40)]
     (chunk,) = search.relaxed(run.group, paths)
     batch = chunk.to_record_batch()
     steps = batch.column("step").to_pylist()
-    assert (steps[0], steps[-1], len(steps)) == (0, 39, search.MOST_ITERATIONS)
+    assert (steps[0], steps[-1], len(steps)) == (0, 39, MAX_ITERATIONS)
     ((strip,), *_) = batch.column("LineStrips3D:strips").to_pylist()
     assert len(strip) == search.MOST_WAYPOINTS
     assert np.allclose(strip[0], _tip(run, points[0]), atol=1e-6)
@@ -68,6 +68,6 @@ def test_trees_are_looked_at_while_they_are_told(run: MadeUp) -> None:
     log.add(TreeGrown(lambda: ((memory[0].copy(), memory[1].copy()),)))
     memory[0][:] = 7.0
     (kept,) = log.events
-    assert isinstance(kept, TreeGrown)
-    ((points, _),) = kept.trees()
+    assert isinstance(kept, LoggedTrees)
+    ((points, _),) = kept.trees
     assert (points == 1.0).all()

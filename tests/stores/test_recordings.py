@@ -1,74 +1,166 @@
-"""Recordings that are written after the reply: who asks waits, and hears it where one is lost."""
+"""Recordings and the logs that they are rendered from: kept, settled and deleted, with what logs share."""
 
 from __future__ import annotations
 
+import errno
 import os
-import subprocess
-import sys
-import threading
-import time
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from guidefield.errors import UnknownObject
-from guidefield.stores.recordings import Recordings
-from guidefield.system import is_alive, told_apart
+from guidefield.stores.recordings import LOG, LOST, RECORDING, ROBOT, SCENE, Kept, Recordings, SharedFile
 
 
 @pytest.fixture
 def recordings(tmp_path: Path) -> Recordings:
-    """Where this process owes the recording of `r1`."""
-    kept = Recordings(tmp_path)
-    kept.owe("r1")
+    """Recordings of which that of `r1` is owed."""
+    kept = Recordings(tmp_path / "recordings")
+    kept.owe("r1", b"log of r1", ())
     return kept
 
 
-def test_who_asks_for_a_recording_that_is_being_written_waits_for_it(recordings: Recordings) -> None:
-    found: list[bytes] = []
-    asker = threading.Thread(target=lambda: found.append(recordings.find("r1").read_bytes()))
-    asker.start()
-    time.sleep(0.05)
-    assert not found
-    assert recordings.size("r1") is None
+def shared(content: bytes, ending: str = SCENE, digest: str = "d1") -> SharedFile:
+    return SharedFile(digest, ending, lambda: content)
+
+
+def names(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir()}
+
+
+def state(recordings: Recordings, run_id: str) -> os.stat_result:
+    return recordings.file(run_id, LOG).stat()
+
+
+def test_a_log_is_the_mark_of_a_recording_that_is_owed(recordings: Recordings) -> None:
+    assert recordings.kept("r1") == Kept("owed", len(b"log of r1"))
+    with pytest.raises(UnknownObject, match="'r1' isn't rendered yet; `guidefield runs render` does it"):
+        recordings.find("r1")
     recordings.path("r1").write_bytes(b"all of it")
-    recordings.settle("r1", None)
-    asker.join(30.0)
-    assert found == [b"all of it"]
-    assert recordings.size("r1") == len(b"all of it")
-    assert [file.name for file in recordings.folder.iterdir()] == ["r1.rrd"]
+    recordings.settle("r1", state(recordings, "r1"))
+    assert recordings.find("r1").read_bytes() == b"all of it"
+    assert recordings.kept("r1") == Kept("rendered", len(b"all of it"))
+    assert names(recordings.folder) == {"r1.rrd"}
 
 
-def test_why_a_recording_was_not_kept_is_told(recordings: Recordings) -> None:
-    recordings.settle("r1", "it has 7 bytes, at most 6 are kept")
+def test_why_a_recording_is_lost_is_told(recordings: Recordings) -> None:
+    recordings.settle("r1", state(recordings, "r1"), "it has 7 bytes, at most 6 are kept")
     with pytest.raises(UnknownObject, match="'r1' has no recording: it has 7 bytes, at most 6 are kept"):
         recordings.find("r1")
-    assert recordings.size("r1") == 0
+    assert recordings.kept("r1").kind == "lost"
     with pytest.raises(UnknownObject, match=r"'r2' has no recording$"):
         recordings.find("r2")
+    assert recordings.kept("r2") == Kept("none")
 
 
-def test_a_recording_whose_writer_died_is_lost_and_said_to_be(recordings: Recordings, tmp_path: Path) -> None:
-    ended = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
-    known = told_apart(ended.pid)
-    assert is_alive(known)
-    (tmp_path / "r1.owed").write_text(known)
-    ended.kill()
-    ended.wait()
-    with pytest.raises(UnknownObject, match=r"'r1' is lost: .* `guidefield replay r1` plans it again"):
-        recordings.find("r1")
-    assert recordings.size("r1") == 0
+def test_the_newest_come_first(recordings: Recordings) -> None:
+    assert Recordings(recordings.folder / "none").owed() == []
+    recordings.owe("r0", b"", ())
+    recordings.owe("r2", b"", ())
+    for index, run_id in enumerate(("r2", "r0", "r1")):
+        os.utime(recordings.file(run_id, LOG), (index, index))
+    assert recordings.owed() == ["r1", "r0", "r2"]
 
 
-def test_a_process_is_told_from_a_later_one_of_its_number() -> None:
-    pid, _, began = told_apart(os.getpid()).partition(" ")
-    assert is_alive(f"{pid} {began}")
-    assert not is_alive(f"{pid} {float(began) + 1.0}")
-    assert not is_alive("")
-
-
-def test_the_recording_of_a_run_that_was_dropped_meanwhile_goes(recordings: Recordings) -> None:
+def test_a_run_of_an_earlier_name_takes_nothing_of_the_earlier_one(recordings: Recordings) -> None:
+    earlier = state(recordings, "r1")
+    recordings.path("r1").write_bytes(b"of the earlier one")
+    recordings.file("r1", LOST).write_bytes(b"so was it")
+    recordings.owe("r1", b"the later log", ())
+    assert names(recordings.folder) == {"r1.log"}
+    recordings.settle("r1", earlier)  # of whoever still rendered the earlier one
+    assert recordings.file("r1", LOG).read_bytes() == b"the later log"
     recordings.drop("r1")
-    recordings.path("r1").write_bytes(b"late")
-    recordings.settle("r1", None)
-    assert list(recordings.folder.iterdir()) == []
+    recordings.settle("r1", earlier, "too late")
+    assert names(recordings.folder) == set()
+
+
+def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings: Recordings) -> None:
+    asked: list[str] = []
+
+    def content(of: str) -> bytes:
+        asked.append(of)
+        return bytes(50_000)
+
+    for number in range(3):
+        files = [SharedFile("d1", SCENE, partial(content, "scene")), SharedFile("d2", ROBOT, partial(content, "robot"))]
+        recordings.owe(f"s{number}", b"log", files)
+    assert asked == ["scene", "robot"]
+    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}
+    assert recordings.kept("s0") == Kept("owed", 3 + 100_000)
+    recordings.drop("s0")
+    recordings.sweep_shared(unused=0.0)
+    recordings.settle("s1", state(recordings, "s1"), "lost")
+    recordings.sweep_shared(unused=0.0)
+    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}
+    assert recordings.file("s2", SCENE).read_bytes() == bytes(50_000)
+    recordings.settle("s2", state(recordings, "s2"))
+    recordings.sweep_shared()
+    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}, "they were used just now"
+    recordings.sweep_shared(unused=0.0)
+    assert names(recordings.shared_folder) == set()
+    assert names(recordings.folder) == {"r1.log", "s1.lost"}
+
+
+def test_what_a_log_needs_outlives_every_sweep_in_between(recordings: Recordings) -> None:
+    recordings.owe("s1", b"log", [shared(b"content")])
+    (recordings.shared_folder / "d1.scene").unlink()  # by whoever looked before the log was linked to it
+    assert recordings.file("s1", SCENE).read_bytes() == b"content"
+    recordings.owe("s2", b"log", [shared(b"content")])
+    assert recordings.file("s2", SCENE).read_bytes() == b"content"
+
+
+def test_a_file_with_as_many_names_as_may_be_is_written_again(
+    recordings: Recordings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recordings.owe("s1", b"log", [shared(b"content")])
+    link, refused = Path.hardlink_to, list[Path]()
+
+    def crowded(self: Path, target: Path) -> None:
+        if not refused:
+            refused.append(self)
+            raise OSError(errno.EMLINK, os.strerror(errno.EMLINK))
+        link(self, target)
+
+    monkeypatch.setattr(Path, "hardlink_to", crowded)
+    recordings.owe("s2", b"log", [shared(b"content")])
+    assert refused
+    assert recordings.file("s2", SCENE).read_bytes() == b"content"
+    assert recordings.file("s2", SCENE).stat().st_ino != recordings.file("s1", SCENE).stat().st_ino
+
+
+def test_where_there_are_no_hard_links_nothing_of_a_log_is_left(
+    recordings: Recordings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_self: Path, _target: Path) -> None:
+        raise OSError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    with pytest.raises(OSError, match="not permitted"):
+        recordings.owe("s1", b"log", [shared(b"content")])
+    assert names(recordings.folder) == {"r1.log"}
+
+
+def test_a_sweep_deletes_what_killed_processes_left(recordings: Recordings) -> None:
+    recordings.owe("s1", b"log", [shared(b"content")])
+    recordings.owe("s2", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
+    recordings.file("s2", LOG).unlink()
+    (recordings.folder / ".s3.log.1234.draft").write_bytes(b"half")
+    (recordings.folder / "old.owed").write_text("1234 5678.9")  # of an earlier version
+    recordings.sweep()
+    assert names(recordings.folder) == {"r1.log", "s1.log", "s1.scene", "old.lost"}
+    assert names(recordings.shared_folder) == {"d1.scene"}
+    with pytest.raises(UnknownObject, match="'old' has no recording: the process that wrote it ended"):
+        recordings.find("old")
+    recordings.drop("s1")
+    recordings.sweep()
+    assert not recordings.shared_folder.exists()
+
+
+def test_a_deleted_run_leaves_nothing(recordings: Recordings) -> None:
+    recordings.owe("s1", b"log", [shared(b"content"), shared(b"other", ROBOT, "d2")])
+    for ending in (RECORDING, LOST):
+        recordings.file("s1", ending).write_bytes(b"")
+    recordings.drop("s1")
+    assert names(recordings.folder) == {"r1.log"}

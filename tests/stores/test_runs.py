@@ -25,7 +25,8 @@ from guidefield.messages.replies import error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
-from guidefield.stores import run_file, run_writer, runs as module
+from guidefield.stores import run_file, runs as module
+from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns, answered_before
 from tests.kept_runs import REQUEST, begin, fail, keep, new_run
@@ -245,20 +246,88 @@ def test_runs_that_are_too_old_are_dropped(tmp_path: Path) -> None:
     database.close()
 
 
-def test_a_recording_that_comes_later_counts_once_it_is_there(
-    database: RunDatabase, runs: UserRuns, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run_writer, "UPKEEP_INTERVAL_S", 0.02)
-    runs.recordings.folder.mkdir()
-    runs.recordings.owe("r1")
+def test_a_log_counts_and_then_the_recording_that_is_rendered_from_it(database: RunDatabase, runs: UserRuns) -> None:
+    told: list[tuple[str, str]] = []
+    database.render = lambda owner, run_id: told.append((owner, run_id))
+    keep(database, "r0")
+    runs.recordings.owe("r1", bytes(700), ())
     keep(database, "r1")
-    size = runs.list(ALL).runs[0].bytes
+    (owed, none) = runs.list(ALL).runs
+    assert (none.recording, owed.recording, owed.bytes) == ("none", "owed", none.bytes + 700)
+    assert told == [(PLAIN, "r1")]
     runs.recordings.path("r1").write_bytes(bytes(5_000))
-    runs.recordings.settle("r1", None)
-    until = time.monotonic() + 30.0
-    while runs.list(ALL).runs[0].bytes != size + 5_000:
-        assert time.monotonic() < until
-        time.sleep(0.01)
+    runs.recordings.settle("r1", runs.recordings.file("r1", LOG).stat())
+    assert runs.list(ALL).runs[0].recording == "rendered", "also where somebody else than the service rendered it"
+    database.note_recording(PLAIN, "r1")
+    rendered = runs.list(ALL).runs[0]
+    assert (rendered.recording, rendered.bytes) == ("rendered", none.bytes + 5_000)
+    runs.recordings.owe("r2", b"log", ())
+    runs.recordings.give_up("r2", "it is damaged")
+    keep(database, "r2")
+    assert runs.list(ALL).runs[0].recording == "lost"
+
+
+def test_a_recording_that_is_rendered_of_a_run_that_was_deleted_goes(database: RunDatabase, runs: UserRuns) -> None:
+    runs.recordings.owe("r1", b"log", ())
+    keep(database, "r1")
+    runs.delete("r1")
+    runs.recordings.path("r1").write_bytes(b"late")
+    database.note_recording(PLAIN, "r1")
+    runs.list(ALL)
+    assert list(runs.recordings.folder.iterdir()) == []
+
+
+def test_a_start_has_the_recordings_rendered_that_are_owed(database: RunDatabase, tmp_path: Path) -> None:
+    for index, (owner, run_id) in enumerate([(PLAIN, "r1"), ("alice", "a1"), (PLAIN, "r2")]):
+        recordings = database.recordings(owner)
+        recordings.owe(run_id, b"log", ())
+        os.utime(recordings.file(run_id, LOG), (index, index))
+        keep(database, run_id, owner=owner)
+    database.recordings(PLAIN).owe("unknown", b"of a run that was never answered", ())
+    os.utime(database.recordings(PLAIN).file("unknown", LOG), (9, 9))
+    database.recordings("alice").give_up("a1", "rendered by somebody else, or not, while no service ran")
+    database.close()
+    again, told = RunDatabase(tmp_path), list[tuple[str, str]]()
+    again.render = lambda owner, run_id: told.append((owner, run_id))
+    again.sweep(CRASH)
+    assert set(told) == {(PLAIN, "unknown"), (PLAIN, "r2"), (PLAIN, "r1"), ("alice", "a1")}
+    assert [run_id for owner, run_id in told if owner == PLAIN] == ["r1", "r2", "unknown"], "the newest is told last"
+    for named in told:
+        again.note_recording(*named)
+    assert {run.run_id: run.recording for run in again.of("alice").list(ALL).runs} == {"a1": "lost"}
+    assert not again.recordings(PLAIN).is_owed("unknown")
+    again.close()
+
+
+def test_tables_of_version_1_are_taken_over(tmp_path: Path) -> None:
+    database = RunDatabase(tmp_path)
+    for run_id in ("r1", "r2", "r3"):
+        keep(database, run_id)
+    database.close()
+    with sqlite3.connect(tmp_path / FILE) as db:
+        for trigger in ("begun", "changed", "dropped"):
+            db.execute(f"DROP TRIGGER {trigger}")
+        db.execute("ALTER TABLE runs DROP COLUMN recorded")
+        db.execute("ALTER TABLE runs DROP COLUMN recording")
+        db.execute("ALTER TABLE runs ADD COLUMN recording INTEGER")
+        db.execute("UPDATE runs SET recording = 4000 WHERE run_id = 'r1'")
+        db.execute("UPDATE runs SET recording = 0 WHERE run_id = 'r2'")
+        db.execute("UPDATE usage SET bytes = bytes + 4000")
+        db.execute("PRAGMA user_version = 1")
+    with pytest.raises(DiskRefused, match=r"version 1, and this guidefield reads version 2"):
+        RunDatabase(tmp_path).of(PLAIN).has("r1")
+    again = RunDatabase(tmp_path)
+    again.sweep(CRASH)
+    assert {run.run_id: run.recording for run in again.of(PLAIN).list(ALL).runs} == {
+        "r1": "rendered",
+        "r2": "none",
+        "r3": "none",
+    }
+    for run_id in ("r1", "r2", "r3"):
+        again.of(PLAIN).delete(run_id)
+    with again.readers.reading() as db:
+        assert db.execute("SELECT runs, bytes FROM usage").fetchone() == (0, 0)
+    again.close()
 
 
 def test_changes_that_wait_share_one_commit(database: RunDatabase, runs: UserRuns) -> None:
@@ -440,9 +509,9 @@ def test_a_damaged_document_is_told_and_can_be_deleted(database: RunDatabase, ru
 
 def test_a_newer_version_is_left_alone(tmp_path: Path) -> None:
     with sqlite3.connect(tmp_path / FILE) as db:
-        db.execute("PRAGMA user_version = 2")
+        db.execute("PRAGMA user_version = 3")
     database = RunDatabase(tmp_path)
-    with pytest.raises(DiskRefused, match="tables of version 2, and this guidefield reads version 1"):
+    with pytest.raises(DiskRefused, match="tables of version 3, and this guidefield reads version 2"):
         database.sweep(CRASH)
     database.close()
 

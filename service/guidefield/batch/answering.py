@@ -16,19 +16,20 @@ class CannotWork(RuntimeError):
     """There is nobody to work on a batch; says why in one sentence."""
 
 
-def answered(engine: Engine, request: bytes, record_to: Path | None) -> tuple[bool, bytes]:
+def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:
     """Whether there is a reply, or else an error; and its JSON.
 
     Args:
         engine: Answers it.
         request: JSON of a request of any kind.
         record_to: Where the recording of a plan goes, if anywhere.
+        deferred: True if only the log of the recording is written, beside it.
     """
     try:
         decoded = codec.decode_request(request)
         if record_to is not None and isinstance(decoded, MotionRequest):
             record_to.parent.mkdir(parents=True, exist_ok=True)
-            return True, codec.encode(engine.answer(decoded, record_to=record_to))
+            return True, codec.encode(engine.answer(decoded, record_to=record_to, deferred=deferred))
         return True, codec.encode(engine.answer(decoded))
     except GuidefieldError as error:
         return False, codec.encode(error_reply(error))

@@ -7,21 +7,27 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, wait
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
+from typing import TypeVar
 
 from guidefield.batch.answering import CannotWork, answered, seconds_for
 from guidefield.batch.request_file import Item
 from guidefield.batch.results import Outcome, crashed
 from guidefield.engine import Engine
-from guidefield.errors import WorkerCrashed
+from guidefield.errors import WorkerCrashed, without_path
 from guidefield.pool.pool import Pool
-from guidefield.pool.process import Call
-from guidefield.pool.waiting import Answer, Limits, Task
+from guidefield.pool.process import Call, Setup
+from guidefield.pool.waiting import LONGEST_WORK, Answer, Limits, Task
+from guidefield.rendering import Renderings
+from guidefield.stores.recordings import Recordings
 
 AHEAD = 4
 """How many requests are handed over for each worker."""
 
 LOOK_UP = 0.5
 """How often who waits for results looks up: a Ctrl-C that another thread takes doesn't wake it [s]."""
+
+_Job = TypeVar("_Job")
 
 
 @dataclass(frozen=True)
@@ -44,28 +50,89 @@ class BatchWorker:
 
     def __call__(self, item: Item, _call: Call) -> Answer:
         """Whether there is a reply, or else an error; and its JSON."""
-        return answered(self.engine, item.request, item.recording)
+        return answered(self.engine, item.request, item.recording, deferred=True)
 
 
-def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
-    """What comes of requests, in the order in which it does.
+@dataclass(frozen=True)
+class RenderSetup:
+    """Prepares a worker that renders the recordings of a batch.
+
+    Attributes:
+        folder: Folder of the recordings and logs.
+    """
+
+    folder: Path
+
+    def __call__(self) -> RenderWorker:
+        """In a worker process."""
+        logging.basicConfig(level=logging.ERROR)
+        return RenderWorker(Recordings(self.folder), Renderings())
+
+
+@dataclass(frozen=True)
+class RenderWorker:
+    """Renders recordings from their logs."""
+
+    recordings: Recordings
+    renderings: Renderings
+
+    def __call__(self, name: str, _call: Call) -> Answer:
+        """Whether the log is rendered, or lost; and why it isn't."""
+        try:
+            self.renderings.render(self.recordings, name, whole=True)
+        except OSError as error:
+            return False, without_path(error).encode()
+        return True, b""
+
+
+def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
+    """Render the recordings of a folder whose logs are there; why each isn't rendered yet, None if it is.
 
     Raises:
         CannotWork: if no worker can be prepared.
     """
-    pool = Pool(BatchSetup(), workers=workers, limits=Limits(tasks=AHEAD * workers, tasks_of_client=AHEAD * workers))
+    names = Recordings(folder).owed()
+    tasks = (Task(name, LONGEST_WORK) for name in names)
+    for _, task in _over_pool(RenderSetup(folder), zip(names, tasks, strict=True), workers):
+        try:
+            done, why = task.result()
+        except WorkerCrashed as error:
+            yield error.message
+        else:
+            yield None if done else why.decode()
+    Recordings(folder).sweep_shared(unused=0.0)
+
+
+def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
+    """What comes of requests, in the order in which it does; of recordings the logs alone.
+
+    Raises:
+        CannotWork: if no worker can be prepared.
+    """
+    tasks = ((item, Task(item, seconds_for(item.request), size=len(item.request))) for item in items)
+    for item, task in _over_pool(BatchSetup(), tasks, workers):
+        yield _outcome(item, task)
+
+
+def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -> Iterator[tuple[_Job, Task]]:
+    """Have tasks done by workers; each with its job, once it is done.
+
+    Raises:
+        CannotWork: if no worker can be prepared.
+    """
+    pool = Pool(setup, workers=workers, limits=Limits(tasks=AHEAD * workers, tasks_of_client=AHEAD * workers))
     pool.start()
     try:
         _await(pool)
-        left, asked = iter(items), dict[Task, Item]()
+        left, asked = iter(tasks), dict[Task, _Job]()
         while True:
-            for item in islice(left, AHEAD * workers - len(asked)):
-                asked[pool.submit(Task(item, seconds_for(item.request), size=len(item.request)))] = item
+            for job, task in islice(left, AHEAD * workers - len(asked)):
+                asked[pool.submit(task)] = job
             if not asked:
                 return
-            for task in wait(asked, LOOK_UP, FIRST_COMPLETED).done:
-                assert isinstance(task, Task), "they are what was asked"
-                yield _outcome(asked.pop(task), task)
+            for done in wait(asked, LOOK_UP, FIRST_COMPLETED).done:
+                assert isinstance(done, Task), "they are what was asked"
+                yield asked.pop(done), done
     finally:
         pool.close(0.0)
 

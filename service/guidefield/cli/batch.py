@@ -8,12 +8,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from guidefield.batch.request_file import Item, RequestFile
+from guidefield.batch.request_file import RECORDINGS, Item, RequestFile
 from guidefield.batch.results import RESULTS, Outcome, Results
 from guidefield.errors import ERRORS, Status
+from guidefield.stores.recordings import Recordings
 
 
-def run(requests: Path, folder: Path, out: Console, *, workers: int, ray: str | None, recordings: bool) -> int:
+def run(
+    requests: Path, folder: Path, out: Console, *, workers: int, ray: str | None, recordings: bool, render: bool
+) -> int:
     """Answer the requests of a file that aren't answered yet.
 
     Args:
@@ -23,6 +26,7 @@ def run(requests: Path, folder: Path, out: Console, *, workers: int, ray: str | 
         workers: Processes on this machine.
         ray: Address of a Ray cluster that works instead.
         recordings: Whether plans are recorded.
+        render: Whether the recordings are rendered after the answers; else their logs stay.
 
     Returns:
         Exit code: 0 if all went well, 1 where there was an honest "no", 2 where there was an error.
@@ -40,6 +44,8 @@ def run(requests: Path, folder: Path, out: Console, *, workers: int, ray: str | 
             for outcome in _outcomes(left, workers, ray) if answered < wanted else ():
                 results.add(outcome)
                 bar.advance(task)
+            if render:
+                _render(folder / RECORDINGS, workers, bar)
         codes = results.codes
     names = {Status(code).name if code in set(Status) else str(code): count for code, count in codes.most_common()}
     if crashes := wanted - codes.total():
@@ -49,6 +55,22 @@ def run(requests: Path, folder: Path, out: Console, *, workers: int, ray: str | 
     if crashes or any(code in ERRORS for code in codes):
         return 2
     return 0 if all(code == Status.SUCCESS for code in codes) else 1
+
+
+def _render(folder: Path, workers: int, bar: Progress) -> None:
+    """Render the recordings whose logs are in a folder."""
+    owed = len(Recordings(folder).owed())
+    if not owed:
+        return
+    from guidefield.batch.local import render_over_workers
+
+    task = bar.add_task("recorded", total=owed)
+    for fault in render_over_workers(folder, min(workers, owed)):
+        if fault is not None:
+            bar.console.print(
+                f"a recording isn't rendered yet: {fault}; `guidefield runs render {folder.parent}` tries again"
+            )
+        bar.advance(task)
 
 
 def _outcomes(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[Outcome]:

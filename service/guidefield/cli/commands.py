@@ -6,6 +6,7 @@ answer with an error.
 
 from __future__ import annotations
 
+import enum
 import os
 import sys
 from importlib.metadata import version
@@ -216,6 +217,13 @@ def query(
     _report(reply, output)
 
 
+class RecordingTime(enum.StrEnum):
+    """When a service renders the recordings of its runs."""
+
+    LATER = "later"
+    EAGER = "eager"
+
+
 @app.command()
 def serve(
     listen: Annotated[
@@ -245,6 +253,10 @@ def serve(
     quota: Annotated[
         Path | None, typer.Option(help="JSON file with what each user may have.", exists=True, dir_okay=False)
     ] = None,
+    recordings: Annotated[
+        RecordingTime,
+        typer.Option(help="When recordings are rendered: at low priority, or before a worker takes its next query."),
+    ] = RecordingTime.LATER,
     json_logs: Annotated[bool, typer.Option("--json-logs", help="Log one JSON object a line.")] = False,
     otel: Annotated[
         bool, typer.Option("--otel", help="Trace queries with OpenTelemetry (needs the extra otel).")
@@ -274,6 +286,7 @@ def serve(
         queue_limit=queue,
         memory=memory << 20,
         retention=Retention(keep_runs, int(keep_gib * 2**30), keep_days * 86_400.0),
+        eager_recordings=recordings is RecordingTime.EAGER,
         json_logs=json_logs,
         otel=otel,
         metrics=metrics,
@@ -324,12 +337,15 @@ def batch(
     workers: Annotated[int, typer.Option(min=1, help="Worker processes on this machine.")] = os.cpu_count() or 1,
     ray: Annotated[str | None, typer.Option(help="Address of a Ray cluster that works instead.")] = None,
     recordings: Annotated[bool, typer.Option(help="Record the plans.")] = True,
+    render: Annotated[
+        bool, typer.Option(help="Render the recordings after the answers; else `guidefield runs render` does.")
+    ] = True,
 ) -> None:
     """Answer the requests of a file; one that was interrupted goes on where it was."""
     from guidefield.cli.batch import run
 
     compile_kernels(err.print)
-    raise typer.Exit(run(requests, output, err, workers=workers, ray=ray, recordings=recordings))
+    raise typer.Exit(run(requests, output, err, workers=workers, ray=ray, recordings=recordings, render=render))
 
 
 @app.command()

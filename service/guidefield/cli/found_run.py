@@ -16,10 +16,11 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.identities import PLAIN, checked_user
 from guidefield.messages.replies import MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
-from guidefield.run import whole_recording
 from guidefield.stores.files import default_data_folder
+from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase, UserRuns
+from guidefield.versions import parsed
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
@@ -85,6 +86,7 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
         MalformedRequest: if the file is no whole recording of guidefield.
     """
     from guidefield.recorder.reading import read_recording
+    from guidefield.run_log import made_with_of
 
     if run.endswith(".rrd"):
         recorded = read_recording(Path(run))
@@ -94,8 +96,9 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
     if kept.reply is None:
         why = "is still under way" if kept.error is None else f"ended with an error: {kept.error.message}"
         raise UnknownObject(f"run {run!r} has no reply: it {why}", run_id=run)
-    path = runs.recordings.path(run_id)
-    return FoundRun(kept.request, kept.reply, read_recording(path).versions if path.is_file() else {})
+    path, log = runs.recordings.path(run_id), runs.recordings.file(run_id, LOG)
+    versions = read_recording(path).versions if path.is_file() else parsed(made_with_of(log))
+    return FoundRun(kept.request, kept.reply, versions)
 
 
 def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
@@ -125,6 +128,8 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             raise UnknownObject(f"there is no recording {run!r}", path=run)
         yield file
         return
+    from guidefield.rendering import rendered
+
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
         if files := stream_files(run, data_folder(data, name)):
             file = Path(folder) / f"{files[-1].stem}.rrd"
@@ -133,5 +138,5 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             runs, run_id = kept_run(run, data, name)
             file = Path(folder) / f"{run_id}.rrd"
             runs.require(run_id)
-            file.write_bytes(whole_recording(runs.recordings, run_id))
+            file.write_bytes(rendered(runs.recordings, run_id))
         yield file

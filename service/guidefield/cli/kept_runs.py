@@ -11,13 +11,27 @@ import msgspec
 import typer
 from rich import box
 from rich.console import Console
+from rich.progress import track
 from rich.table import Table
 
+from guidefield.batch.request_file import RECORDINGS
 from guidefield.cli.comparison import comparison_table
 from guidefield.cli.files import writable
-from guidefield.cli.found_run import Data, RunName, Service, StreamName, find_plan, kept_runs, recording_file
+from guidefield.cli.found_run import (
+    Data,
+    RunName,
+    Service,
+    StreamName,
+    data_folder,
+    find_plan,
+    kept_runs,
+    recording_file,
+)
+from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import RunsReply, RunSummary
 from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
+from guidefield.stores.files import user_folder, users_in
+from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import UserRuns
 from guidefield.whole_file import write_whole
 
@@ -70,12 +84,44 @@ def _pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[Runs
 def _table(runs: list[RunSummary], *, headed: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if headed else box.SIMPLE, show_header=headed)
     table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in runs), default=0))
-    for column in ("status", "robot", "scene", "began"):
+    for column in ("status", "robot", "scene", "began", "recording"):
         table.add_column(column, overflow="fold")
     for run in runs:
         began = datetime.fromtimestamp(run.began).astimezone().isoformat(" ", "seconds")
-        table.add_row(run.run_id, run.status, run.robot, run.scene, began)
+        table.add_row(run.run_id, run.status, run.robot, run.scene, began, run.recording)
     return table
+
+
+@runs_app.command()
+def render(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of a batch's results; else the service's data folder.")
+    ] = None,
+    data: Data = None,
+    name: Service = "local",
+) -> None:
+    """Render the recordings that are owed, the newest first; also while a service runs.
+
+    Exit code 0 if all are rendered, 1 if some are lost, 2 where the disk refuses.
+    """
+    from guidefield.rendering import Renderings
+
+    if folder is not None:
+        places = [Recordings(folder / RECORDINGS)]
+    else:
+        kept_runs(data, name)
+        base = data_folder(data, name)
+        places = [Recordings(user_folder(base, user) / RECORDINGS) for user in (PLAIN, *users_in(base))]
+    renderings, done, lost = Renderings(), 0, 0
+    owed = [(recordings, run_id) for recordings in places for run_id in recordings.owed()]
+    for recordings, run_id in track(owed, "rendered", console=Console(stderr=True)):
+        renderings.render(recordings, run_id, whole=folder is not None)
+        kind = recordings.kept(run_id).kind
+        done, lost = done + (kind == "rendered"), lost + (kind == "lost")
+    for recordings in places:
+        recordings.sweep_shared(unused=0.0)
+    out.print(f"{done} rendered" + (f", {lost} lost" if lost else ""), highlight=False)
+    raise typer.Exit(1 if lost else 0)
 
 
 @runs_app.command()

@@ -109,7 +109,7 @@ def made_on(before: dict[str, str]) -> str:
     Args:
         before: Versions by package, empty where they weren't recorded.
     """
-    from guidefield.recorder.documents import PROCESSOR, versions
+    from guidefield.versions import PROCESSOR, versions
 
     then, now = before.get(PROCESSOR), versions()[PROCESSOR]
     if then in (None, now):
@@ -124,7 +124,7 @@ def planned_by(before: dict[str, str]) -> str:
     Args:
         before: Versions by package, empty where they weren't recorded.
     """
-    from guidefield.recorder.documents import OURS, versions
+    from guidefield.versions import OURS, versions
 
     then, now = before.get(OURS), versions()[OURS]
     return "" if then in (None, now) else f"planned by {OURS} {then}, this is {now}: "
@@ -136,7 +136,7 @@ def versions_that_differ(before: dict[str, str]) -> str:
     Args:
         before: Versions by package, empty where they weren't recorded.
     """
-    from guidefield.recorder.documents import OURS, versions
+    from guidefield.versions import OURS, versions
 
     if not before:
         return "the versions that it was made with were not recorded"

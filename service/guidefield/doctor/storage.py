@@ -63,7 +63,7 @@ def runs(data: Path) -> Finding:
         with telling_faults(file), contextlib.closing(connect_reader(file)) as db:
             looked_at = "1" if file.stat().st_size < GIB else "'runs'"  # all of a larger one takes minutes
             (damage,) = db.execute(f"PRAGMA quick_check({looked_at})").fetchone()
-            total = "SELECT count(*), ifnull(sum(bytes + ifnull(recording, 0)), 0) FROM runs"
+            total = "SELECT count(*), ifnull(sum(bytes + recording), 0) FROM runs"
             count, size = db.execute(total).fetchone()
     except DiskRefused as fault:
         return wrong("runs", fault.message, "until then plans go on, but no run is kept")

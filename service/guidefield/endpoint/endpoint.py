@@ -144,10 +144,16 @@ class Endpoint:
                 asked.answer((True, codec.encode(reply, read.encoding)))
             elif keys.is_cancel(read):
                 asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
-            elif not keys.is_sharing(read) and (read.key[0] in HEAVY_KEYS or read.payload):
+            elif not keys.is_sharing(read) and (read.key[0] in HEAVY_KEYS or read.payload or self._is_owed(read)):
                 self._hand_over(asked, read, received)
             else:
                 self._look_up(asked, read)
+
+    def _is_owed(self, read: keys.Query) -> bool:
+        """Whether a query asks for a run's recording that isn't rendered yet: a worker does it."""
+        if not keys.is_recording(read):
+            return False
+        return self._runs.of(read.owner).recordings.is_owed(read.key[1])
 
     def _let_in(self, told: keys.Query, size: int) -> None:
         """Refuse a user's query, with a payload of a size [bytes], if the user has no more of its quota."""

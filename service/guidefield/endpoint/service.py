@@ -37,6 +37,7 @@ from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
 from guidefield.messages.replies import InfoReply, error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
+from guidefield.renderer import Renderer
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunDatabase
 from guidefield.worker import EngineSetup
@@ -51,6 +52,8 @@ DEFAULT_GRACE = 10.0
 """How long requests that are being worked on may take at the end [s]."""
 ANSWERS_WITHIN = 5.0
 """How long a service of the same name may take to say that it is alive [s]; where there is none it takes no time."""
+EAGER_WITHIN = 30.0
+"""Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
 PATIENCE = 0.2
 """How often a start looks whether it is to be given up [s]."""
 
@@ -81,6 +84,7 @@ class ServiceSettings:
         prepare: Robots that are prepared for their first plan before the service is ready.
         quotas: What each user may have.
         ros: How it is offered to ROS 2 nodes; None: not at all.
+        eager_recordings: True if workers render recordings after their replies; else a process at low priority does.
     """
 
     data: Path
@@ -100,6 +104,7 @@ class ServiceSettings:
     prepare: tuple[str, ...] = ()
     quotas: Quotas = DEFAULT_QUOTAS
     ros: RosSettings | None = None
+    eager_recordings: bool = False
 
 
 def limits_of(queue: int) -> Limits:
@@ -129,6 +134,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         packages=settings.packages,
         prepare=settings.prepare,
         quotas=settings.quotas,
+        eager=settings.eager_recordings,
     )
     config = session_config(settings)
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
@@ -143,6 +149,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
         runs = RunDatabase(settings.data, settings.retention, lambda user: settings.quotas.of(user).bytes)
+        renderer = _renderer(settings, setup, runs)
         _prepare(runs, announce)
         engines = setup.engines(runs)
         limits = limits_of(settings.queue_limit)
@@ -162,7 +169,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
         opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", asked))
         opened.callback(endpoint.close)
-        opened.callback(runs.close)
+        opened.callback(_close_runs, renderer, runs)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
         offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
         opened.callback(streams.close)
@@ -174,11 +181,25 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         if _has_access_control(config):  # there are users
             pool.stand_by()
         offer(opened)
+        renderer.start()
         starting.undeclare()
         opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
         stop.wait()
         announce("stopping: what is being worked on is finished, what waits is refused")
+
+
+def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) -> Renderer:
+    """Renders the recordings of kept runs once it is started."""
+    patience = EAGER_WITHIN if settings.eager_recordings else 0.0
+    renderer = Renderer(setup, settings.memory, runs.recordings, runs.note_recording, patience)
+    runs.render = renderer.add
+    return renderer
+
+
+def _close_runs(renderer: Renderer, runs: RunDatabase) -> None:
+    renderer.close()
+    runs.close()
 
 
 def session_config(settings: ServiceSettings) -> zenoh.Config:

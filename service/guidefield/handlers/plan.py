@@ -10,34 +10,32 @@ from collections.abc import Callable
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
-from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
 from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
-from guidefield.handlers.end_limits import refuse_ends
 from guidefield.handlers.in_reach import in_reach
+from guidefield.handlers.measuring import UNMEASURED, measured_in_time
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
-from guidefield.handlers.preparation import connects, is_laid_out, prepare_links, prepare_problem
-from guidefield.handlers.recording import Recording
+from guidefield.handlers.preparing import is_laid_out, lay_out
+from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Record
+from guidefield.handlers.refused_ahead import connects, refused_ahead
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import PROJECTED
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.quality import UNMEASURED, clearance_profile, clearances
+from guidefield.planner.quality import Clearance, clearance_profile
+from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, build
-
-Record = Callable[[PlanningGroup, Scene], Recording[PlanReply] | None]
-"""Opens the recording of a run, once it is known what moves where."""
 
 
 def answer_plan(
@@ -48,9 +46,9 @@ def answer_plan(
     run_id: str,
     received: float,
     began: float | None = None,
-    record: Record = lambda *_: None,
+    record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
-    deadline: Deadline | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> PlanReply:
     """Plan, and say what came of it.
 
@@ -59,27 +57,27 @@ def answer_plan(
         robot: The robot that it names.
         scene: The scene that it names.
         run_id: Name of the run.
-        received: When it arrived, on the clock of `time.monotonic` [s].
+        received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
         preparing: Told which part of the robot is prepared, where that isn't known from before.
-        deadline: When planning must end; None: when the time that the request allows is up.
+        cancelled: Whether somebody asked to stop.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
-        DeadlineExpired: if the deadline passed before robot and scene were prepared.
+        StoppedError: if time was up before what the robot holds was built.
     """
     began = time.monotonic() if began is None else began
-    deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
-    problem, warnings = problem_of(request, robot, scene, deadline)
-    guided = bool(problem.guide_planes) or request.guide_planes == "auto"
+    budget = Budget(received + request.allowed_planning_time, cancelled)
+    holding(robot, request.attached_objects, scene, budget.spent)  # what is large is built aside, once
+    problem, warnings = problem_of(request, robot, scene, budget)
+    guided = _is_guided(request, problem)
     if not guided:
-        problem = in_reach(problem, deadline)
+        problem = in_reach(problem, budget.spent)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
-    refusal, derivation = refuse_ends(problem), Derivation()
+    refusal, derivation = refused_ahead(request, problem, preparing), Derivation()
     if refusal is None:
-        prepare_problem(request, problem, preparing)
         problem, derivation = with_derived_planes(problem, request)
     recording = record(problem.group, scene)
     if recording is not None:
@@ -87,7 +85,7 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    measured = None if made.trajectory is None else clearances([(made.trajectory, problem)])
+    measured = None if made.trajectory is None else measured_in_time([(made.trajectory, problem)], budget)
     if made.trajectory is not None and measured is None:
         warnings = (*warnings, UNMEASURED)
     found = measured[0] if measured else None
@@ -99,8 +97,36 @@ def answer_plan(
     seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
     if recording is not None:
-        recording.finish(reply, lambda: None if found is None else clearance_profile(found, problem, scene))
+        recording.finish(reply, _recorded(scene, problem, made.trajectory, found))
     return reply
+
+
+def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> PlainMotion:
+    """The motion of a plan that was packed; arguments as those of `answer_plan`."""
+    budget = Budget()
+    problem, _ = problem_of(request, robot, scene, budget)
+    if not _is_guided(request, problem):
+        problem = in_reach(problem, budget.spent)
+    trajectory = None if packed.knots is None else packed.knots.trajectory()
+    found = None
+    if packed.found is not None and trajectory is not None:
+        found = packed.found.clearance(trajectory, problem)
+    return _recorded(scene, problem, trajectory, found)
+
+
+def _is_guided(request: PlanRequest, problem: Problem) -> bool:
+    return bool(problem.guide_planes) or request.guide_planes == "auto"
+
+
+def _recorded(scene: Scene, problem: Problem, trajectory: Trajectory | None, found: Clearance | None) -> PlainMotion:
+    """A plan's motion as a recording shows it."""
+
+    def packed() -> PackedMotion:
+        knots = None if trajectory is None else PackedKnots.of(trajectory)
+        return PackedMotion(knots, None if found is None else PackedClearance.of(found))
+
+    measure = lambda: None if found is None else clearance_profile(found, problem, scene)  # noqa: E731
+    return PlainMotion(problem.group, scene, measure, packed)
 
 
 def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
@@ -140,5 +166,5 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
         for one in missing:
             group = select(one, request.group, request.tip, q, se3(base.position, base.quaternion_xyzw))
             prepare(one)
-            prepare_links(World.build(group, nowhere), UNLIMITED)
+            lay_out(World.build(group, nowhere))
     return False

@@ -1,15 +1,37 @@
-"""What a handler asks of whoever records its run."""
+"""Requests that a handler makes of whoever records its run, and the motion that it gives to be recorded."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar, cast
+
+import msgspec
 
 from guidefield.messages.replies import MotionReply
-from guidefield.planner.quality import ClearanceProfile
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime, survey
+from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.event_log import PackedArray
 from guidefield.planner.task.trace import Event
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import ChartPoints, ChartRates
+from guidefield.scene.scene import Scene
 
 _R_contra = TypeVar("_R_contra", bound=MotionReply, contravariant=True)
+
+
+class RecordedMotion(Protocol):
+    """A motion as a recording shows it."""
+
+    def shown(self) -> tuple[PlanningGroup, Scene]:
+        """Return the joints that move and the scene that they move in, with what is carried."""
+
+    def profile(self) -> ClearanceProfile | None:
+        """Measure the clearance along the motion; None if there is no motion, or it wasn't measured."""
+
+    def pack(self) -> PackedMotion:
+        """Return all that follows neither from the request nor from robot and scene."""
 
 
 class Recording(Protocol[_R_contra]):
@@ -18,17 +40,131 @@ class Recording(Protocol[_R_contra]):
     def observe(self, event: Event) -> None:
         """Be told of an event."""
 
-    def finish(self, reply: _R_contra, profile: Callable[[], ClearanceProfile | None]) -> None:
-        """Be told the end, and write; the clearance along the way is measured when it is asked for."""
+    def finish(self, reply: _R_contra, motion: RecordedMotion) -> None:
+        """Be told the end, and keep it."""
 
 
-class RecordingInPieces(Protocol[_R_contra]):
-    """The same of whoever writes piece by piece."""
+Record = Callable[[PlanningGroup, Scene], Recording[_R_contra] | None]
+"""Opens the recording of a run, once it is known what moves where."""
 
-    def observe(self, event: Event) -> None:
-        """Be told of an event."""
 
-    def finish(
-        self, reply: _R_contra, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None]
-    ) -> None:
-        """Be told the end, and write; `pause` is called between pieces of the work."""
+class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
+    """A trajectory's knots: times [s], chart positions and velocities."""
+
+    times: PackedArray
+    positions: PackedArray
+    velocities: PackedArray
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> PackedKnots:
+        """Pack a trajectory."""
+        return cls(*(PackedArray.of(getattr(trajectory, name)) for name in cls.__struct_fields__))
+
+    def trajectory(self) -> Trajectory:
+        """Unpack the trajectory."""
+        positions, velocities = self.positions.array(), self.velocities.array()
+        return Trajectory(self.times.array(), cast(ChartPoints, positions), cast(ChartRates, velocities))
+
+
+class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
+    """Distances along a motion as they were measured: a `Clearance` without its surveyor."""
+
+    obstacle: Closest
+    inner: Closest | None
+    own: Closest
+    times: PackedArray
+    lengths: PackedArray
+    mean: float
+    ends: float
+
+    @classmethod
+    def of(cls, found: Clearance) -> PackedClearance:
+        """Pack distances."""
+        times, lengths = PackedArray.of(found.times), PackedArray.of(found.lengths)
+        return cls(found.obstacle, found.inner, found.own, times, lengths, found.mean, found.ends)
+
+    def clearance(self, motion: MotionInTime, conditions: Conditions) -> Clearance:
+        """Unpack the distances of a motion under its conditions."""
+        times = self.times.array()
+        return Clearance(
+            obstacle=self.obstacle,
+            inner=self.inner,
+            own=self.own,
+            times=times,
+            lengths=self.lengths.array(),
+            mean=self.mean,
+            ends=self.ends,
+            surveyor=survey(motion, conditions, times),
+        )
+
+
+class PackedStretch(msgspec.Struct, array_like=True, frozen=True):
+    """A part of a sequence's trajectory that was measured.
+
+    Attributes:
+        index: Its step.
+        begin, end: Its times, both those of knots [s].
+        allowed: Pairs that may touch on it.
+        found: Distances along it.
+    """
+
+    index: int
+    begin: float
+    end: float
+    allowed: list[tuple[str, str]]
+    found: PackedClearance
+
+
+class PackedLeg(msgspec.Struct, array_like=True, frozen=True):
+    """A step that was planned: its times [s], and the robot's configuration when it begins, shape (nq,)."""
+
+    begin: float
+    end: float
+    q: PackedArray
+
+
+class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
+    """A motion without what follows from its request, robot and scene.
+
+    Attributes:
+        knots: Its trajectory; None if there is none, or the request gives the motion.
+        found: Distances along it; None if they weren't measured.
+        legs: The steps of a sequence that were planned.
+        failed_at: Configuration (nq,) of the robot when the step began that failed.
+        stretches: The parts of a sequence that were measured.
+    """
+
+    knots: PackedKnots | None = None
+    found: PackedClearance | None = None
+    legs: Sequence[PackedLeg] = ()
+    failed_at: PackedArray | None = None
+    stretches: Sequence[PackedStretch] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class PlainMotion:
+    """A motion of one group in one scene.
+
+    Attributes:
+        group: The joints that move.
+        scene: The scene that they move in.
+        measure: Measures the clearance along it.
+        packed: The motion, packed.
+    """
+
+    group: PlanningGroup
+    scene: Scene
+    measure: Callable[[], ClearanceProfile | None]
+    packed: Callable[[], PackedMotion]
+
+    def shown(self) -> tuple[PlanningGroup, Scene]:
+        """As in `RecordedMotion`."""
+        return self.group, self.scene
+
+    def profile(self) -> ClearanceProfile | None:
+        """As in `RecordedMotion`."""
+        return self.measure()
+
+    def pack(self) -> PackedMotion:
+        """As in `RecordedMotion`."""
+        return self.packed()

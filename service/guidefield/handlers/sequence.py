@@ -6,28 +6,26 @@ import functools
 import time
 from collections.abc import Callable
 
+from guidefield.aside import StoppedError
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
-from guidefield.deadline import Deadline
+from guidefield.errors import Status
 from guidefield.handlers.agreement import Certified, require_agreement
-from guidefield.handlers.preparation import prepare_plan
-from guidefield.handlers.recording import Recording
+from guidefield.handlers.measuring import measured_in_time
+from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.recording import PackedMotion, Record
 from guidefield.handlers.sequence_reply import reply_to
-from guidefield.handlers.sequence_shown import carried_scene, profile_of
+from guidefield.handlers.sequence_shown import SequenceMotion
 from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.quality import clearances
 from guidefield.planner.sequence.sequence import SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
+from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.trace import Silent
-from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
-
-RecordSteps = Callable[[PlanningGroup, Scene, Callable[[], tuple[PlanningGroup, Scene]]], Recording[PlanReply] | None]
-"""Opens the recording of a run, once it is known what moves where; asks at its end what was carried where."""
 
 
 def answer_steps(
@@ -38,23 +36,21 @@ def answer_steps(
     run_id: str,
     received: float,
     began: float | None = None,
-    record: RecordSteps = lambda *_: None,
+    record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
-    deadline: Deadline | None = None,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> PlanReply:
     """Plan a sequence, and say what came of it; arguments and errors as those of `answer_plan`."""
     began = time.monotonic() if began is None else began
-    deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
-    course = Steps(request, robot, scene, deadline, preparing)
-    prepare_plan(robot, scene, deadline, preparing)
-    ended: list[SequencePlan[Standing]] = []
-    recording = record(course.whole, scene, lambda: _shown(course, ended[0]))
+    budget = Budget(received + request.allowed_planning_time, cancelled)
+    course = Steps(request, robot, scene, budget, preparing)
+    _prepared(robot, scene, budget, preparing)
+    recording = record(course.whole, scene)
     load_seconds = time.monotonic() - began
-    made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
-    ended.append(made)
+    made = plan_sequence(course, course.start, course.whole, budget, recording or Silent())
     begin = time.monotonic()
     stretches = measurable(made)
-    found = clearances([(stretch.motion, stretch) for stretch in stretches])
+    found = measured_in_time([(stretch.motion, stretch) for stretch in stretches], budget)
     measured = None if found is None else [*zip(stretches, found, strict=True)]
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
@@ -68,7 +64,7 @@ def answer_steps(
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
     if recording is not None:
-        recording.finish(reply, lambda: profile_of(measured or []))
+        recording.finish(reply, SequenceMotion.of(course, made, measured or []))
     return reply
 
 
@@ -86,14 +82,19 @@ def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch
     )
 
 
-def _shown(course: Steps, made: SequencePlan[Standing]) -> tuple[PlanningGroup, Scene]:
-    """What a recording shows: all steps with what is carried, or the one that failed with what was held."""
-    if made.failed_at is None:
-        return course.whole, carried_scene(course, made)
-    conditions = course.conditions(len(made.legs), made.failed_at)
-    return conditions.group, conditions.scene
+def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> SequenceMotion:
+    """The motion of a sequence that was packed; arguments as those of `answer_steps`."""
+    return SequenceMotion.unpack(Steps(request, robot, scene, Budget(), lambda _: None), packed)
 
 
 def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
     """The stretches of a sequence on which something moves."""
     return [stretch for stretch in made.stretches if stretch.motion.duration > 0.0]
+
+
+def _prepared(robot: RobotModel, scene: Scene, budget: Budget, preparing: Told) -> None:
+    """Prepare robot and scene while there is time; a step that is planned without them says so."""
+    try:
+        prepare_in_time(robot, scene, budget.spent, preparing)
+    except StoppedError:
+        assert budget.spent() in (Status.TIMED_OUT, Status.PREEMPTED), "only the budget stops it"

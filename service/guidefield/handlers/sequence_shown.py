@@ -1,52 +1,153 @@
-"""What a recording of a sequence shows: the objects as they are carried, and distances along all steps."""
+"""The motion of a sequence as a recording shows it: objects as they are carried, and distances along all steps."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
 
 import msgspec
 import numpy as np
 
+from guidefield.collision.world import World
+from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedLeg, PackedMotion, PackedStretch
 from guidefield.handlers.situation import CARRIED, Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages import scene as messages
 from guidefield.messages.values import IDENTITY, Placement
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance, ClearanceProfile, clearance_profile
+from guidefield.planner.sequence.composed import part
 from guidefield.planner.sequence.embedding import whole_configuration
 from guidefield.planner.sequence.sequence import SequencePlan
 from guidefield.planner.sequence.stretches import Stretch
+from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.event_log import PackedArray
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
 RATE = 30.0
-"""How often it is told where a carried object is [Hz]."""
+"""Rate at which a carried object's placement is given [Hz]."""
 
 MOST = 3000
-"""Most such times, over all steps."""
+"""Largest number of such times, over all steps."""
 
 
-def carried_scene(course: Steps, made: SequencePlan[Standing]) -> Scene:
-    """The obstacles at first, and what is held at first, each object that is carried moving as it is.
+@dataclass(frozen=True, eq=False)
+class SequenceMotion:
+    """The motion of a sequence.
 
-    Args:
+    Attributes:
         course: The steps.
-        made: What came of them.
+        standings: Of the steps that were planned: the situation when each begins.
+        spans: When each begins and ends [s].
+        trajectory: The motion; None where a step failed before it was certified.
+        failed_at: The situation when the step began that failed; None where none did.
+        measured: Its parts with distances along them.
     """
-    start = course.start
-    if made.trajectory is None:
-        return start.scene
-    most = max(MOST // len(made.legs), 1)
-    ways: dict[str, list[tuple[float, Placement]]] = {}
-    for leg in made.legs:
-        begin, end = leg.span
-        times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * RATE), 1, most)) + 1)
-        zs = made.trajectory.evaluate(times)[0]
-        for time, z in zip(times.tolist(), zs, strict=True) if leg.at.objects else ():
-            q = whole_configuration(course.whole, course.whole.from_chart(z))
-            there = dataclasses.replace(leg.at, q=q)
-            for held in there.objects:
-                ways.setdefault(held.name, []).append((time, _placement(there.place(held))))
+
+    course: Steps
+    standings: Sequence[Standing]
+    spans: Sequence[tuple[float, float]]
+    trajectory: Trajectory | None
+    failed_at: Standing | None
+    measured: Sequence[tuple[Stretch, Clearance]]
+
+    @classmethod
+    def of(
+        cls, course: Steps, made: SequencePlan[Standing], measured: Sequence[tuple[Stretch, Clearance]]
+    ) -> SequenceMotion:
+        """The motion of a plan, with distances along its parts."""
+        standings, spans = [leg.at for leg in made.legs], [leg.span for leg in made.legs]
+        return cls(course, standings, spans, made.trajectory, made.failed_at, measured)
+
+    @classmethod
+    def unpack(cls, course: Steps, packed: PackedMotion) -> SequenceMotion:
+        """The motion of a sequence, from its steps and what was packed."""
+        standings, at = list[Standing](), course.start
+        for index, leg in enumerate(packed.legs):
+            at = course.after(index - 1, at, _configuration(leg.q)) if index else at
+            standings.append(at)
+        failed_at = None
+        if packed.failed_at is not None:
+            q = _configuration(packed.failed_at)
+            failed_at = course.after(len(standings) - 1, at, q) if standings else at
+        trajectory = None if packed.knots is None else packed.knots.trajectory()
+        measured, conditions = [], dict[int, Conditions]()
+        for one in packed.stretches:
+            assert trajectory is not None, "its parts were measured"
+            if one.index not in conditions:
+                conditions[one.index] = course.conditions(one.index, standings[one.index])
+            stretch = _stretch(one, conditions[one.index], trajectory)
+            measured.append((stretch, one.found.clearance(stretch.motion, stretch)))
+        spans = [(leg.begin, leg.end) for leg in packed.legs]
+        return cls(course, standings, spans, trajectory, failed_at, measured)
+
+    def shown(self) -> tuple[PlanningGroup, Scene]:
+        """All steps with what is carried, or the one that failed with what was held."""
+        if self.failed_at is None:
+            return self.course.whole, self._carried_scene()
+        conditions = self.course.conditions(len(self.standings), self.failed_at)
+        return conditions.group, conditions.scene
+
+    def profile(self) -> ClearanceProfile | None:
+        """Distances along all steps."""
+        return profile_of(self.measured)
+
+    def pack(self) -> PackedMotion:
+        """As in `RecordedMotion`."""
+        return PackedMotion(
+            knots=None if self.trajectory is None else PackedKnots.of(self.trajectory),
+            legs=[PackedLeg(*span, PackedArray.of(at.q)) for at, span in zip(self.standings, self.spans, strict=True)],
+            failed_at=None if self.failed_at is None else PackedArray.of(self.failed_at.q),
+            stretches=[
+                PackedStretch(
+                    index=stretch.index,
+                    begin=float(stretch.motion.times[0]),
+                    end=float(stretch.motion.times[-1]),
+                    allowed=sorted(stretch.allowed_collisions),
+                    found=PackedClearance.of(found),
+                )
+                for stretch, found in self.measured
+            ],
+        )
+
+    def _carried_scene(self) -> Scene:
+        """The obstacles at first, and what is held at first, each object that is carried moving as it is."""
+        start, whole = self.course.start, self.course.whole
+        if self.trajectory is None:
+            return start.scene
+        most = max(MOST // len(self.spans), 1)
+        ways: dict[str, list[tuple[float, Placement]]] = {}
+        for at, (begin, end) in zip(self.standings, self.spans, strict=True):
+            times = np.linspace(begin, end, int(np.clip(np.ceil((end - begin) * RATE), 1, most)) + 1)
+            zs = self.trajectory.evaluate(times)[0]
+            for time, z in zip(times.tolist(), zs, strict=True) if at.objects else ():
+                q = whole_configuration(whole, whole.from_chart(z))
+                there = dataclasses.replace(at, q=q)
+                for held in there.objects:
+                    ways.setdefault(held.name, []).append((time, _placement(there.place(held))))
+        return _with_carried(start, ways)
+
+
+def _configuration(packed: PackedArray) -> RobotConfiguration:
+    return cast(RobotConfiguration, packed.array())
+
+
+def _stretch(packed: PackedStretch, conditions: Conditions, trajectory: Trajectory) -> Stretch:
+    """A part of a trajectory under the conditions of its step, with the pairs that may touch on it."""
+    fields = {field.name: getattr(conditions, field.name) for field in dataclasses.fields(Conditions)}
+    allowed = frozenset(packed.allowed)
+    if allowed != conditions.allowed_collisions:
+        fields |= {"allowed_collisions": allowed, "world": World.build(conditions.group, conditions.scene, allowed)}
+    return Stretch(**fields, index=packed.index, motion=part(trajectory, packed.begin, packed.end))
+
+
+def _with_carried(start: Standing, ways: dict[str, list[tuple[float, Placement]]]) -> Scene:
+    """The obstacles at first, and what is held at first, each object with a way moving along it."""
     at_first = [
         *start.scene.message.obstacles,
         *(start.place(one) for one in start.objects if _shown(one.attached.obstacle)),

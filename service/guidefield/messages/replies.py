@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 
@@ -107,6 +107,8 @@ class RunSummary(Reply):
         ended: When [s since 1970]; null until then.
         message: What the status says, in a sentence.
         bytes: Size of request, reply and recording.
+        recording: "rendered"; "owed" until it is rendered from the run's log, which asking for it does at once; "lost"
+            if it can't be; "none" if there is none.
     """
 
     run_id: str
@@ -117,6 +119,7 @@ class RunSummary(Reply):
     ended: float | None = None
     message: str = ""
     bytes: int = 0
+    recording: Literal["none", "owed", "rendered", "lost"] = "none"
 
 
 class RunsReply(Reply):

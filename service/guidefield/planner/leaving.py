@@ -68,7 +68,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
                 if leads_out(end):
                     stage.outcome = f"{length:g} rad lead out of the contact"
                     return Left(start, end, contacts)
-            if problem.deadline.expired():
+            if problem.budget.spent():
                 break
         raise _refusal(contacts[0], "and no short motion leads out of it")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, cast
@@ -19,7 +19,6 @@ from guidefield.collision.minimum.nearest import with_nearest
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
-from guidefield.deadline import DeadlineExpired
 from guidefield.kept import kept_with
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
@@ -151,40 +150,22 @@ class Figures:
     smoothness: float
 
 
-UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
-"""Warning about motions that were not measured."""
-
-
-def clearances(motions: Sequence[tuple[MotionInTime, Conditions]]) -> list[Clearance] | None:
-    """Measure motions, each under its conditions; None if the deadline passed before."""
-    try:
-        return [clearance(*one) for one in motions]
-    except DeadlineExpired:
-        return None
-
-
 def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
-    The smallest distances are looked for until the deadline, and for `MEASURING.last` at least: see `Closest.exact`.
-
-    Raises:
-        DeadlineExpired: if the deadline passed before any were found.
+    The smallest distances are looked for until time is up, and a little longer: see `Closest.exact`.
     """
-    deadline = problem.deadline.at_least(MEASURING.last)
+    stopped = problem.budget.with_at_least(MEASURING.last)
     times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = times[:: MEASURING.fewer].copy(), float(times[0]), float(times[-1])
-    if coarse[-1] < end:
-        coarse = np.append(coarse, end)
-    curve = Curve(trajectory.bezier(), trajectory.piece_times())
-    surveyor = Surveyor(with_nearest(problem.timed_world, curve, coarse), curve)
+    coarse, start, end = _coarse(times), float(times[0]), float(times[-1])
+    surveyor = survey(trajectory, problem, times)
+    curve = surveyor.curve
     spans: list[tuple[float, float]] = [(start, end), *([inside] if inside else [])]
-    deadline.check("the motion was measured")
-    found = smallest_along(surveyor, coarse, spans, deadline)
+    found = smallest_along(surveyor, coarse, spans, stopped)
     world = surveyor.worlds.moving
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
     begins = np.array([*(begin for begin, _ in spans), start])
-    enclosed = enclosures_at(problem.timed_world, curve, begins, deadline)
+    enclosed = enclosures_at(problem.timed_world, curve, begins)
     if any(enclosed) or min(one.distance for one in closest) <= 0.0:
         every, n_self = problem.timed_world.moving, problem.timed_world.moving.pairs.n_self
         obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in enclosed[:-1]]
@@ -193,10 +174,7 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
             _with_enclosure(one, pairs, time, every)
             for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)
         ]
-        within = [
-            any(pair >= n_self for pair in pairs)
-            for pairs in enclosures_at(problem.timed_world, curve, coarse, deadline)
-        ]
+        within = [any(pair >= n_self for pair in pairs) for pairs in enclosures_at(problem.timed_world, curve, coarse)]
         distances = np.where(within, np.minimum(distances, 0.0), distances)
     obstacle, *inner, own_closest = closest
     return Clearance(
@@ -209,6 +187,12 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         ends=float(min(distances[0], distances[-1])),
         surveyor=surveyor,
     )
+
+
+def survey(trajectory: MotionInTime, problem: Conditions, times: np.ndarray) -> Surveyor:
+    """The robot along a trajectory that is measured at times (k,) [s], among the obstacles that can be nearest."""
+    curve = Curve(trajectory.bezier(), trajectory.piece_times())
+    return Surveyor(with_nearest(problem.timed_world, curve, _coarse(times)), curve)
 
 
 def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) -> ClearanceProfile:
@@ -256,6 +240,12 @@ def _with_movers(profile: ClearanceProfile, surveyor: Surveyor) -> ClearanceProf
             pairs[row] = surveyor.worlds.moving.pair_names(pair)
             witness[row] = surveyor.witness(float(places.times[row]), pair)
     return replace(profile, obstacle_distance=distances, obstacle_pair=tuple(pairs), witness=witness)
+
+
+def _coarse(times: np.ndarray) -> np.ndarray:
+    """Every third of some times (k,) [s], the last of them among these."""
+    coarse = times[:: MEASURING.fewer].copy()
+    return coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
 
 
 def _closest(found: Smallest, world: World) -> Closest:

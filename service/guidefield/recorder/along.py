@@ -11,12 +11,13 @@ from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.planner.task.event_log import evenly
 from guidefield.potential import origin_of
 from guidefield.recorder import bodies, bodies_file, field_entities, plots, robot_entities, scene_entities
 from guidefield.recorder.blueprint import Eye
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.camera import choose_eye
-from guidefield.recorder.chunks import PATH_TIME, evenly, path_times
+from guidefield.recorder.chunks import PATH_TIME, path_times
 from guidefield.recorder.motion import Motion, Poses, frames_of, poses
 from guidefield.recorder.place import Place
 from guidefield.robot.group.group import PlanningGroup
@@ -54,10 +55,11 @@ class Shown:
         return cls(group, scene, motion, at, drawn, choose_eye(at.tip, robot, landmarks, scene.obstacles))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
-        """The bodies at fault, highlighted, and the robot's ghosts."""
+        """What stands there for the whole run; the bodies at fault are highlighted."""
         yield from bodies.highlighted(self.group.robot, at_fault)
         if (ghosts := robot_entities.ghosts(self.group, self.drawn, self.motion)) is not None:
             yield ghosts
+        yield from scene_entities.obstacles(self.scene.obstacles, self.eye.hiding, at_fault)
 
     def robot(self) -> Iterator[Chunk]:
         """The robot and its tip along the motion, among what moves."""

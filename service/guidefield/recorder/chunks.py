@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -84,11 +84,6 @@ def rgba32(color: Sequence[int]) -> np.uint32:
     return np.uint32(red << 24 | green << 16 | blue << 8 | alpha)
 
 
-def evenly(count: int, most: int) -> np.ndarray:
-    """Indices of what is shown of `count` things, ascending, shape (k,): all of them, or `most` evenly chosen."""
-    return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
-
-
 def path_times(times: np.ndarray) -> rr.TimeColumn:
     """The column of `PATH_TIME` for times (n,) [s]."""
     return rr.TimeColumn(PATH_TIME, duration=times)
@@ -107,15 +102,3 @@ def _single_row(archetype: Any) -> list[Any]:
         rr.ComponentColumn(batch.component_descriptor(), batch, lengths=[len(batch.as_arrow_array())])
         for batch in archetype.as_component_batches()
     ]
-
-
-def unhurried() -> None:
-    """What is called between pieces of work that nobody else waits for."""
-
-
-def paced(parts: Iterable[Iterable[Chunk]], pause: Callable[[], None]) -> Iterator[Chunk]:
-    """The chunks of some parts; after each `pause` is called."""
-    for part in parts:
-        for chunk in part:
-            yield chunk
-            pause()

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
-import platform
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -16,12 +13,11 @@ import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.errors import Status
-from guidefield.first_start import processor
 from guidefield.messages import codec
-from guidefield.messages.replies import MotionReply
+from guidefield.messages.replies import MotionReply, as_plain_data
 from guidefield.messages.requests import MotionRequest
 from guidefield.recorder.chunks import still
-from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
+from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
 
 if TYPE_CHECKING:
     from guidefield.robot.group.group import PlanningGroup
@@ -30,15 +26,6 @@ if TYPE_CHECKING:
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
 """Entities of the documents and of what identifies a run; its component that names packages and their versions."""
-
-OURS = "guidefield"
-"""The package that planned."""
-
-PROCESSOR = "processor"
-"""What the kind of processor goes by among the versions: rounding may be another on another kind."""
-
-PACKAGES = (OURS, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
-"""Whose versions are recorded."""
 
 SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
 
@@ -62,7 +49,7 @@ def documents_of(
     scene: Scene,
     figures: Mapping[str, Any],
     parts: Sequence[str],
-    request_hash: str,
+    made_with: str,
 ) -> Iterator[Chunk]:
     """The words of a run, whatever was asked.
 
@@ -73,7 +60,7 @@ def documents_of(
         scene: The scene that they move in.
         figures: What its kind of run is identified by beside what all are.
         parts: Lines of the summary below how the run ended.
-        request_hash: The request's `fingerprint`.
+        made_with: The packages that it was made with, as `versions.made_with`.
     """
     known: dict[str, Any] = {
         "run_id": reply.run_id,
@@ -81,22 +68,17 @@ def documents_of(
         "code": reply.status.code,
         "robot": group.robot.name,
         "scene": scene.name,
-        "request_sha256": request_hash,
+        "request_sha256": fingerprint(request),
         **figures,
     }
     if reply.clearance is not None and reply.clearance.minimum is not None:
         known["clearance"] = reply.clearance.minimum
-    known[MADE_WITH] = made_with()
+    known[MADE_WITH] = made_with
     yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
     summary = "\n".join([*_headline(reply), *parts])
     yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
-    if large_scene(request) is None:
-        yield _message_document(REQUEST, request, request)
-    else:  # its scene is in an entity of its own
-        yield _message_document(
-            REQUEST, msgspec.structs.replace(request, scene=scene.name), request, scene_apart=[True]
-        )
-    yield _message_document(REPLY, reply, reply)
+    yield _message_document(REQUEST, request)
+    yield _message_document(REPLY, reply)
 
 
 def fingerprint(request: MotionRequest) -> str:
@@ -117,11 +99,11 @@ def distances(reply: MotionReply) -> list[tuple[str, str]]:
     return rows
 
 
-def _message_document(path: str, kept: msgspec.Struct, shown: msgspec.Struct, **flags: list[bool]) -> Chunk:
+def _message_document(path: str, message: msgspec.Struct) -> Chunk:
     """A message to read, and beside it, in the component `message`, to the last bit for programs (packing.py)."""
-    text = f"{SHORTENED}\n\n```json\n{readable(shown)}\n```"
-    values = rr.AnyValues(**{MESSAGE_COMPONENT: packed(kept)}, **flags)
-    return still(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), values)
+    kept = {MESSAGE_COMPONENT: packed(message)}
+    shown = f"{SHORTENED}\n\n```json\n{readable(as_plain_data(message))}\n```"
+    return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(**kept))
 
 
 def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
@@ -136,12 +118,8 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
 
 
 def readable(value: Any, indent: int = 0) -> str:
-    """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
+    """Plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
     inner = " " * (indent + 2)
-    if isinstance(value, msgspec.Struct):  # field by field: of a long list only what is shown becomes plain
-        value = _fields(value)
-    if isinstance(value, bytes):
-        value = msgspec.to_builtins(value)
     if isinstance(value, dict) and value:
         rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
         return "{\n" + ",\n".join(rows) + "\n" + " " * indent + "}"
@@ -151,13 +129,7 @@ def readable(value: Any, indent: int = 0) -> str:
         return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return json.dumps(msgspec.to_builtins(value), ensure_ascii=False)
-
-
-def _fields(message: msgspec.Struct) -> dict[str, Any]:
-    """The fields of a message, tagged as on the wire."""
-    config, fields = message.__struct_config__, msgspec.structs.asdict(message)
-    return fields if config.tag is None else {config.tag_field or "type": config.tag, **fields}
+    return json.dumps(value, ensure_ascii=False)
 
 
 def _readable_list(values: list[Any], indent: int) -> str:
@@ -186,23 +158,6 @@ def _headline(reply: MotionReply) -> list[str]:
 def remarks_of(remarks: Sequence[str]) -> list[str]:
     """What was odd, as a list."""
     return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
-
-
-@functools.cache
-def made_with() -> str:
-    """The packages and their versions, as `reading` takes them apart again."""
-    return ", ".join(f"{name} {text}" for name, text in versions().items())
-
-
-def versions() -> dict[str, str]:
-    """Of each of `PACKAGES`, and of Python; and the kind of processor, its family first."""
-    found = {"python": platform.python_version(), PROCESSOR: processor()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:  # run from the source tree
-            found[package] = "unknown"
-    return found
 
 
 def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:

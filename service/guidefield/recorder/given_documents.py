@@ -10,28 +10,32 @@ from guidefield.messages.certificate_in_words import place_in_words
 from guidefield.messages.replies import CertifyReply, LimitUse
 from guidefield.messages.requests import CertifyRequest
 from guidefield.recorder import documents
-from guidefield.recorder.documents import distances, fingerprint, made_with, milliseconds, pair, remarks_of, table
+from guidefield.recorder.documents import distances, fingerprint, milliseconds, pair, remarks_of, table
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
 
 def documents_of(
-    request: CertifyRequest, reply: CertifyReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
+    request: CertifyRequest,
+    reply: CertifyReply,
+    group: PlanningGroup,
+    scene: Scene,
+    remarks: Sequence[str],
+    made_with: str,
 ) -> Iterator[Chunk]:
     """The verdict, in figures; what it was about; what it was made with; the messages."""
-    request_hash = fingerprint(request)
     parts = [*_figures(reply), *_limits(reply), *remarks_of((*reply.warnings, *remarks))]
     rows = [
         ("run", reply.run_id),
         ("robot", f"{group.robot.name}, {len(group.joints)} joints, tip {group.tip}"),
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles"),
-        ("request", request_hash[:12]),
+        ("request", fingerprint(request)[:12]),
         ("time", f"certify {milliseconds(reply.timing.certify)}, measure {milliseconds(reply.timing.measure)}"),
-        ("made with", made_with()),
+        ("made with", made_with),
     ]
     parts += table(("about", ""), rows)
     figures = {"curve": reply.curve, "seconds": reply.timing.total}
-    yield from documents.documents_of(request, reply, group, scene, figures, parts, request_hash)
+    yield from documents.documents_of(request, reply, group, scene, figures, parts, made_with)
 
 
 def _figures(reply: CertifyReply) -> list[str]:

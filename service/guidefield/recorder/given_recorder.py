@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 from rerun.chunk import Chunk
@@ -13,13 +14,11 @@ from guidefield.messages.requests import CertifyRequest
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.trace import Event
 from guidefield.recorder import given_documents, scene_entities
 from guidefield.recorder.along import Shown
-from guidefield.recorder.chunks import PATH_TIME, paced, unhurried
+from guidefield.recorder.chunks import PATH_TIME
 from guidefield.recorder.motion import Motion, configurations_of, poses
 from guidefield.recorder.place import Place
-from guidefield.recorder.shared_scene import shared_scene
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
@@ -27,7 +26,7 @@ EVEN_PACE = "the motion has no times: it is shown at an even pace"
 
 
 class GivenRecorder:
-    """Writes the recording of a motion that was judged, at the end.
+    """Writes the recording of a motion that was judged.
 
     With `recording: "summary"` it holds the motion among the obstacles and the verdict; "full" adds the field.
 
@@ -37,7 +36,8 @@ class GivenRecorder:
         scene: The scene that it moves in.
         request: The request as it came.
         run_id: Name of the run; identifies the recording.
-        motion: What is judged.
+        motion: The motion that was judged.
+        made_with: The packages that judged it, as `versions.made_with`.
     """
 
     def __init__(
@@ -48,6 +48,7 @@ class GivenRecorder:
         request: CertifyRequest,
         run_id: str,
         motion: GivenMotion,
+        made_with: str,
     ) -> None:
         self._place = place
         self._group = group
@@ -55,26 +56,18 @@ class GivenRecorder:
         self._request = request
         self._run_id = run_id
         self._motion = motion
+        self._made_with = made_with
 
-    def observe(self, event: Event) -> None:
-        """Nothing of what is told meanwhile is drawn."""
-
-    def finish(
-        self, reply: CertifyReply, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = unhurried
-    ) -> None:
+    def write(self, reply: CertifyReply, measured: ClearanceProfile) -> None:
         """Write the recording.
 
         Args:
             reply: The answer to the request.
-            profile: Measures the clearance along the motion.
-            pause: Called between pieces of the work.
+            measured: The clearance along the motion.
 
         Raises:
             OSError: if the file cannot be written; nothing is left of it.
         """
-        measured = profile()
-        pause()
-        assert measured is not None, "a motion that is judged is measured"
         motion = Motion(measured.times, measured.configurations, timed=self._motion.times is not None)
         shown = Shown.of(self._place, self._group, self._scene, motion, np.empty((0, 3)))
         made = [
@@ -84,10 +77,8 @@ class GivenRecorder:
         ]
         if self._request.recording == "full":
             made.append(shown.field())
-        chunks = list(paced(made, pause))
-        at_fault = reply.certificate.pair or ()
-        scene = shared_scene(self._scene, self._request, shown.eye.hiding, at_fault)
-        self._place.write(self._run_id, chunks, scene, self._group.robot, shown.drawn, shown.eye, PATH_TIME)
+        chunks = list(chain.from_iterable(made))
+        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, PATH_TIME)
 
     def _trajectory(self) -> Trajectory | None:
         """The knots, where their columns are plain coordinates and there are velocities."""
@@ -110,4 +101,4 @@ class GivenRecorder:
             row = [certificate.place.configuration[name] for name in group.position_names]
             yield scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0])
         remarks = [*shown.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
-        yield from given_documents.documents_of(self._request, reply, group, self._scene, remarks)
+        yield from given_documents.documents_of(self._request, reply, group, self._scene, remarks, self._made_with)

@@ -16,7 +16,6 @@ from guidefield.recorder import documents
 from guidefield.recorder.documents import (
     distances,
     fingerprint,
-    made_with,
     millimetres,
     milliseconds,
     remarks_of,
@@ -30,7 +29,7 @@ LEAST_TOLD = 5e-5
 
 
 def documents_of(
-    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str]
+    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str], made_with: str
 ) -> Iterator[Chunk]:
     """How the plan ended, in figures; what it was about; what it was made with; the messages."""
     figures: dict[str, Any] = {
@@ -42,9 +41,8 @@ def documents_of(
     if reply.metrics is not None:
         figures["duration"] = reply.metrics.duration
     parts = [*remarks_of((*reply.warnings, *remarks)), *_figures(reply, group), *_steps(reply), *_stages(reply)]
-    request_hash = fingerprint(request)
-    parts += _origin(request_hash, reply, group, scene)
-    yield from documents.documents_of(request, reply, group, scene, figures, parts, request_hash)
+    parts += _origin(request, reply, group, scene, made_with)
+    yield from documents.documents_of(request, reply, group, scene, figures, parts, made_with)
 
 
 def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
@@ -101,15 +99,15 @@ def _stages(reply: PlanReply) -> list[str]:
     return [*table(("stage", "time", "outcome"), rows), ""]
 
 
-def _origin(request_hash: str, reply: PlanReply, group: PlanningGroup, scene: Scene) -> list[str]:
+def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, made_with: str) -> list[str]:
     urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
     rows = [
         ("run", reply.run_id),
         ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
-        ("request", request_hash[:12]),
+        ("request", fingerprint(request)[:12]),
         ("planner, objective, seed", f"{reply.planner}, {reply.objective}, {reply.seed}"),
-        ("made with", made_with()),
+        ("made with", made_with),
     ]
     return table(("about", ""), rows)
 

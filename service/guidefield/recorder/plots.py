@@ -12,8 +12,9 @@ from rerun.chunk import Chunk
 
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.planner.task.event_log import evenly
 from guidefield.planner.task.trace import Step
-from guidefield.recorder.chunks import STEP, evenly, path_times, still, timed
+from guidefield.recorder.chunks import STEP, path_times, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations

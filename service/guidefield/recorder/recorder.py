@@ -1,8 +1,9 @@
-"""An observer that writes one `.rrd` per run: everything a person needs to see what the planner did, and why."""
+"""The recording of a plan, one `.rrd`: everything a person needs to see what the planner did, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 import rerun as rr
@@ -12,32 +13,32 @@ from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.trace import Event, PathRelaxed, Step, TreeGrown
+from guidefield.planner.task.event_log import EventLog, LoggedTrees, evenly
+from guidefield.planner.task.trace import PathRelaxed
 from guidefield.recorder import field_entities, log, plan_documents, plots, robot_entities, scene_entities, search
 from guidefield.recorder.along import Shown
-from guidefield.recorder.chunks import PATH_TIME, STEP, evenly, paced, unhurried
+from guidefield.recorder.chunks import PATH_TIME, STEP
 from guidefield.recorder.motion import Motion, configurations_of, poses, refused_goal, shown_motion
 from guidefield.recorder.place import Place
-from guidefield.recorder.shared_scene import shared_scene
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
 
 
 class Recorder:
-    """Watches one plan being made and writes its recording at the end.
+    """Writes the recording of a plan.
 
-    While the plan is made, events are only kept; drawing and writing wait for `finish`. With `recording: "summary"`
-    the recording holds the motion among the obstacles and how it went; "full" adds the field and the planner's life.
+    With `recording: "summary"` it holds the motion among the obstacles and how it went; "full" adds the field and the
+    planner's life.
 
     Args:
         place: Where to write.
         group: The joints that are planned for, with the limits that hold for this request.
-        scene: The scene that is planned in.
+        scene: The scene that is planned in; of a sequence, with what is carried as it is carried.
         request: The request as it came.
         run_id: Name of the run; identifies the recording.
-        shown: Asked at the end what to show in place of group and scene: of a sequence, what is carried as it is
-            carried. None: these.
+        log: The planner's events; of a summary its steps alone, the last of which is where a failure ended.
+        made_with: The packages that the plan was made with, as `versions.made_with`.
     """
 
     def __init__(
@@ -47,39 +48,29 @@ class Recorder:
         scene: Scene,
         request: PlanRequest,
         run_id: str,
-        shown: Callable[[], tuple[PlanningGroup, Scene]] | None = None,
+        log: EventLog,
+        made_with: str,
     ) -> None:
         self._place = place
         self._group = group
         self._scene = scene
         self._request = request
         self._run_id = run_id
-        self._shown = shown
         self._full = request.recording == "full"
-        self._log = log.EventLog()
+        self._log = log
+        self._made_with = made_with
 
-    def observe(self, event: Event) -> None:
-        """Keep what the planner tells; of a summary the steps only, the last of them is where a failure ended."""
-        if self._full or isinstance(event, Step):
-            self._log.add(event)
-
-    def finish(
-        self, reply: PlanReply, profile: Callable[[], ClearanceProfile | None], pause: Callable[[], None] = unhurried
-    ) -> None:
+    def write(self, reply: PlanReply, measured: ClearanceProfile | None) -> None:
         """Write the recording of a plan, found or not.
 
         Args:
             reply: The answer to the request.
-            profile: Measures the clearance along the trajectory, if there is one.
-            pause: Called between pieces of the work.
+            measured: The clearance along the trajectory, if there is one.
 
         Raises:
             OSError: if the file cannot be written; nothing is left of it.
         """
-        if self._shown is not None:
-            self._group, self._scene = self._shown()
-        steps, measured = self._log.steps(), profile()
-        pause()
+        steps = self._log.steps()
         refused = refused_goal(self._group, self._request, reply)
         motion = shown_motion(self._group, reply, measured, steps[-1][1].q if steps else None)
         if refused is not None:
@@ -89,10 +80,9 @@ class Recorder:
         made = [self._moving(reply, measured, shown), self._lasting(reply, shown)]
         if self._full:
             made += [self._planning(reply, motion.configurations[0], shown.drawn.links), self._field(shown)]
-        chunks = list(paced(made, pause))
+        chunks = list(chain.from_iterable(made))
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
-        drawn_scene = shared_scene(self._scene, self._request, shown.eye.hiding, _colliding(reply))
-        self._place.write(self._run_id, chunks, drawn_scene, self._group.robot, shown.drawn, shown.eye, timeline)
+        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, timeline)
 
     def _moving(self, reply: PlanReply, profile: ClearanceProfile | None, shown: Shown) -> Iterator[Chunk]:
         """The motion, and what changes along it."""
@@ -110,7 +100,7 @@ class Recorder:
         if reply.status.code != Status.SUCCESS:
             yield scene_entities.failure(reply, shown.at.tip[-1])
         remarks = [*shown.drawn.faults, *_shown_pace(shown.motion)]
-        yield from plan_documents.documents_of(self._request, reply, self._group, self._scene, remarks)
+        yield from plan_documents.documents_of(self._request, reply, self._group, self._scene, remarks, self._made_with)
 
     def _field(self, shown: Shown) -> Iterator[Chunk]:
         """The field, and what it does to the robot along the motion; along the planner's steps where that failed."""
@@ -128,7 +118,7 @@ class Recorder:
         yield from log.text_log(self._log, reply)
         yield from plots.step_potential(steps)
         numbered = list(self._log.numbered())
-        yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, TreeGrown)])
+        yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
         yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
         shown = evenly(len(steps), log.MOST_FRAMES)
         times, qs = [steps[index][0] for index in shown], [steps[index][1].q for index in shown]

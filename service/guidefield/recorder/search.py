@@ -8,20 +8,12 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
-from guidefield.planner.task.trace import PathRelaxed, TreeGrown
-from guidefield.recorder.chunks import STEP, evenly, timed
+from guidefield.planner.task.event_log import GROWTH_STEPS, MAX_ITERATIONS, MAX_NODES, LoggedTrees, evenly
+from guidefield.planner.task.trace import PathRelaxed
+from guidefield.recorder.chunks import STEP, timed
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartPoints
-
-GROWTH = 8
-"""Steps of the timeline over which a tree is shown to grow."""
-
-MOST_NODES = 200
-"""Nodes of a tree that are shown: the first ones."""
-
-MOST_ITERATIONS = 6
-"""Iterations of the optimisation that are shown: of more, as many, evenly chosen."""
 
 MOST_WAYPOINTS = 24
 """Points by which a motion that is being optimised is shown."""
@@ -30,20 +22,20 @@ TREE_COLOR = (150, 170, 200, 140)
 RELAXED_COLOR = (190, 160, 250, 255)
 
 
-def trees(group: PlanningGroup, grown: Sequence[tuple[int, TreeGrown]]) -> Iterator[Chunk]:
+def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Iterator[Chunk]:
     """The tip's motion along each edge of the trees, in the order in which they grew.
 
     Args:
         group: The joints that were planned for.
-        grown: Trees, each with the first of its `GROWTH` numbers on the timeline.
+        grown: Trees, each with the first of its `GROWTH_STEPS` numbers on the timeline.
     """
     steps: list[int] = []
     strips: list[np.ndarray] = []
     counts: list[int] = []
     for first, event in grown:
-        edges = [tree_edges(group, *tree) for tree in event.trees()]
-        for number in range(GROWTH):
-            batch = [edge for tree in edges for edge in np.array_split(tree, GROWTH)[number]]
+        edges = [tree_edges(group, *tree) for tree in event.trees]
+        for number in range(GROWTH_STEPS):
+            batch = [edge for tree in edges for edge in np.array_split(tree, GROWTH_STEPS)[number]]
             steps.append(first + number)
             counts.append(len(batch))
             strips += batch
@@ -55,9 +47,9 @@ def trees(group: PlanningGroup, grown: Sequence[tuple[int, TreeGrown]]) -> Itera
 
 
 def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
-    """The tip at both ends of the edges to the first `MOST_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
-    tips = _tips(group, points[:MOST_NODES])  # a parent comes before its children
-    children = np.flatnonzero(parents[:MOST_NODES] >= 0)
+    """The tip at both ends of the edges to the first `MAX_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
+    tips = _tips(group, points[:MAX_NODES])  # a parent comes before its children
+    children = np.flatnonzero(parents[:MAX_NODES] >= 0)
     return np.stack([tips[parents[children]], tips[children]], axis=1)
 
 
@@ -65,7 +57,7 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
     """The tip's way along a motion after steps of its optimisation, each with its number on the timeline."""
     if not paths:
         return
-    chosen = evenly(len(paths), MOST_ITERATIONS)
+    chosen = evenly(len(paths), MAX_ITERATIONS)
     strips = []
     for index in chosen:
         path = paths[index][1].path

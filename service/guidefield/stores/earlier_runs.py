@@ -14,7 +14,7 @@ from pathlib import Path
 
 from guidefield.messages.replies import is_certify
 from guidefield.stores.files import read_if_any
-from guidefield.stores.recordings import LOST, OWED, RECORDING, Recordings
+from guidefield.stores.recordings import LOST, OWED, RECORDING, Kept, Recordings
 from guidefield.stores.run_rows import Ending, NewRun, complete, insert
 
 AT_ONCE = 100
@@ -58,8 +58,8 @@ def _add(owner: str, folder: Path, shared: bool, db: sqlite3.Connection) -> None
     number = insert(run, db)
     if reply is not None or error is not None:
         recording = folder / "recording.rrd"
-        size = recording.stat().st_size if recording.exists() else 0
-        complete(number, run, Ending(folder.stat().st_mtime, reply, error), size, db)
+        kept = Kept("rendered", recording.stat().st_size) if recording.exists() else Kept("none")
+        complete(number, run, Ending(folder.stat().st_mtime, reply, error), kept, db)
     db.execute("UPDATE runs SET shared = ? WHERE number = ?", (shared, number))
 
 

@@ -1,24 +1,60 @@
-"""Recordings of one user's runs: a file for each in a folder, and marks for those that come after the reply."""
+"""Recordings of one user's runs: a file for each in a folder, or the log that it will be rendered from.
+
+Theory of operation. A run's log is written before its reply is sent, and deleted once its recording is rendered: the
+log is the mark that a recording is owed, and outlives every process. Scenes and robots that many logs need are kept
+once by content in a folder beside. Each log has hard links to what it needs of them, so that the file system counts the
+logs that need a file: none of these is ever swept, whichever process is killed at any moment.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from guidefield.errors import UnknownObject
 from guidefield.stores.files import checked_name, read_if_any
-from guidefield.system import is_alive, told_apart
 from guidefield.whole_file import write_whole
 
-RECORDING, OWED, LOST = ".rrd", ".owed", ".lost"
-"""Endings of file names: a recording, the mark of the process that writes it, the reason why none was written."""
-SCENE_LINK = ".drawn"
-"""Ending of a recording's link to the file of its scene, where that is large."""
-LONGEST_WRITING_S = 60.0
-"""Longest wait for a recording that is being written [s]."""
-POLL_INTERVAL_S = 0.01
+RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
+"""Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
+SCENE, ROBOT = ".scene", ".robot"
+"""Endings of the links from a log to the scene and the robot that it needs."""
+OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
+"""The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
+SHARED_UNUSED_S = 600.0
+"""Time after its last use for which a shared scene or robot is kept though no log needs it [s]."""
+
+Kind = Literal["none", "owed", "rendered", "lost"]
+"""What there is of a recording: nothing; the log that it will be rendered from; itself; why it never will be."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What there is of a run's recording, and its size on the disk [bytes]."""
+
+    kind: Kind
+    bytes: int = 0
+
+
+@dataclass(frozen=True)
+class SharedFile:
+    """Content that many logs need.
+
+    Attributes:
+        digest: Hash that it is known by.
+        ending: `SCENE` or `ROBOT`.
+        content: Gives the content itself, which is asked for where the folder doesn't have it.
+    """
+
+    digest: str
+    ending: str
+    content: Callable[[], bytes]
 
 
 class Recordings:
@@ -36,82 +72,161 @@ class Recordings:
         """Folder of the robots' meshes, which all recordings share."""
         return self.folder.with_name("runs-robots")
 
+    @property
+    def shared_folder(self) -> Path:
+        """Folder of the scenes and robots that logs need, by content."""
+        return self.folder.with_name("runs-shared")
+
     def path(self, run_id: str) -> Path:
         """The path of a run's recording, whether it exists or not.
 
         Raises:
             MalformedRequest: if the name can't be a file's.
         """
-        return self._file(run_id, RECORDING)
+        return self.file(run_id, RECORDING)
+
+    def file(self, run_id: str, ending: str) -> Path:
+        """The path of one of a run's files; raises as `path`."""
+        return self.folder / f"{checked_name(run_id, 'run_id')}{ending}"
 
     def find(self, run_id: str) -> Path:
-        """The file of a run's recording; waits while it is being written.
+        """The file of a run's recording.
 
         Raises:
-            UnknownObject: if there is none, or it was lost.
+            UnknownObject: if there is none, or not yet, or it was lost.
         """
-        recording, owed_mark, until = self.path(run_id), self._file(run_id, OWED), time.monotonic() + LONGEST_WRITING_S
-        while (owed := read_if_any(owed_mark)) is not None and time.monotonic() < until:
-            if not is_alive(owed.decode()):
-                if owed_mark.exists():
-                    raise UnknownObject(
-                        f"the recording of run {run_id!r} is lost: the process that wrote it ended; `guidefield replay"
-                        f" {run_id}` plans it again",
-                        run_id=run_id,
-                    )
-                break  # it was done just before it ended
-            time.sleep(POLL_INTERVAL_S)
+        recording = self.path(run_id)
         if recording.exists():
             return recording
-        lost = read_if_any(self._file(run_id, LOST))
+        if self.is_owed(run_id):
+            told = f"the recording of run {run_id!r} isn't rendered yet; `guidefield runs render` does it"
+            raise UnknownObject(told, run_id=run_id)
+        lost = read_if_any(self.file(run_id, LOST))
         why = "" if lost is None else f": {lost.decode()}"
         raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
 
     def is_owed(self, run_id: str) -> bool:
-        """Return whether a process announced a run's recording that isn't finished."""
-        return self._file(run_id, OWED).exists()
+        """Return whether a run's recording isn't rendered yet."""
+        return self.file(run_id, LOG).exists()
 
-    def size(self, run_id: str) -> int | None:
-        """The size of a run's recording [bytes]: 0 if there is none, None while a living process still writes it."""
-        owed = read_if_any(self._file(run_id, OWED))
-        if owed is not None and is_alive(owed.decode()):
-            return None
+    def owed(self) -> list[str]:
+        """The runs whose recordings aren't rendered yet, the newest first."""
+        found = []
+        with contextlib.suppress(FileNotFoundError), os.scandir(self.folder) as entries:
+            for entry in entries:
+                if entry.name.endswith(LOG) and not entry.name.startswith("."):
+                    with contextlib.suppress(FileNotFoundError):
+                        found.append((entry.stat().st_mtime_ns, entry.name.removesuffix(LOG)))
+        return [name for _, name in sorted(found, reverse=True)]
+
+    def kept(self, run_id: str) -> Kept:
+        """What there is of a run's recording; a log counts with all that it needs."""
+        log = _size(self.file(run_id, LOG))
+        if log is not None:
+            others = (SCENE, ROBOT, RECORDING)
+            return Kept("owed", log + sum(_size(self.file(run_id, one)) or 0 for one in others))
+        recording = _size(self.path(run_id))
+        if recording is not None:
+            return Kept("rendered", recording)
+        lost = _size(self.file(run_id, LOST))
+        return Kept("none") if lost is None else Kept("lost", lost)
+
+    def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
+        """Keep a run's log, and hold on to the scene and robot that it needs.
+
+        Raises:
+            OSError: if the disk refuses, or knows no hard links; nothing of it is left then.
+        """
+        self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            return self.path(run_id).stat().st_size
-        except FileNotFoundError:
-            return 0
+            for ending in (RECORDING, LOST, SCENE, ROBOT):  # of an earlier run of that name
+                self.file(run_id, ending).unlink(missing_ok=True)
+            for one in shared:
+                self._hold(self.file(run_id, one.ending), one)
+            write_whole(self.file(run_id, LOG), log, durable=False)
+        except OSError:
+            with contextlib.suppress(OSError):
+                self.drop(run_id)
+            raise
 
-    def owe(self, run_id: str) -> None:
-        """Say that this process will write a run's recording after the reply.
+    def settle(self, run_id: str, log: os.stat_result, fault: str | None = None) -> None:
+        """Delete a log whose recording is there, or say why it never will be.
+
+        Args:
+            run_id: The run.
+            log: The file of the log that was rendered; another one of that name stays.
+            fault: Why it can't be rendered.
 
         Raises:
             OSError: if the disk refuses.
         """
-        write_whole(self._file(run_id, OWED), told_apart(os.getpid()).encode(), durable=False)
-
-    def settle(self, run_id: str, fault: str | None) -> None:
-        """Say that a recording that was owed is there, or why it won't be; one that was dropped meanwhile goes."""
-        with contextlib.suppress(OSError):
-            if not self._file(run_id, OWED).exists():
-                self.drop(run_id)
+        path = self.file(run_id, LOG)
+        with contextlib.suppress(FileNotFoundError):
+            if not os.path.samestat(path.stat(), log):
                 return
             if fault is not None:
-                write_whole(self._file(run_id, LOST), fault.encode(), durable=False)
-            self._file(run_id, OWED).unlink()
+                write_whole(self.file(run_id, LOST), fault.encode(), durable=False)
+            path.unlink()
+            for ending in (SCENE, ROBOT):
+                self.file(run_id, ending).unlink(missing_ok=True)
+
+    def give_up(self, run_id: str, fault: str) -> None:
+        """Delete a log that can't be rendered, and keep why."""
+        with contextlib.suppress(OSError):
+            self.settle(run_id, self.file(run_id, LOG).stat(), fault)
 
     def drop(self, run_id: str) -> None:
-        """Delete a recording with its marks.
+        """Delete a recording, or its log and all that this alone needs.
 
         Raises:
             OSError: if the disk refuses.
         """
-        for ending in (OWED, LOST, RECORDING, SCENE_LINK):
-            self._file(run_id, ending).unlink(missing_ok=True)
+        for ending in (LOG, LOST, RECORDING, SCENE, ROBOT):
+            self.file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:
         """Delete what killed processes left half-written; only for who holds the data folder alone."""
         for draft in self.folder.glob(".*"):
             draft.unlink(missing_ok=True)
+        for mark in self.folder.glob(f"*{OWED}"):
+            mark.unlink(missing_ok=True)
+            write_whole(mark.with_suffix(LOST), LOST_BEFORE.encode(), durable=False)
+        for ending in (SCENE, ROBOT):
+            for link in self.folder.glob(f"*{ending}"):
+                if not link.with_suffix(LOG).exists():
+                    link.unlink(missing_ok=True)
+        self.sweep_shared(unused=0.0)
+        with contextlib.suppress(OSError):  # it isn't empty, or there is none
+            self.shared_folder.rmdir()
 
-    def _file(self, run_id: str, ending: str) -> Path:
-        return self.folder / f"{checked_name(run_id, 'run_id')}{ending}"
+    def sweep_shared(self, unused: float = SHARED_UNUSED_S) -> None:
+        """Delete the shared scenes and robots that no log needs, and that weren't used for some time [s]."""
+        with contextlib.suppress(FileNotFoundError):
+            for path in list(self.shared_folder.iterdir()):
+                with contextlib.suppress(OSError):
+                    state = path.stat()
+                    if state.st_nlink == 1 and time.time() - state.st_mtime >= unused:
+                        path.unlink()  # a log that is linked to it by now keeps its content
+
+    def _hold(self, link: Path, shared: SharedFile) -> None:
+        """Link to shared content, which is put into its folder where it isn't there."""
+        path = self.shared_folder / f"{shared.digest}{shared.ending}"
+        for _ in range(2):
+            try:
+                link.hardlink_to(path)
+                os.utime(path)
+                return
+            except OSError as error:
+                if error.errno not in (errno.ENOENT, errno.EMLINK):  # it isn't there, or has as many names as may be
+                    raise
+            self.shared_folder.mkdir(exist_ok=True)
+            write_whole(path, shared.content(), durable=False)
+        link.hardlink_to(path)
+
+
+def _size(file: Path) -> int | None:
+    """The size of a file [bytes]; None if there is none."""
+    try:
+        return file.stat().st_size
+    except FileNotFoundError:
+        return None

@@ -18,7 +18,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import ErrorReply
 from guidefield.messages.store_requests import RUNNING, UNREADABLE
 from guidefield.stores.files import decoded
-from guidefield.stores.recordings import Recordings
+from guidefield.stores.recordings import Kept, Recordings
 
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
 """Errors that are no fault of the request: the run that ended so is kept."""
@@ -92,8 +92,8 @@ def insert(run: NewRun, db: sqlite3.Connection) -> int:
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     robot = head.robot if isinstance(head.robot, str) else "urdf"
     scene = head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base or ""
-    begun = (run.owner, run.run_id, run.kind, RUNNING, "", robot, scene, run.began, len(run.request), 0)
-    columns = "owner, run_id, kind, status, message, robot, scene, began, bytes, recording"
+    begun = (run.owner, run.run_id, run.kind, RUNNING, "", robot, scene, run.began, len(run.request))
+    columns = "owner, run_id, kind, status, message, robot, scene, began, bytes"
     values = ", ".join("?" * len(begun))
     number = db.execute(f"INSERT INTO runs ({columns}) VALUES ({values})", begun).lastrowid  # noqa: S608 - ours
     assert number is not None, "a row has a number"
@@ -109,8 +109,8 @@ def find_unended(run: NewRun, db: sqlite3.Connection) -> int | None:
     return None if found is None else int(found[0])
 
 
-def complete(number: int, run: NewRun, ending: Ending, recording: int | None, db: sqlite3.Connection) -> None:
-    """Write how a run ended, and the size of its recording, if that is known [bytes]."""
+def complete(number: int, run: NewRun, ending: Ending, recording: Kept, db: sqlite3.Connection) -> None:
+    """Write how a run ended, and what there is of its recording."""
     outcome: _Outcome | None = None
     if ending.reply is not None:
         head = decoded(ending.reply, _ReplyHead, run.encoding)
@@ -120,8 +120,8 @@ def complete(number: int, run: NewRun, ending: Ending, recording: int | None, db
     outcome = outcome or _Outcome(UNREADABLE)
     size = len(run.request) + len(ending.reply or b"") + len(ending.error or b"")
     db.execute(
-        "UPDATE runs SET status = ?, message = ?, ended = ?, bytes = ?, recording = ? WHERE number = ?",
-        (outcome.name, outcome.message, ending.ended, size, recording, number),
+        "UPDATE runs SET status = ?, message = ?, ended = ?, bytes = ?, recording = ?, recorded = ? WHERE number = ?",
+        (outcome.name, outcome.message, ending.ended, size, recording.bytes, recording.kind, number),
     )
     db.execute("UPDATE documents SET reply = ?, error = ? WHERE number = ?", (ending.reply, ending.error, number))
 

@@ -58,7 +58,7 @@ FORGET = "DELETE FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
 MOST_DROPPED = 100
 """The most runs that make room for one: where far fewer are to be kept than there are, no answer waits for all."""
 AGED_EVERY_S = 60.0
-"""Time between two searches for runs that are too old [s]."""
+"""Time between two searches for runs that are too old, and for files that nobody needs [s]."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,7 @@ class RunDatabase:
 
     Attributes:
         unended: Runs, by owner and id, whose end could not be kept: until they are deleted they are passed over.
+        render: Is told of each run, by owner and id, whose recording is to be rendered from its log.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class RunDatabase:
         self._data, self._retention, self._bytes_of = data, retention, bytes_of
         self.readers = Readers(data / FILE)
         self.writer = RunWriter(data / FILE, self._keep_up)
-        self._owed: set[tuple[str, str]] = set()
+        self.render: Callable[[str, str], None] = lambda _owner, _run_id: None
         self.unended: set[tuple[str, str]] = set()
         self._abandoned: ErrorReply | None = None
         self._since, self._aged = time.time(), time.monotonic()
@@ -128,7 +129,7 @@ class RunDatabase:
         return Recordings(user_folder(self._data, owner) / "recordings")
 
     def sweep(self, error: ErrorReply, since: float = math.inf) -> None:
-        """End the runs that a killed service was working on, and look for recordings that it owed.
+        """End the runs that a killed service was working on, and have the recordings rendered that it owed.
 
         Args:
             error: Their end.
@@ -141,11 +142,14 @@ class RunDatabase:
         self.writer.submit(partial(end_abandoned, error, since)).result()
         self._abandoned = None
         with self.readers.reading() as db:
-            owed = db.execute("SELECT owner, run_id FROM runs WHERE recording IS NULL").fetchall()
             users = [owner for (owner,) in db.execute("SELECT owner FROM usage")]
-        self._owed.update(owed)
+            owed = db.execute("SELECT owner, run_id FROM runs WHERE recorded = 'owed'").fetchall()
         for user in users:
-            self.recordings(user).sweep()
+            recordings = self.recordings(user)
+            recordings.sweep()
+            owed += [(user, run_id) for run_id in reversed(recordings.owed())]
+        for owner, run_id in reversed(dict.fromkeys(reversed(owed))):
+            self.render(owner, run_id)
 
     def take_over(self, tell: Callable[[str], None]) -> None:
         """Take over the runs that guidefield 0.1 kept in folders.
@@ -173,13 +177,17 @@ class RunDatabase:
         self.readers.close()  # the last connection empties the log, which one for reading can't
         self.writer.close()
 
-    def look_for(self, owner: str, run_id: str) -> int | None:
-        """The size of a recording [bytes]; None: it is being written, and its size will be noted."""
-        recordings = self.recordings(owner)
-        if not recordings.is_owed(run_id):
-            return recordings.size(run_id)
-        self._owed.add((owner, run_id))
-        return None
+    def note_recording(self, owner: str, run_id: str) -> None:
+        """Note what there is of a run's recording now; of a run that was deleted meanwhile it is deleted, too."""
+
+        def note(db: sqlite3.Connection) -> None:
+            recordings = self.recordings(owner)
+            kept = recordings.kept(run_id)
+            update = "UPDATE runs SET recording = ?, recorded = ? WHERE owner = ? AND run_id = ?"
+            if not execute(update, (kept.bytes, kept.kind, owner, run_id), db):
+                recordings.drop(run_id)
+
+        self.writer.submit(note, urgent=False)
 
     def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
         """Drop the oldest runs of a user that are too many, too large or too old.
@@ -193,7 +201,7 @@ class RunDatabase:
         most_bytes = most.bytes if quota is None else min(quota, most.bytes)
         runs, size = db.execute("SELECT runs, bytes FROM usage WHERE owner = ?", (owner,)).fetchone() or (0, 0)
         dropped = []
-        oldest = "SELECT number, run_id, bytes + ifnull(recording, 0), ended FROM runs "
+        oldest = "SELECT number, run_id, bytes + recording, ended FROM runs "
         for number, run_id, taken, ended in db.execute(
             f"{oldest} WHERE owner = ? AND ended IS NOT NULL ORDER BY ended, number", (owner,)
         ):
@@ -206,25 +214,21 @@ class RunDatabase:
         drop_runs(self.recordings(owner), dropped, db)
 
     def _keep_up(self) -> None:
-        """Delete runs without an end, note the sizes of recordings that were owed, drop what is too old."""
+        """Delete runs without an end, what is too old, and what no log needs any more."""
         if self._abandoned is not None:
             self.sweep(self._abandoned, self._since)
         for name in tuple(self.unended):
             with contextlib.suppress(DiskRefused):
                 self.writer.submit(partial(execute, FORGET, name)).result()
                 self.unended.discard(name)
-        for owner, run_id in tuple(self._owed):
-            size = self.recordings(owner).size(run_id)
-            if size is not None:
-                note = "UPDATE runs SET recording = ? WHERE owner = ? AND run_id = ?"
-                self.writer.submit(partial(execute, note, (size, owner, run_id)), urgent=False)
-                self._owed.discard((owner, run_id))
-        if self._retention.seconds < math.inf and time.monotonic() - self._aged > AGED_EVERY_S:
+        if time.monotonic() - self._aged > AGED_EVERY_S:
             self._aged = time.monotonic()
             with self.readers.reading() as db:
                 owners = db.execute("SELECT owner FROM usage").fetchall()
             for (owner,) in owners:
-                self.writer.submit(partial(self.make_room, owner, None), urgent=False)
+                self.recordings(owner).sweep_shared()
+                if self._retention.seconds < math.inf:
+                    self.writer.submit(partial(self.make_room, owner, None), urgent=False)
 
 
 class UserRuns:
@@ -290,7 +294,7 @@ class UserRuns:
         values |= {"owner": self._owner, "after": after, "limit": request.limit + 1}
         values["unended"] = msgspec.json.encode(unended).decode()
         where = " AND ".join(clause for clause, value in wanted.items() if value is not None) or "TRUE"
-        columns = "number, owner, run_id, status, message, robot, scene, began, ended, bytes + ifnull(recording, 0)"
+        columns = "number, owner, run_id, status, message, robot, scene, began, ended, bytes + recording, recorded"
         page = f"SELECT {columns} FROM runs %s AND number < :after AND {where} ORDER BY number DESC LIMIT :limit"  # noqa: S608
         count = f"SELECT count(*) FROM runs %s AND {where}"  # noqa: S608 - ours
         sources = ["NOT INDEXED WHERE TRUE"]
@@ -391,24 +395,29 @@ class UserRuns:
             else:
                 execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
                 number = insert(run, db)
-            recording = self._database.look_for(run.owner, run.run_id)
+            recording = self.recordings.kept(run.run_id)
             complete(number, run, Ending(time.time(), reply, error), recording, db)
             self._database.make_room(run.owner, number, db)
 
-        def remember_unended(done: Future[None]) -> None:
+        def settle(done: Future[None]) -> None:
             if done.exception() is None:
                 self._database.unended.discard((run.owner, run.run_id))
+                if self.recordings.is_owed(run.run_id):
+                    self._database.render(run.owner, run.run_id)
             elif begun is not None and begun.exception() is None:
                 self._database.unended.add((run.owner, run.run_id))
 
         done = self._writer.submit(end, size=len(run.request) + len(reply or b""))
-        done.add_done_callback(remember_unended)
+        done.add_done_callback(settle)
         return done
 
     def _summary(self, row: tuple[Any, ...]) -> RunSummary:
-        _, owner, run_id, status, message, robot, scene, began, ended, size = row
+        _, owner, run_id, status, message, robot, scene, began, ended, size, recorded = row
         name = run_id if owner == self._owner else f"{owner}:{run_id}"
-        return RunSummary(name, status, robot, scene, began, ended=ended, message=message, bytes=size)
+        if recorded == "owed":  # somebody else than the service may have rendered it
+            recorded = self._database.recordings(owner).kept(run_id).kind
+        about = {"ended": ended, "message": message, "bytes": size, "recording": recorded}
+        return RunSummary(name, status, robot, scene, began, **about)
 
 
 Runs = NoRuns | UserRuns

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
@@ -50,6 +51,12 @@ class _Loaded:
 
     robot: RobotModel
     stamps: dict[str, _Stamp | None]
+
+    @functools.cached_property
+    def fingerprint(self) -> str:
+        """A hash of the robot's text and of its files' state."""
+        state = f"{sorted(self.stamps.items())}\0{self.robot.source.urdf_text}"
+        return hashlib.sha256(state.encode(errors="surrogatepass")).hexdigest()
 
 
 class Catalog:
@@ -105,6 +112,22 @@ class Catalog:
             robot = self._build(reference)
             loaded = self._loaded[key] = _Loaded(robot, {file: _stamp(file) for file in _files(reference, robot)})
         return loaded.robot
+
+    def origin(self, reference: RobotReference | SentRobot) -> tuple[RobotReference | SentRobot, str]:
+        """What a robot was loaded from, wherever a process stands, and a hash of its text and of its files' state.
+
+        Args:
+            reference: The robot, which was loaded.
+        """
+        if isinstance(reference, str) and is_description(reference):
+            reference = find_description(reference)
+        fingerprint = self._loaded[_key(reference)].fingerprint
+        if isinstance(reference, UrdfFile):
+            srdf = reference.srdf_path and str(absolute(reference.srdf_path))
+            folders = [str(absolute(folder)) for folder in reference.package_dirs]
+            path = str(absolute(reference.path))
+            reference = msgspec.structs.replace(reference, path=path, srdf_path=srdf, package_dirs=folders)
+        return reference, fingerprint
 
     def _build(self, reference: RobotReference | SentRobot) -> RobotModel:
         if isinstance(reference, str):

@@ -1,0 +1,129 @@
+"""Recordings rendered from the logs of their runs."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from guidefield.errors import GuidefieldError
+from guidefield.handlers.recording import RecordedMotion
+from guidefield.messages.requests import PlanRequest, UrdfFile
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.model import RobotModel
+from guidefield.run import draw, whole_recording
+from guidefield.run_log import RunLog, UnreadableLog, read_log
+from guidefield.scene.built import BuiltScenes
+from guidefield.stores.recordings import LOG, ROBOT, SCENE, Recordings
+
+MAX_CACHED_SCENES = 4
+"""Scenes kept built."""
+
+_log = logging.getLogger(__name__)
+
+
+class Renderings:
+    """Renders recordings; robots and scenes stay loaded from one to the next.
+
+    Args:
+        catalogs: Loaded robots, by the folders of packages that these may take meshes from; None: none yet.
+        scenes: Built scenes; None: none yet.
+    """
+
+    def __init__(
+        self, catalogs: dict[tuple[Path, ...], Catalog] | None = None, scenes: BuiltScenes | None = None
+    ) -> None:
+        self._catalogs = catalogs or {}
+        self._scenes = scenes or BuiltScenes(MAX_CACHED_SCENES)
+
+    def render(self, recordings: Recordings, name: str, *, whole: bool = False) -> None:
+        """Render a recording whose log is kept; nothing is done where there is none, or it was rendered already.
+
+        A log that nothing can be rendered from is lost, with its reason.
+
+        Args:
+            recordings: The folder.
+            name: The recording's name there, without an ending.
+            whole: True if it is to hold its robot's meshes; else those lie beside all recordings.
+
+        Raises:
+            OSError: if the disk refuses; the log stays.
+        """
+        with contextlib.suppress(FileNotFoundError), recordings.file(name, LOG).open("rb") as file:
+            state = os.fstat(file.fileno())
+            done = recordings.path(name).exists()
+            fault = None if done else self._rendered(recordings, name, file.read(), whole=whole)
+            if fault is not None:
+                _log.warning("the recording of run %s is lost: %s", name, fault)
+            recordings.settle(name, state, fault)
+
+    def _rendered(self, recordings: Recordings, name: str, data: bytes, *, whole: bool) -> str | None:
+        """Render a recording; why it is lost, if it is."""
+        try:
+            with _read(recordings, name, data) as log:
+                file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
+                motion = self._motion(log)
+                return draw(file, bodies, log.run_id, log.request, log.reply, motion, log.events, log.made_with)
+        except UnreadableLog as error:
+            return f"{error}"
+        except GuidefieldError as error:
+            return f"it can't be rendered any more: {error.message}"
+        except MemoryError:
+            return "rendering it takes more memory than a worker may have"
+        except OSError:
+            raise
+        except Exception as error:
+            _log.exception("a recording could not be rendered")
+            return f"it can't be rendered, because of a bug in guidefield: {type(error).__name__}: {error}"
+
+    def _motion(self, log: RunLog) -> RecordedMotion:
+        """The motion of a log among what it moved among."""
+        from guidefield.handlers.certify import restore_certify
+        from guidefield.handlers.plan import restore_plan
+        from guidefield.handlers.sequence import restore_steps
+
+        robot, scene = self._robot(log), self._scenes.of(log.scene)
+        if isinstance(log.request, PlanRequest):
+            restore = restore_steps if log.request.steps else restore_plan
+            return restore(log.request, robot, scene, log.motion)
+        return restore_certify(log.request, robot, scene, log.motion)
+
+    def _robot(self, log: RunLog) -> RobotModel:
+        origin = log.robot
+        catalog = self._catalogs.setdefault(origin.packages, Catalog(origin.packages))
+        robot = catalog.load(origin.reference)
+        if isinstance(origin.reference, UrdfFile) and catalog.origin(origin.reference)[1] != origin.fingerprint:
+            raise UnreadableLog("the files of its robot have changed since")
+        return robot
+
+
+def rendered(recordings: Recordings, run_id: str) -> bytes:
+    """The recording of a run, rendered if that is owed, with all it needs; also where the folder can't be written.
+
+    Raises:
+        UnknownObject: if there is none, or it is damaged.
+        OSError: if the disk refuses.
+    """
+    try:
+        Renderings().render(recordings, run_id)
+    except OSError:
+        with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
+            copied = Recordings(Path(folder) / "recordings")
+            copied.folder.mkdir()
+            for ending in (LOG, SCENE, ROBOT):
+                with contextlib.suppress(FileNotFoundError):
+                    shutil.copyfile(recordings.file(run_id, ending), copied.file(run_id, ending))
+            Renderings().render(copied, run_id, whole=True)
+            return whole_recording(copied, run_id)
+    return whole_recording(recordings, run_id)
+
+
+@contextlib.contextmanager
+def _read(recordings: Recordings, name: str, data: bytes) -> Iterator[RunLog]:
+    """A log, and the meshes of its robot while the block runs."""
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
+        yield read_log(data, recordings.file(name, SCENE), recordings.file(name, ROBOT), Path(folder))

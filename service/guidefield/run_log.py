@@ -1,0 +1,270 @@
+"""The log of a run: all that its recording is rendered from, as bytes that are written before the reply is sent.
+
+It holds the request, the planner's events, the reply and the motion, and robot and scene as they were then: a large
+scene and a robot that a client stored are in files beside, which many logs share.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from guidefield.errors import MalformedRequest
+from guidefield.handlers.recording import PackedMotion
+from guidefield.kept import kept_with
+from guidefield.messages import codec
+from guidefield.messages.codec import Encoding
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest, RobotReference, UrdfFile
+from guidefield.messages.scene import Scene as SceneMessage
+from guidefield.messages.values import RootJoint
+from guidefield.planner.task.event_log import EventLog, PackedEvents
+from guidefield.robot.catalog.sent import SentRobot
+from guidefield.scene.scene import Scene
+from guidefield.stores.recordings import ROBOT, SCENE, SharedFile
+from guidefield.versions import made_with
+
+MAGIC = b"guidefield run log 1\n"
+"""Beginning of a log's file; the number is that of its form."""
+LARGE_SCENE = 16 * 2**10
+"""A scene of more bytes is kept in a file of its own."""
+
+
+class UnreadableLog(ValueError):
+    """A log that nothing can be rendered from; says why in a few words."""
+
+
+class _SentRobot(msgspec.Struct, frozen=True):
+    """A robot that a client stored, as a file holds it; `paths` are those of its meshes when it was planned for."""
+
+    urdf: str
+    srdf: str | None
+    root_joint: RootJoint
+    meshes: dict[str, bytes]
+    paths: dict[str, str]
+
+
+class _Stored(msgspec.Struct, frozen=True, tag="stored"):
+    """Name and hash of a robot that a client stored."""
+
+    name: str
+    content: str
+
+
+class _Local(msgspec.Struct, frozen=True, tag="local"):
+    """A robot in local files, and the fingerprint that these had."""
+
+    file: UrdfFile
+    fingerprint: str
+
+
+class _Log(msgspec.Struct, frozen=True):
+    """A log as it is written.
+
+    Attributes:
+        run_id: Name of the run.
+        made_with: The packages that it was made with.
+        judges: True of a judgement, False of a plan.
+        request, reply: As MessagePack; without the scene, where the request holds it whole.
+        scene: The scene, as MessagePack; empty: it is in a file of its own.
+        scene_given: Whether the request holds it whole.
+        robot: The robot, unless the request says all of it.
+        packages: Folders in which meshes of a robot that is sent as text are looked for.
+        events: What the planner told.
+        motion: The motion.
+    """
+
+    run_id: str
+    made_with: str
+    judges: bool
+    request: bytes
+    reply: bytes
+    scene: bytes
+    scene_given: bool
+    robot: _Stored | _Local | None
+    packages: tuple[str, ...]
+    events: PackedEvents
+    motion: PackedMotion
+
+
+@dataclass(frozen=True)
+class RobotOrigin:
+    """The source that a run's robot was loaded from.
+
+    Attributes:
+        reference: As the request has it, but of a stored robot its files.
+        fingerprint: Hash of its text and of its files' state.
+        packages: Folders in which meshes of a robot that is sent as text are looked for.
+    """
+
+    reference: RobotReference | SentRobot
+    fingerprint: str
+    packages: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class RunLog:
+    """A log that was read.
+
+    Attributes:
+        run_id: Name of the run.
+        made_with: The packages that it was made with.
+        request: As it came.
+        reply: As the recording holds it.
+        robot: The robot as it was then.
+        scene: The scene as it was then.
+        events: What the planner told.
+        motion: The motion.
+    """
+
+    run_id: str
+    made_with: str
+    request: MotionRequest
+    reply: MotionReply
+    robot: RobotOrigin
+    scene: SceneMessage
+    events: EventLog
+    motion: PackedMotion
+
+
+def write_log(
+    run_id: str,
+    request: MotionRequest,
+    reply: MotionReply,
+    robot: RobotOrigin,
+    scene: Scene,
+    events: EventLog,
+    motion: PackedMotion,
+) -> tuple[bytes, list[SharedFile]]:
+    """The content of a log, and the files that it shares with others."""
+    digest, inline = _packed_scene(scene)
+    shared = [] if inline is not None else [SharedFile(digest, SCENE, lambda: _encoded(scene.message))]
+    origin: _Stored | _Local | None = None
+    if isinstance(robot.reference, SentRobot):
+        sent = robot.reference
+        origin = _Stored(sent.name, sent.content)
+        shared.append(SharedFile(sent.content, ROBOT, lambda: _robot_file(sent)))
+    elif isinstance(robot.reference, UrdfFile):
+        origin = _Local(robot.reference, robot.fingerprint)
+    given = isinstance(request.scene, SceneMessage) and getattr(request.scene, "base", None) is None
+    log = _Log(
+        run_id=run_id,
+        made_with=made_with(),
+        judges=isinstance(request, CertifyRequest),
+        request=_encoded(_without_scene(request) if given else request),
+        reply=_encoded(reply),
+        scene=inline or b"",
+        scene_given=given,
+        robot=origin,
+        packages=tuple(map(str, robot.packages)),
+        events=events.pack(),
+        motion=motion,
+    )
+    return MAGIC + _ENCODER.encode(log), shared
+
+
+def read_log(data: bytes, scene: Path, robot: Path, unpack_to: Path) -> RunLog:
+    """Read a log.
+
+    Args:
+        data: Its content.
+        scene: The file of its scene, if that isn't in it.
+        robot: The file of its robot, if that was stored.
+        unpack_to: An empty folder for the meshes of a robot that is stored no more.
+
+    Raises:
+        UnreadableLog: if it is damaged, or of another version of guidefield.
+        OSError: if the disk refuses.
+    """
+    if not data.startswith(MAGIC):
+        raise UnreadableLog("its log is damaged, or was written by another version of guidefield")
+    try:
+        log = msgspec.msgpack.decode(data[len(MAGIC) :], type=_Log)
+        declared = msgspec.msgpack.decode(log.scene or scene.read_bytes(), type=SceneMessage)
+        request, reply = _messages(log)
+        if log.scene_given:
+            msgspec.structs.force_setattr(request, "scene", declared)
+        reference: RobotReference | SentRobot = request.robot
+        if isinstance(log.robot, _Stored):
+            reference = _unpacked_robot(log.robot, robot, unpack_to)
+        elif isinstance(log.robot, _Local):
+            reference = log.robot.file
+        fingerprint = log.robot.fingerprint if isinstance(log.robot, _Local) else ""
+        return RunLog(
+            run_id=log.run_id,
+            made_with=log.made_with,
+            request=request,
+            reply=reply,
+            robot=RobotOrigin(reference, fingerprint, tuple(map(Path, log.packages))),
+            scene=declared,
+            events=EventLog.unpack(log.events),
+            motion=log.motion,
+        )
+    except FileNotFoundError as error:
+        raise UnreadableLog(f"its log lacks {Path(error.filename).name}") from None
+    except (msgspec.DecodeError, MalformedRequest, ValueError, LookupError, TypeError) as error:
+        raise UnreadableLog(f"its log is damaged: {error}") from None
+
+
+def made_with_of(log: Path) -> str:
+    """The packages that the run of a log was made with; empty where nothing can be read."""
+    with contextlib.suppress(OSError, msgspec.DecodeError):
+        data = log.read_bytes()
+        if data.startswith(MAGIC):
+            return msgspec.msgpack.decode(data[len(MAGIC) :], type=_MadeWith).made_with
+    return ""
+
+
+class _MadeWith(msgspec.Struct):
+    made_with: str
+
+
+def _messages(log: _Log) -> tuple[MotionRequest, MotionReply]:
+    decode = msgspec.msgpack.decode
+    if log.judges:
+        return decode(log.request, type=CertifyRequest), decode(log.reply, type=CertifyReply)
+    return decode(log.request, type=PlanRequest), decode(log.reply, type=PlanReply)
+
+
+_ENCODER = msgspec.msgpack.Encoder()
+
+
+def _encoded(message: msgspec.Struct) -> bytes:
+    return codec.encode(message, Encoding.MSGPACK)
+
+
+@kept_with
+def _packed_scene(scene: Scene) -> tuple[str, bytes | None]:
+    """The hash of a scene as MessagePack; and, unless it is large, that itself."""
+    packed = _encoded(scene.message)
+    digest = hashlib.blake2b(packed, digest_size=32).hexdigest()
+    return digest, packed if len(packed) <= LARGE_SCENE else None
+
+
+def _without_scene(request: MotionRequest) -> MotionRequest:
+    """A request with an empty scene in place of its own."""
+    without = copy.copy(request)  # what the request promises was checked with its scene
+    msgspec.structs.force_setattr(without, "scene", SceneMessage(name="scene"))
+    return without
+
+
+def _robot_file(sent: SentRobot) -> bytes:
+    meshes = {uri: path.read_bytes() for uri, path in sent.meshes.items()}
+    paths = {uri: str(path) for uri, path in sent.meshes.items()}
+    return _ENCODER.encode(_SentRobot(sent.urdf, sent.srdf, sent.root_joint, meshes, paths))
+
+
+def _unpacked_robot(stored: _Stored, file: Path, unpack_to: Path) -> SentRobot:
+    """A stored robot with the meshes of the store, since these are drawn already; if they are gone, unpacked."""
+    packed = msgspec.msgpack.decode(file.read_bytes(), type=_SentRobot)
+    meshes = {uri: Path(path) for uri, path in packed.paths.items()}
+    if not all(path.exists() for path in meshes.values()):
+        meshes = {uri: unpack_to / path.name for uri, path in meshes.items()}
+        for uri, path in meshes.items():
+            path.write_bytes(packed.meshes[uri])
+    return SentRobot(stored.name, stored.content, packed.urdf, packed.srdf, meshes, packed.root_joint)

@@ -1,0 +1,38 @@
+"""Versions of the packages that a run is made with."""
+
+from __future__ import annotations
+
+import functools
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+from guidefield.first_start import processor
+
+OURS = "guidefield"
+"""The package that plans."""
+PROCESSOR = "processor"
+"""Name of the kind of processor among the versions: rounding may be another on another kind."""
+PACKAGES = (OURS, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
+"""The packages whose versions are recorded."""
+
+
+@functools.cache
+def made_with() -> str:
+    """The packages and their versions as one line of a recording."""
+    return ", ".join(f"{name} {text}" for name, text in versions().items())
+
+
+def parsed(text: str) -> dict[str, str]:
+    """Versions by package, of a line that `made_with` made."""
+    return dict(package.split(" ", 1) for package in text.split(", ")) if text else {}
+
+
+def versions() -> dict[str, str]:
+    """The version of each of `PACKAGES` and of Python, and the kind of processor, its family first."""
+    found = {"python": platform.python_version(), PROCESSOR: processor()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # run from the source tree
+            found[package] = "unknown"
+    return found
