@@ -81,7 +81,7 @@ def test_robots_with_faults_that_are_read_alike_are_judged(tmp_path: Path) -> No
         assert name in text
         text = text.replace(name, new)
     (tmp_path / "arm.urdf").write_text(text)
-    trial = Trial(str(tmp_path / "arm.urdf"), True, 0, tmp_path / "line.json")
+    trial = Trial(str(tmp_path / "arm.urdf"), True, 0, 5.0, tmp_path / "line.json")
     trial.run()
     assert [plan["kind"] for plan in trial.line["plans"]] == ["planned", "planned"]
     assert any("taken for 'left_j1'" in warning for warning in trial.line["warnings"])

@@ -1,4 +1,4 @@
-"""The trial of one robot in this process: ``python -m robot_trials.trial ROBOT catalog|file SEED OUTPUT``.
+"""The trial of one robot in this process: ``python -m robot_trials.trial ROBOT catalog|file SEED ALLOWED OUTPUT``.
 
 The output is written after each step, so that a process that is ended leaves what it had.
 """
@@ -44,12 +44,14 @@ class Trial:
         robot: Its file, or its name in the catalog.
         is_file: Which of both.
         seed: Of the goals.
+        allowed: Planning time of each plan [s].
         output: Where the line is written.
     """
 
-    def __init__(self, robot: str, is_file: bool, seed: int, output: Path) -> None:
+    def __init__(self, robot: str, is_file: bool, seed: int, allowed: float, output: Path) -> None:
         self.reference: RobotReference = UrdfFile(robot) if is_file else robot
         self.seed, self.output = [seed, zlib.crc32(Path(robot).name.encode())], output
+        self.allowed = allowed
         self.line: Line = {"plans": []}
         self.engine = Engine()
 
@@ -88,7 +90,10 @@ class Trial:
             return
         wire, obstacles = drawn
         scene = Scene(name="trial", obstacles=obstacles)
-        request = PlanRequest(robot=self.reference, scene=scene, goal=JointsGoal(positions=wire), recording="off")
+        goal = JointsGoal(positions=wire)
+        request = PlanRequest(
+            robot=self.reference, scene=scene, goal=goal, allowed_planning_time=self.allowed, recording="off"
+        )
         row: Line = {}
         try:
             with _timed(row):
@@ -142,4 +147,4 @@ def _said(error: Exception) -> str:
 
 
 if __name__ == "__main__":
-    Trial(sys.argv[1], sys.argv[2] == "file", int(sys.argv[3]), Path(sys.argv[4])).run()
+    Trial(sys.argv[1], sys.argv[2] == "file", int(sys.argv[3]), float(sys.argv[4]), Path(sys.argv[5])).run()

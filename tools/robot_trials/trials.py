@@ -52,6 +52,7 @@ def main(arguments: Sequence[str], usage: str) -> int:
     parser.add_argument("--catalog", action="store_true", help="the robots that come with guidefield, instead")
     parser.add_argument("--output", type=Path, default=HOUSE / "build" / "robots.json", metavar="FILE")
     parser.add_argument("--seconds", type=float, default=120.0, help="limit for each robot")
+    parser.add_argument("--allowed", type=float, default=5.0, metavar="SECONDS", help="planning time of each plan")
     parser.add_argument("--workers", type=int, default=1, help="robots at the same time")
     parser.add_argument("--seed", type=int, default=0, help="of the goals")
     parser.add_argument("--only", default="", metavar="TEXT", help="robots with this text in their path")
@@ -63,7 +64,7 @@ def main(arguments: Sequence[str], usage: str) -> int:
     robots = [robot for robot in named if parsed.only in robot]
     lines = []
     print(heading(), flush=True)
-    for line in run(robots, folder, parsed.seconds, parsed.workers, parsed.seed):
+    for line in run(robots, folder, parsed.seconds, parsed.workers, parsed.seed, parsed.allowed):
         lines.append(line)
         print(row(line), flush=True)
         parsed.output.parent.mkdir(parents=True, exist_ok=True)
@@ -87,7 +88,9 @@ def _is_robot(file: Path) -> bool:
     return found is not None and found.group(1) == wanted
 
 
-def run(robots: Sequence[str], folder: Path | None, seconds: float, workers: int, seed: int) -> Iterator[Line]:
+def run(
+    robots: Sequence[str], folder: Path | None, seconds: float, workers: int, seed: int, allowed: float = 5.0
+) -> Iterator[Line]:
     """Yield the line of each robot, in their order.
 
     Args:
@@ -96,12 +99,13 @@ def run(robots: Sequence[str], folder: Path | None, seconds: float, workers: int
         seconds: Time limit of each.
         workers: Robots at the same time.
         seed: Of the goals.
+        allowed: Planning time of each plan [s].
     """
     with ThreadPoolExecutor(max(1, workers)) as pool:
-        yield from pool.map(lambda robot: _try_one(robot, folder, seconds, seed), robots)
+        yield from pool.map(lambda robot: _try_one(robot, folder, seconds, seed, allowed), robots)
 
 
-def _try_one(robot: str, folder: Path | None, seconds: float, seed: int) -> Line:
+def _try_one(robot: str, folder: Path | None, seconds: float, seed: int, allowed: float) -> Line:
     with tempfile.TemporaryDirectory(prefix="guidefield-robots-") as scratch:
         # the cache of geometry is empty, that of kernels is not
         environment = {**os.environ, "XDG_CACHE_HOME": scratch, "NUMBA_CACHE_DIR": str(cache_folder().parents[1])}
@@ -109,7 +113,7 @@ def _try_one(robot: str, folder: Path | None, seconds: float, seed: int) -> Line
         written = Path(scratch) / "line.json"
         named = robot if folder is None else str(folder / robot)
         command = [sys.executable, "-m", "robot_trials.trial", named, "catalog" if folder is None else "file"]
-        command += [str(seed), str(written)]
+        command += [str(seed), str(allowed), str(written)]
         end = ""
         try:
             done = subprocess.run(
