@@ -65,6 +65,21 @@ def test_many_points_a_few_roundings_apart_have_a_hull(apart: float) -> None:
         assert volume(hull) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.parametrize("apart", [1e-13, 1e-11, 1e-10, 1e-9, 1e-7])
+def test_no_point_is_outside_the_hull_of_points_that_are_close_to_each_other(apart: float) -> None:
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        ball = rng.normal(size=(400, 3))
+        ball /= np.linalg.norm(ball, axis=1)[:, None]
+        points = np.concatenate([ball, ball + apart * rng.normal(size=ball.shape)])
+        hull = convex_hull(points)
+        a, b, c = hull.vertices[hull.triangles].swapaxes(0, 1)
+        normals = np.cross(b - a, c - a)
+        areas = np.linalg.norm(normals, axis=1)
+        normals, a = normals[areas > 1e-14] / areas[areas > 1e-14, None], a[areas > 1e-14]
+        assert (points @ normals.T - np.einsum("ni,ni->n", normals, a)).max() < 2e-8
+
+
 def test_what_is_flat_has_no_hull() -> None:
     flat = np.array([[x, y, 0.3] for x in (0, 1, 2) for y in (0, 1, 2)])
     for points in (np.zeros((0, 3)), np.zeros((9, 3)), np.eye(3), flat):

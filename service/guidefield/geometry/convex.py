@@ -9,13 +9,13 @@ import numpy as np
 
 from guidefield.geometry.closed import merged_points
 from guidefield.geometry.directions import heights_along, spread_and_axes
-from guidefield.geometry.surfaces import Floats, Surface, surface
+from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 
 _FLAT = 1e-11
 """Spread across over spread along, below which points count as lying in a plane."""
 
-_GRID = 2.0**-46
-"""Points no further apart are one, as a share of the mean distance of all from their middle: 1e-14 m in a link."""
+_NEAR = 2.0**-27
+"""Side of cells whose points are one, as a share of the mean distance of all from their middle: 1e-9 m in a link."""
 
 
 def convex_hull(points: Floats) -> Surface:
@@ -30,8 +30,8 @@ def convex_hull(points: Floats) -> Surface:
     """
     cloud = _distinct(points)
     rounded = _rounded(cloud)
-    first, _ = merged_points(rounded)
-    cloud, rounded = cloud[first], rounded[first]
+    kept = _apart(rounded)
+    cloud, rounded = cloud[kept], rounded[kept]
     hull = _hull(rounded)
     _, place = merged_points(np.concatenate([rounded, np.asarray(hull.points())]))
     chosen = place[len(rounded) :]  # all places are those of the points, which are all different
@@ -67,10 +67,9 @@ def _distinct(points: Floats) -> Floats:
 
 
 def _rounded(cloud: Floats) -> Floats:
-    """The points under a linear map that makes them spread alike in all directions, on the places of `_GRID`.
+    """The points under a linear map that makes them spread alike in all directions.
 
-    Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that, nor
-    points that are some roundings apart.
+    Their hull has the same triangles; but on a thin plate itself Qhull gives up, and Coal does not survive that.
     """
     offsets = cloud - cloud.mean(axis=0) if len(cloud) else cloud
     spread, axes = spread_and_axes(offsets)
@@ -78,8 +77,19 @@ def _rounded(cloud: Floats) -> Floats:
         raise FlatError(f"a convex hull needs points that do not lie in a plane, got {len(cloud)} different ones")
     turn = np.sign(np.linalg.det(axes))
     scale = turn * np.sqrt(len(cloud)) / spread
-    places = [heights_along(offsets, factor * axis) for factor, axis in zip(scale, axes, strict=True)]
-    return np.round(np.column_stack(places) * (1.0 / _GRID)) * _GRID
+    return np.column_stack([heights_along(offsets, factor * axis) for factor, axis in zip(scale, axes, strict=True)])
+
+
+def _apart(rounded: Floats) -> Integers:
+    """Return indices of points, one of those that are within about `_NEAR` of each other.
+
+    The normal of a triangle between points that are d apart is off by a rounding over d. Qhull takes such triangles for
+    concave and merges them with others: points stay outside the hull, and Coal does not survive Qhull's warning of it.
+    """
+    kept = np.arange(len(rounded))
+    for shift in (0.0, 0.5):  # what a border of the first cells parts is within one of the second
+        kept = kept[merged_points(np.floor(rounded[kept] * (1.0 / _NEAR) + shift))[0]]
+    return kept
 
 
 def _hull(rounded: Floats) -> Any:
