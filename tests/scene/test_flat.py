@@ -5,12 +5,29 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.scene.flat import PLANARITY, crossing_edges, flat_polygon, flatness_fault
+from guidefield.scene import flat as flats
+from guidefield.scene.flat import PLANARITY, FlatPolygon, FlatPolygons, flat_polygons
 
 STAR = np.array(
     [[np.cos(a) * r, np.sin(a) * r, 0.0] for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5, strict=True)]
 )
 PENTAGRAM = STAR[[0, 4, 8, 2, 6]]
+
+
+def flat_polygon(points: np.ndarray) -> FlatPolygon:
+    return flat_polygons(points[None]).one(0)
+
+
+def alone(polygon: FlatPolygon) -> FlatPolygons:
+    return flat_polygons(polygon.vertices[None])
+
+
+def flatness_fault(polygon: FlatPolygon) -> str | None:
+    return flats.flatness_faults(alone(polygon)).get(0)
+
+
+def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
+    return flats.crossing_edges(alone(polygon)).get(0)
 
 
 def shoelace(corners: np.ndarray) -> float:

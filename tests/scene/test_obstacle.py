@@ -1,6 +1,7 @@
 """Obstacles against formulas of their shapes, trimesh, and the faults for which they are refused."""
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -9,8 +10,8 @@ from hypothesis import example, given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Float32Array, Uint32Array
-from guidefield.scene.obstacle import BUILDERS, build
+from guidefield.messages.values import Float32Array, Placement, Uint32Array
+from guidefield.scene.obstacle import BUILDERS, build, build_all
 from tests.scene.solids import box_mesh, l_prism, mesh_message
 
 LAWS = settings(deadline=None, max_examples=30)
@@ -253,3 +254,24 @@ def test_odd_meshes_are_kept_with_a_warning_that_names_them():
     assert "crate" in obstacle.warnings[0]
     assert "open" in obstacle.warnings[0]
     assert len(obstacle.charges.triangles) == 11
+
+
+def test_the_first_fault_of_a_scene_is_told_whatever_is_judged_together():
+    good, bad = polygon((0, 0, 0), (1, 0, 0), (0, 1, 0)), polygon((0, 0, 0), (1, 0, 0), (2, 0, 0))
+    flat_mesh = messages.Mesh(name="flat", vertices=[*POINTS, (2.0, 0.0, 0.0)], triangles=[(0, 1, 2)])
+    for declared, index in (([good, flat_mesh, bad], 1), ([good, bad, flat_mesh], 1), ([flat_mesh, bad], 0)):
+        named = [msgspec.structs.replace(one, name=f"o{k}") for k, one in enumerate(declared)]
+        with pytest.raises(SceneInvalid) as told:
+            build_all(named, {})
+        assert told.value.details["obstacle"] == f"o{index}"
+        assert told.value.details["path"].startswith(f"$.obstacles[{index}].")
+
+
+def test_a_polygon_that_is_known_is_the_same_object_and_a_moving_one_is_built_alone():
+    rest = polygon((0, 0, 0), (1, 0, 0), (0, 1, 0.5))
+    path = messages.ObstacleTrajectory(times=[0.0, 1.0], placements=[Placement(), Placement(position=(1.0, 0.0, 0.0))])
+    moving = msgspec.structs.replace(rest, name="moving", trajectory=path)
+    first, others = build_all([rest, moving], {})
+    assert build_all([rest], {}) == (first,)
+    assert others.motion is not None
+    np.testing.assert_array_equal(others.vertices, first.vertices)

@@ -118,20 +118,20 @@ def field_tables(
 
 
 def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
-    """A flat convex polygon in quads and, where its number of corners is odd, a triangle.
+    """Return flat convex polygons in quads and, where their number of corners is odd, a triangle.
 
     Each costs one arctangent: a polygon as a product of all its triangles saves nothing where gradients are asked for.
 
     Args:
-        vertices: Corners in order, shape (k, 3) [m], in any frame.
+        vertices: Corners in order, shape (..., k, 3) [m], in any frame.
 
     Returns:
-        Corners of the quads, shape (n, 4, 3), and of triangles, shape (m, 3, 3), m <= 1.
+        Corners of the quads, shape (..., q, 4, 3), and of triangles, shape (..., m, 3, 3), m <= 1.
     """
-    last = len(vertices) - 1
-    quads = [[vertices[0], vertices[i], vertices[i + 1], vertices[i + 2]] for i in range(1, last - 1, 2)]
-    rest = [[vertices[0], vertices[last - 1], vertices[last]]] if last % 2 == 0 else []
-    return np.array(quads).reshape(-1, 4, 3), np.array(rest).reshape(-1, 3, 3)
+    last = vertices.shape[-2] - 1
+    quads = np.array([(0, i, i + 1, i + 2) for i in range(1, last - 1, 2)], np.int64).reshape(-1, 4)
+    rest = np.array([(0, last - 1, last)] * (last % 2 == 0), np.int64).reshape(-1, 3)
+    return vertices[..., quads, :], vertices[..., rest, :]
 
 
 def _faces(

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from guidefield.geometry.axes import across
 from guidefield.geometry.extents import box_about
-from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, surface_rows
-from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, DistanceTables
+from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, few_surfaces, surface_rows
+from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, SHEET, DistanceTables
 from guidefield.kernels.distance.ray_winding import ANCHOR
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 
@@ -25,11 +25,8 @@ _IDENTITY.setflags(write=False)
 
 NO_SURFACE = SurfaceTables(np.empty((0, 6)), np.empty((0, 9)), np.empty((0, 21)))
 
-_FEW = 32
-"""A surface of more triangles than this has its own axes."""
-
-_FLAT = 1e-9
-"""Share of its size within which a surface is flat."""
+FEW = 32
+"""A sheet of more triangles than this keeps the axes of its frame."""
 
 ROUNDING = 1e-9
 """By how much boxes in the world are made larger, so that rounding can't hide a body [m, and a share]."""
@@ -93,33 +90,33 @@ def of_surface(rows: SurfaceRows, kind: int) -> Body:
     return Body(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
 
 
-def flat_frame(vertices: Floats, triangles: Integers) -> Floats:
-    """Axes in which the box about a surface is as thin as the surface, if that is flat and small; else its own.
+def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, translations: Floats) -> BodyRows:
+    """Return the bodies of surfaces that are no solids, of at most `FEW` triangles each, all of them together.
 
-    The box about a slanted polygon along other axes is mostly empty: it would have to be looked at from far away.
+    Each has axes in which the box about it is as thin as the surface, if that is flat: the box about a slanted polygon
+    along other axes is mostly empty, and it would have to be looked at from far away.
 
     Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-
-    Returns:
-        The axes as columns, the last one across a flat surface; shape (3, 3).
+        surfaces: Vertices (v, 3) [m] and triangles (t, 3) of each, some of them with an area.
+        rotations: Of its frame, shape (n, 3, 3).
+        translations: Of its frame's origin, shape (n, 3) [m].
     """
-    if len(triangles) > _FEW:
-        return np.eye(3)
-    a, b, c = (vertices[column] for column in triangles.T)
-    area = np.cross(b - a, c - a).sum(axis=0)
-    size = np.linalg.norm(area)
-    corners, sides = vertices[np.unique(triangles)], np.concatenate([b - a, c - b, a - c])
-    if size == 0.0 or np.ptp(corners @ (area / size)) > _FLAT * np.ptp(corners, axis=0).max():
-        return np.eye(3)
-    normal, lengths = area / size, np.linalg.norm(sides, axis=1)
-    along = sides[lengths > _FLAT * lengths.max()]
-    along -= np.outer(along @ normal, normal)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    beside = np.cross(normal, along)
-    smallest = int(np.argmin(np.ptp(corners @ along.T, axis=0) * np.ptp(corners @ beside.T, axis=0)))
-    return np.column_stack([along[smallest], beside[smallest], normal])
+    many = few_surfaces(surfaces)
+    axes = many.axes()
+    rows = many.along(axes).rows()
+    count = len(surfaces)
+    bounds = np.array([row.bounds for row in rows]).reshape(-1, 6)
+    placements = np.concatenate([rotations @ axes, translations[:, :, None]], axis=2)
+    return BodyRows(
+        kinds=np.full(count, SHEET),
+        sizes=np.zeros((count, 3)),
+        bounds=bounds,
+        placements=placements,
+        surfaces={row: surface.tables for row, surface in enumerate(rows)},
+        anchors={},
+        clouds=np.zeros(count, np.int64),
+        boxes=boxes_in_world(placements, bounds),
+    )
 
 
 def balls_about(points: Floats, radius: float, cloud: int) -> Body:
@@ -187,6 +184,15 @@ def body_rows(bodies: Sequence[Body]) -> BodyRows:
         np.array([body.cloud for body in bodies], np.int64),
         boxes_in_world(placements, bounds),
     )
+
+
+def bodies_in(rows: BodyRows) -> list[Body]:
+    """Return the bodies of rows, as `body_rows` takes them."""
+    columns = zip(rows.kinds, rows.sizes, rows.bounds, rows.placements, rows.clouds, strict=True)
+    return [
+        Body(int(kind), (x, y, z), bounds, placement, rows.surfaces.get(row), int(cloud), rows.anchors.get(row))
+        for row, (kind, (x, y, z), bounds, placement, cloud) in enumerate(columns)
+    ]
 
 
 def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:

@@ -106,12 +106,17 @@ def tree_written(
     balls: np.ndarray,
     links: np.ndarray,
     boxed: Told = lambda _: None,
+    counts: np.ndarray | None = None,
 ) -> MeshTree:
-    """`triangle_tree` in arrays for its balls (2 t - 1, 4) and links (2 t - 1, 3); tells which nodes may get a box."""
+    """`triangle_tree` in arrays for its balls (2 t - 1, 4) and links (2 t - 1, 3); tells which nodes may get a box.
+
+    If `counts`, shape (n,), are given, the triangles are those of n meshes, one behind the other: a forest, whose nodes
+    stand level by level, the roots first.
+    """
     triangles = np.ascontiguousarray(triangles, float)
     centres, members = (triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0, np.arange(len(triangles))
-    sizes, made = np.array([len(triangles)]), 0
-    above = np.array([np.iinfo(np.int64).max])
+    sizes, made = np.array([len(triangles)]) if counts is None else counts, 0
+    above = np.full(len(sizes), np.iinfo(np.int64).max)
     found: list[list[Cluster]] = [[] for _ in CLUSTERS]
     while len(sizes):  # level by level: the members of its nodes one after the other
         starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
@@ -138,6 +143,17 @@ def tree_written(
         (np.concatenate(nodes), np.concatenate(rows)) for nodes, rows in (zip(*f, strict=True) for f in found)
     )
     return MeshTree(triangles, balls, links, {}, np.zeros(1, np.int64), clusters)
+
+
+def mesh_of_nodes(counts: np.ndarray) -> np.ndarray:
+    """Return the mesh of each node of a forest over meshes of so many triangles, shape (n,): level by level, (m,)."""
+    found, meshes, sizes = list[np.ndarray](), np.arange(len(counts)), counts
+    while len(sizes):
+        found.append(meshes)
+        split = sizes > 1
+        meshes, halves = np.repeat(meshes[split], 2), sizes[split] // 2
+        sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
+    return np.concatenate([np.empty(0, np.int64), *found])
 
 
 def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:

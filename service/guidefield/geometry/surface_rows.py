@@ -12,6 +12,7 @@ from guidefield.geometry.box_tree import node_count, tree_over
 from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.extents import box_about
 from guidefield.geometry.pseudonormals import write_pseudonormals
+from guidefield.kernels.cover.small_surfaces import flat_frames, small_surfaces
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes
 from guidefield.kernels.distance.wide_triangles import wide_triangles
@@ -38,6 +39,62 @@ class SurfaceRows(NamedTuple):
 
     bounds: Floats
     tables: SurfaceTables
+
+
+class FewTriangles(NamedTuple):
+    """Surfaces of few triangles, one behind the other.
+
+    Attributes:
+        vertices: Shape (v, 3) [m].
+        triangles: Indices among the vertices of their own surface, shape (t, 3); each has an area.
+        starts: The first vertex, triangle and node of each surface, then the numbers of all, shape (n + 1, 3).
+    """
+
+    vertices: Floats
+    triangles: Integers
+    starts: Integers
+
+    def axes(self) -> Floats:
+        """Return axes in which the box about each is as thin as it is, if it is flat; columns, shape (n, 3, 3)."""
+        found = np.empty((len(self.starts) - 1, 3, 3))
+        flat_frames(*self, found)
+        return found
+
+    def along(self, axes: Floats) -> FewTriangles:
+        """Return the surfaces in other axes, columns of shape (n, 3, 3)."""
+        owners = np.repeat(np.arange(len(axes)), np.diff(self.starts[:, 0]))
+        return self._replace(vertices=np.einsum("vi,vij->vj", self.vertices, axes[owners]))
+
+    def rows(self) -> list[SurfaceRows]:
+        """Return the rows of each, read-only."""
+        count, (_, triangles, nodes) = len(self.starts) - 1, self.starts[-1]
+        shapes = (count, 6), (nodes, 6), (triangles, 9), (triangles, 21)
+        bounds, boxes, corners, normals = made = tuple(np.empty(shape) for shape in shapes)
+        small_surfaces(*self, *made)
+        for array in made:
+            array.setflags(write=False)
+        found = []
+        for bound, (_, first, node), (_, end, last) in zip(
+            bounds, self.starts[:-1].tolist(), self.starts[1:].tolist(), strict=True
+        ):
+            found.append(SurfaceRows(bound, SurfaceTables(boxes[node:last], corners[first:end], normals[first:end])))
+        return found
+
+
+def few_surfaces(surfaces: Sequence[tuple[Floats, Integers]]) -> FewTriangles:
+    """Put surfaces of few triangles, vertices (v, 3) [m] and triangles (t, 3), one behind the other.
+
+    Triangles without an area are left out; at least one of each surface has one.
+    """
+    vertices = np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in surfaces)])
+    triangles = np.concatenate([np.empty((0, 3), np.int64), *(triangles for _, triangles in surfaces)])
+    sizes = np.array([(len(vertices), len(triangles)) for vertices, triangles in surfaces]).reshape(-1, 2)
+    first, owners = np.cumsum(sizes[:, 0]) - sizes[:, 0], np.repeat(np.arange(len(sizes)), sizes[:, 1])
+    wide = are_wide(vertices, triangles + first[owners, None])
+    counts = np.bincount(owners[wide], minlength=len(sizes))
+    each = np.column_stack([sizes[:, 0], counts, [node_count(count) for count in counts.tolist()]])
+    starts = np.concatenate([np.zeros((1, 3), np.int64), np.cumsum(each, axis=0)])
+    return FewTriangles(vertices, np.ascontiguousarray(triangles[wide]), starts)
 
 
 def surface_rows(part: Triangulated) -> SurfaceRows:

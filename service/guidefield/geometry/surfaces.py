@@ -9,8 +9,6 @@ import mapbox_earcut
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from guidefield.geometry.axes import across
-
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -102,33 +100,27 @@ def sphere(radius: float, subdivisions: int = 2) -> Surface:
     return surface(radius * vertices, triangles)
 
 
-def triangulate_polygon(vertices: Floats) -> Surface:
-    """Triangles of a flat, simple polygon, convex or not, that turn as its corners do.
+def ears(corners: Floats, area: float) -> Integers:
+    """Triangles of a simple polygon, convex or not, counter-clockwise, shape (t, 3); by clipping of ears.
 
     Args:
-        vertices: Corners in order, shape (k, 3) [m]. How flat they are is for the caller to judge.
+        corners: In order, counter-clockwise, shape (k, 2) [m].
+        area: Enclosed area [m^2].
 
     Raises:
-        ValueError: if the polygon has fewer than three corners, no area, or crosses itself.
+        ValueError: if the polygon crosses itself.
     """
-    corners = np.asarray(vertices, dtype=np.float64)
-    if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 3:
-        raise ValueError(f"a polygon needs corners of shape (k, 3) with k >= 3, got {corners.shape}")
-    centred = corners - corners.mean(axis=0)
-    area_vector = 0.5 * np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
-    area = float(np.linalg.norm(area_vector))
-    if area <= 1e-12 * float((centred * centred).sum(axis=1).max()):
-        raise ValueError(f"a polygon needs an area, got {area} m^2 from {len(corners)} corners")
-    flat = centred @ across(area_vector / area).T
-    triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], dtype=np.uint32)).reshape(-1, 3)
-    areas = _signed_areas(flat[triangles])
-    triangles = np.where((areas < 0.0)[:, None], triangles[:, ::-1], triangles)
+    if len(corners) == 3:
+        return np.array([[1, 2, 0]])
+    triangles = mapbox_earcut.triangulate_float64(np.array(corners), np.array([len(corners)], np.uint32)).reshape(-1, 3)
+    u, v = (corners[triangles[:, column]] - corners[triangles[:, 0]] for column in (1, 2))
+    areas = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     # Ears of a polygon that crosses itself cover some of its plane twice or not at all.
-    if abs(np.abs(areas).sum() - area) > 1e-9 * area:
-        raise ValueError(
-            f"a polygon must not cross itself: it encloses {area} m^2, its triangles {np.abs(areas).sum()} m^2"
-        )
-    return surface(corners, triangles)
+    covered = float(np.abs(areas).sum())
+    if abs(covered - area) > 1e-9 * area:
+        raise ValueError(f"a polygon must not cross itself: it encloses {area} m^2, its triangles {covered} m^2")
+    turned: Integers = np.where((areas < 0.0)[:, None], triangles[:, ::-1], triangles).astype(np.int64)
+    return turned
 
 
 def _revolved(profile: list[tuple[float, float]], sides: int) -> Surface:
@@ -169,10 +161,3 @@ def _quartered(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]
     split = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     quarters = np.concatenate([np.column_stack(quarter) for quarter in split])
     return np.concatenate([vertices, vertices[unique].mean(axis=1)]), quarters
-
-
-def _signed_areas(corners: Floats) -> Floats:
-    """Areas of triangles in the plane, shape (t, 3, 2), positive if counter-clockwise."""
-    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas: Floats = 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    return areas

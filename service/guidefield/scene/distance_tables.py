@@ -11,16 +11,18 @@ from guidefield.geometry.box_tree import box_nodes
 from guidefield.geometry.cache import is_large, made_in_place
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.geometry.distance_bodies import (
+    FEW,
     ROUNDING,
     Body,
     BodyRows,
     balls_about,
+    bodies_in,
     body_rows,
     body_tables,
-    flat_frame,
     joined_rows,
     of_surface,
     primitive,
+    sheets,
     triangulated,
 )
 from guidefield.geometry.entries import Room
@@ -117,9 +119,13 @@ def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
         return primitives, bounded
     still = [index for index in unplaced(scene) if scene.obstacles[index].motion is None]
     others = sorted([*half_spaces.tolist(), *still])
-    made = [(index, body) for index in others for body in bodies_of(scene.obstacles[index])]
+    thin = [index for index in others if _is_small_sheet(scene.obstacles[index])]
+    thick = sorted(set(others).difference(thin))
+    made = [(index, body) for index in thick for body in bodies_of(scene.obstacles[index])]
     bodies = joined_rows(primitives.ordered(bounded), body_rows([body for _, body in made]))
-    owners = np.concatenate([bounded, np.array([index for index, _ in made], np.int64)])
+    if thin:
+        bodies = joined_rows(bodies, _small_sheets([scene.obstacles[index] for index in thin]))
+    owners = np.concatenate([bounded, np.array([*(index for index, _ in made), *thin], np.int64)])
     order = np.argsort(owners, kind="stable")
     return bodies.ordered(order), owners[order]
 
@@ -159,12 +165,25 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     if obstacle.solid:
         solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
         return [body.placed(rotation, translation) for body in _as_seen(obstacle, solids)]
-    sheets = []
-    for vertices, triangles, neighbours in obstacle.surfaces:
-        axes = flat_frame(vertices, triangles)
-        along = vertices if (axes == np.eye(3)).all() else vertices @ axes  # of a million it takes long
-        sheets.append(triangulated(along, triangles, SHEET, neighbours).placed(rotation @ axes, translation))
-    return sheets
+    if _is_small_sheet(obstacle):
+        return bodies_in(_small_sheets([obstacle]))
+    found = [triangulated(vertices, triangles, SHEET, beside) for vertices, triangles, beside in obstacle.surfaces]
+    return [body.placed(rotation, translation) for body in found]
+
+
+def _is_small_sheet(obstacle: Obstacle) -> bool:
+    """Tell if an obstacle is a thin surface of few triangles that is seen whole."""
+    return not (obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.seen) and obstacle.faces <= FEW
+
+
+def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
+    """Return the bodies of thin surfaces of few triangles, one for each."""
+    placements = [obstacle.placement for obstacle in obstacles]
+    return sheets(
+        [obstacle.whole_surface for obstacle in obstacles],
+        np.array([placement.rotation for placement in placements]),
+        np.array([placement.translation for placement in placements]),
+    )
 
 
 def _large_bodies(obstacle: Obstacle) -> list[Body]:

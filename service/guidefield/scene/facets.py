@@ -35,10 +35,13 @@ class Facets:
         count: How many there are.
         made: Makes their vertices (v, 3) [m], each used, and the triangles (t, 3), in the obstacle's own frame.
         content: What they are known by, where what is found for them is kept on disk; else nothing.
+        box: As the property, if it is at hand.
     """
 
-    def __init__(self, count: int, made: Whole, content: bytes = b"") -> None:
+    def __init__(self, count: int, made: Whole, content: bytes = b"", box: np.ndarray | None = None) -> None:
         self.count, self._made, self._content = count, made, content
+        if box is not None:
+            vars(self)["box"] = box
 
     @cached_property
     def box(self) -> np.ndarray:

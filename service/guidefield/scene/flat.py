@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.vectors import cross
-from guidefield.kernels.distance.touching_edges import touching_edges
+from guidefield.kernels.distance.touching_edges import touching_edges_of_each
 
 PLANARITY = 1e-6
 """How far from their plane the corners of a flat polygon may lie, as a fraction of its size."""
@@ -50,6 +50,24 @@ class FlatPolygon:
         return points
 
 
+class FlatPolygons(NamedTuple):
+    """Polygons of the same number of corners, row by row as `FlatPolygon` has them."""
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    origins: np.ndarray
+    axes: np.ndarray
+    corners: np.ndarray
+    sizes: np.ndarray
+    deviations: np.ndarray
+    areas: np.ndarray
+
+    def one(self, index: int) -> FlatPolygon:
+        """Return one of them."""
+        arrays, numbers = self[:5], self[5:]
+        return FlatPolygon(*(array[index] for array in arrays), *(float(values[index]) for values in numbers))
+
+
 def centroid(polygon: np.ndarray) -> np.ndarray:
     """Centroid (2,) of a polygon (k, 2) with an area."""
     after = np.roll(polygon, -1, axis=0)
@@ -58,88 +76,109 @@ def centroid(polygon: np.ndarray) -> np.ndarray:
     return middle
 
 
-def flat_polygon(vertices: np.ndarray) -> FlatPolygon:
-    """Fit a plane to the corners of a polygon.
+def flat_polygons(vertices: np.ndarray) -> FlatPolygons:
+    """Fit planes to polygons.
 
     The normal is Newell's, half the sum of the cross products of successive corners: exact for a flat polygon, convex
     or not, however many corners lie on one line.
 
     Args:
-        vertices: Corners in order, shape (k, 3) [m, world].
+        vertices: Corners of each in order, shape (n, k, 3) [m, world].
     """
-    origin = vertices.mean(axis=0)
-    arms = vertices - origin
-    area_vector = 0.5 * np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
-    area = float(np.linalg.norm(area_vector))
-    normal = area_vector / area if area > 0.0 else np.array([0.0, 0.0, 1.0])
-    axes = axes_across(normal)
-    values = {
-        "vertices": np.array(vertices, float),
-        "normal": normal,
-        "origin": origin,
-        "axes": axes,
-        "corners": arms @ axes.T,
-    }
-    for array in values.values():
-        array.setflags(write=False)
-    return FlatPolygon(
-        **values,
-        size=float(np.linalg.norm(np.ptp(vertices, axis=0))),
-        deviation=float(np.abs(arms @ normal).max()),
-        area=area,
+    vertices = np.array(vertices, float)
+    origins = vertices.mean(axis=1)
+    arms = vertices - origins[:, None]
+    area_vectors = 0.5 * np.cross(arms, np.roll(arms, -1, axis=1)).sum(axis=1)
+    areas = np.linalg.norm(area_vectors, axis=1)
+    normals = np.where(areas[:, None] > 0.0, area_vectors, [0.0, 0.0, 1.0])
+    normals /= np.where(areas > 0.0, areas, 1.0)[:, None]
+    axes = axes_across(normals)
+    polygons = FlatPolygons(
+        vertices=vertices,
+        normals=normals,
+        origins=origins,
+        axes=axes,
+        corners=np.einsum("nki,nji->nkj", arms, axes),
+        sizes=np.linalg.norm(np.ptp(vertices, axis=1), axis=1),
+        deviations=np.abs(np.einsum("nki,ni->nk", arms, normals)).max(axis=1),
+        areas=areas,
     )
+    for array in polygons:
+        array.setflags(write=False)
+    return polygons
 
 
-def flatness_fault(polygon: FlatPolygon) -> str | None:
-    """What keeps corners from being a flat polygon with an area, or None."""
-    edges = np.linalg.norm(np.roll(polygon.vertices, -1, axis=0) - polygon.vertices, axis=1)
-    if polygon.size == 0.0 or edges.min() <= PLANARITY * polygon.size:
-        first = int(np.argmin(edges))
-        return f"vertices {first} and {(first + 1) % len(edges)} coincide ({edges[first]:.3g} m apart)"
-    if polygon.area <= SMALLEST_AREA * polygon.size**2:
-        return f"its area is {polygon.area:.3g} m^2 at a size of {polygon.size:.3g} m: it is a line"
-    if polygon.deviation > PLANARITY * polygon.size:
-        return (
-            f"its vertices lie up to {polygon.deviation:.3g} m off a plane,"
-            f" at most {PLANARITY * polygon.size:.3g} m ({PLANARITY:g} of its size) are allowed"
-        )
-    return None
+def flatness_faults(polygons: FlatPolygons) -> dict[int, str]:
+    """Find the reasons why corners aren't those of a flat polygon with an area, by the polygon's index."""
+    edges = np.linalg.norm(np.roll(polygons.vertices, -1, axis=1) - polygons.vertices, axis=2)
+    sizes, areas, deviations = polygons.sizes, polygons.areas, polygons.deviations
+    coinciding = (sizes == 0.0) | (edges.min(axis=1) <= PLANARITY * sizes)
+    faulty = coinciding | (areas <= SMALLEST_AREA * sizes**2) | (deviations > PLANARITY * sizes)
+    faults = {}
+    for index in np.flatnonzero(faulty).tolist():
+        size, area, lengths = sizes[index], areas[index], edges[index]
+        if coinciding[index]:
+            first = int(np.argmin(lengths))
+            faults[index] = f"vertices {first} and {(first + 1) % len(lengths)} coincide ({lengths[first]:.3g} m apart)"
+        elif area <= SMALLEST_AREA * size**2:
+            faults[index] = f"its area is {area:.3g} m^2 at a size of {size:.3g} m: it is a line"
+        else:
+            faults[index] = (
+                f"its vertices lie up to {deviations[index]:.3g} m off a plane,"
+                f" at most {PLANARITY * size:.3g} m ({PLANARITY:g} of its size) are allowed"
+            )
+    return faults
 
 
 def axes_across(normal: np.ndarray) -> np.ndarray:
-    """Two unit vectors, shape (2, 3), that complete a unit normal, shape (3,), to a right-handed frame."""
-    seed = np.zeros(3)
-    seed[np.argmin(np.abs(normal))] = 1.0
-    first = cross(seed, normal)
-    first /= np.linalg.norm(first)
-    return np.array([first, cross(normal, first)])
-
-
-def crossing_edges(polygon: FlatPolygon) -> tuple[int, int] | None:
-    """Two edges that touch though they aren't neighbours, or fold back on each other; None if the polygon is simple.
-
-    Edge i runs from corner i to corner i + 1. Lengths below `PLANARITY` of the size count as touching.
-    """
-    start = polygon.corners
-    end = np.roll(start, -1, axis=0)
-    count = len(start)
-    gap = PLANARITY * polygon.size
-    along = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
-    cosine = np.einsum("ij,ij->i", along, np.roll(along, -1, axis=0))
-    folded = np.flatnonzero(cosine < -1.0 + 0.5 * PLANARITY**2)
-    if len(folded):
-        return int(folded[0]), int((folded[0] + 1) % count)
-    boxes = np.hstack([np.minimum(start, end), np.maximum(start, end)])
-    one, other = touching_edges(start, boxes, np.argsort(boxes[:, 0]), gap).tolist()
-    return None if one == count else (one, other)
-
-
-def bulges(corners: np.ndarray) -> bool:
-    """Whether an outline turns left at every corner.
+    """Return two unit vectors that complete a unit normal to a right-handed frame.
 
     Args:
-        corners: Shape (k, 2), counter-clockwise.
+        normal: Shape (..., 3).
+
+    Returns:
+        Shape (..., 2, 3).
     """
-    leaving = np.roll(corners, -1, axis=0) - corners
-    arriving = np.roll(leaving, 1, axis=0)
-    return bool(np.all(arriving[:, 0] * leaving[:, 1] > arriving[:, 1] * leaving[:, 0]))
+    seed = (np.abs(normal).argmin(axis=-1)[..., None] == np.arange(3)).astype(float)
+    first = np.cross(seed, normal)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, np.cross(normal, first)], axis=-2)
+
+
+def crossing_edges(polygons: FlatPolygons) -> dict[int, tuple[int, int]]:
+    """Find two edges that touch though they aren't neighbours, or fold back on each other, by the polygon's index.
+
+    Edge i runs from corner i to corner i + 1. Lengths below `PLANARITY` of the size count as touching. Those that are
+    missing are simple.
+
+    Args:
+        polygons: Polygons without a fault.
+    """
+    start = polygons.corners
+    end = np.roll(start, -1, axis=1)
+    count = start.shape[1]
+    along = (end - start) / np.linalg.norm(end - start, axis=2, keepdims=True)
+    cosine = np.einsum("nij,nij->ni", along, np.roll(along, -1, axis=1))
+    found = {}
+    for index, edge in np.argwhere(cosine < -1.0 + 0.5 * PLANARITY**2)[::-1].tolist():
+        found[index] = edge, (edge + 1) % count
+    if count > 3:
+        boxes = np.concatenate([np.minimum(start, end), np.maximum(start, end)], axis=2)
+        touching = np.empty((len(start), 2), np.int64)
+        order = np.argsort(boxes[:, :, 0], axis=1)
+        touching_edges_of_each(start, boxes, order, PLANARITY * polygons.sizes, touching)
+        for index in np.flatnonzero(touching[:, 0] < count).tolist():
+            found.setdefault(index, (int(touching[index, 0]), int(touching[index, 1])))
+    return found
+
+
+def are_bulging(corners: np.ndarray) -> np.ndarray:
+    """Tell which outlines turn left at every corner, shape (n,).
+
+    Args:
+        corners: Shape (n, k, 2), counter-clockwise.
+    """
+    leaving = np.roll(corners, -1, axis=1) - corners
+    arriving = np.roll(leaving, 1, axis=1)
+    turns: np.ndarray = (arriving[..., 0] * leaving[..., 1] > arriving[..., 1] * leaving[..., 0]).all(axis=1)
+    return turns

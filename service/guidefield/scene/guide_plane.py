@@ -11,7 +11,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Look, never
-from guidefield.scene.flat import PLANARITY, FlatPolygon, centroid, flat_polygon, flatness_fault
+from guidefield.scene.flat import PLANARITY, FlatPolygon, centroid, flat_polygons, flatness_faults
 from guidefield.scene.points import are_many
 
 MANY = 1000
@@ -120,8 +120,9 @@ def build(message: messages.GuidePlane, index: int) -> GuidePlane:
     Raises:
         SceneInvalid: if it isn't flat, isn't convex or has no area; `details` name the plane and the path.
     """
-    flat = flat_polygon(np.array(message.vertices, float))
-    fault = flatness_fault(flat) or _convexity_fault(flat)
+    flats = flat_polygons(np.array(message.vertices, float)[None])
+    flat = flats.one(0)
+    fault = flatness_faults(flats).get(0) or _convexity_fault(flat)
     if fault is not None:
         raise SceneInvalid(
             f"guide plane {message.name!r}: {fault}", guide_plane=message.name, path=f"$.guide_planes[{index}].vertices"

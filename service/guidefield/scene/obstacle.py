@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,10 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import SceneInvalid
-from guidefield.geometry import surfaces
 from guidefield.geometry.cache import is_large
-from guidefield.geometry.charged import convex_quads
-from guidefield.geometry.mesh_surface import MeshSurface
 from guidefield.geometry.placements import moved, se3
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
 from guidefield.messages import scene as messages
@@ -23,13 +21,13 @@ from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of
 from guidefield.scene.facets import Facets
-from guidefield.scene.flat import bulges, crossing_edges, flat_polygon, flatness_fault
-from guidefield.scene.mesh import MOST_FACES, JudgedMesh, as_judged, extent_of, judged_mesh
+from guidefield.scene.mesh import MOST_FACES, JudgedMesh, extent_of, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
 from guidefield.scene.seen_surface import SeenSurface
+from guidefield.scene.sheets import Sheet, build_sheets
 from guidefield.scene.size import size_warnings
 from guidefield.scene.solids import solids_of
 
@@ -173,13 +171,33 @@ class Obstacle:
         return made
 
 
-def build(message: messages.Obstacle, index: int, content: Content | None = None) -> Obstacle:
+def build_all(declared: Sequence[messages.Obstacle], contents: Mapping[int, Content]) -> tuple[Obstacle, ...]:
+    """Build the obstacles of a scene; polygons that are new are judged together.
+
+    Args:
+        declared: Their declarations.
+        contents: What some of them are known by, by their indices, where it is at hand.
+
+    Raises:
+        SceneInvalid: as `build`.
+    """
+    polygons = {index: one for index, one in enumerate(declared) if isinstance(one, messages.Polygon)}
+    contents = {**contents, **{index: content_of(one) for index, one in polygons.items() if index not in contents}}
+    new = [k for k, one in polygons.items() if one.trajectory is None and contents[k].all not in _KNOWN]
+    sheets = dict(zip(new, build_sheets([polygons[index].vertices for index in new]), strict=True))
+    return tuple(build(one, index, contents.get(index), sheets.get(index)) for index, one in enumerate(declared))
+
+
+def build(
+    message: messages.Obstacle, index: int, content: Content | None = None, sheet: Sheet | str | None = None
+) -> Obstacle:
     """Build an obstacle from its message; from the same declaration it is the same object, unless it is a primitive.
 
     Args:
         message: Its declaration.
         index: Where it stands in the scene, for error messages.
         content: What it is known by, where it is at hand.
+        sheet: As of `build_sheets`, of a polygon at rest, where it is at hand.
 
     Raises:
         SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
@@ -196,7 +214,10 @@ def build(message: messages.Obstacle, index: int, content: Content | None = None
         motion = None if message.trajectory is None else ObstacleMotion.of(message.trajectory)
         still = message if motion is None else posed(message, motion.placements[0])
         is_moved = motion is not None and isinstance(still, messages.PointCloud)  # its points are others then
-        obstacle = BUILDERS[type(still)](still, content._replace(geometry=b"") if is_moved else content)
+        if sheet is None:
+            obstacle = BUILDERS[type(still)](still, content._replace(geometry=b"") if is_moved else content)
+        else:
+            obstacle = _sheet(still, sheet)
     except _UnusableError as error:
         raise SceneInvalid(
             f"obstacle {message.name!r}: {error.fault}",
@@ -206,21 +227,48 @@ def build(message: messages.Obstacle, index: int, content: Content | None = None
     large = size_warnings(still, obstacle.recipe.extent)
     if motion is not None or large:
         obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
-    many = obstacle.faces
-    while len(_KNOWN) >= _MOST_KNOWN or (many and _KNOWN and many + _faces_known() > MOST_FACES):
-        _KNOWN.pop(next(iter(_KNOWN)), None)
-    _KNOWN[content.all] = obstacle
+    _KNOWN.add(content.all, obstacle)
     return obstacle
 
 
-_KNOWN: dict[bytes, Obstacle] = {}
-"""Obstacles by what was declared: one that is in the next scene again is not built again."""
+class KnownObstacles:
+    """The last obstacles by what was declared: one that is in the next scene again is not built again.
+
+    Attributes:
+        faces: How many triangles and points they have together.
+    """
+
+    def __init__(self) -> None:
+        self._obstacles: dict[bytes, Obstacle] = {}
+        self.faces = 0
+        self._lock = threading.Lock()
+
+    def __contains__(self, content: bytes) -> bool:
+        return content in self._obstacles
+
+    def get(self, content: bytes) -> Obstacle | None:
+        """Return the obstacle that is known by a content, if any."""
+        return self._obstacles.get(content)
+
+    def add(self, content: bytes, obstacle: Obstacle) -> None:
+        """Keep an obstacle; the oldest ones go where they are too many, or of too many faces."""
+        many = obstacle.faces
+        with self._lock:
+            known = self._obstacles
+            while len(known) >= _MOST_KNOWN or (many and known and many + self.faces > MOST_FACES):
+                self.faces -= known.pop(next(iter(known))).faces
+            self.faces += many - (known[content].faces if content in known else 0)
+            known[content] = obstacle
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        with self._lock:
+            self._obstacles, self.faces = {}, 0
+
+
+_KNOWN = KnownObstacles()
 
 _MOST_KNOWN = 512
-
-
-def _faces_known() -> int:
-    return sum(one.faces for one in _KNOWN.values())
 
 
 class _UnusableError(Exception):
@@ -245,23 +293,28 @@ def _mesh(message: messages.Mesh, content: Content) -> Obstacle:
 
 
 def _polygon(message: messages.Polygon, _: Content) -> Obstacle:
-    flat = flat_polygon(np.array(message.vertices, float))
-    fault = flatness_fault(flat)
-    crossing = crossing_edges(flat) if fault is None else None
-    if crossing is not None:
-        fault = f"its edges {crossing[0]} and {crossing[1]} meet: it isn't simple"
-    if fault is not None:
-        raise _UnusableError(fault, ".vertices")
-    try:
-        triangles = surfaces.triangulate_polygon(flat.vertices).triangles
-    except ValueError as error:
-        raise _UnusableError(str(error), ".vertices") from None
-    sheet = _surface(message, as_judged(MeshSurface(flat.vertices, triangles, False, None, ())), pin.SE3.Identity())
-    if bulges(flat.corners):
-        quads, rest = convex_quads(flat.vertices)
-        recipe = sheet.recipe._replace(charged=lambda *_: Charges(triangles=rest, quads=quads))
-        return dataclasses.replace(sheet, recipe=recipe)
-    return sheet
+    return _sheet(message, build_sheets([message.vertices])[0])
+
+
+def _sheet(message: messages.Obstacle, sheet: Sheet | str) -> Obstacle:
+    if isinstance(sheet, str):
+        raise _UnusableError(sheet, ".vertices")
+    whole, charges = (sheet.vertices, sheet.triangles), sheet.charges
+    facets = Facets(len(sheet.triangles), lambda: whole, box=sheet.box)
+    recipe = Recipe(
+        body=lambda _: (facets.whole, _ORIGIN),
+        surface=lambda _: whole,
+        charged=lambda *_: charges,
+        solid=False,
+        convex=False,
+        facets=facets,
+        placement=_ORIGIN,
+        extent=float((sheet.box[1] - sheet.box[0]).max()),
+    )
+    return Obstacle(message, recipe)
+
+
+_ORIGIN = pin.SE3.Identity()
 
 
 def _point_cloud(message: messages.PointCloud, content: Content) -> Obstacle:

@@ -139,7 +139,7 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
         SceneInvalid: if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
             `guide_plane`) and the `path` in the scene.
     """
-    obstacles = tuple(obstacle.build(one, index, contents.get(index)) for index, one in enumerate(message.obstacles))
+    obstacles = obstacle.build_all(message.obstacles, contents)
     guide_planes = guide_plane.build_all(message.guide_planes)
     return Scene(
         message=message,

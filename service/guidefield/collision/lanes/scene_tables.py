@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,6 +15,7 @@ import pinocchio as pin
 from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
+from guidefield.collision.lanes.flat_forest import flat_forest
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
 from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
 from guidefield.collision.preparation import Told
@@ -29,6 +30,7 @@ from guidefield.kernels.collide.primitives_layout import primitive_tables
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.messages import scene as messages
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
@@ -219,7 +221,13 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
     """
     if scene in _prepared:
         return
-    for obstacle in map(scene.obstacles.__getitem__, unplaced(scene)):
+    left = [one for one in map(scene.obstacles.__getitem__, unplaced(scene)) if one not in _made]
+    flat = [one for one in left if _is_flat(one)]
+    for begin in range(0, len(flat), TOGETHER):
+        told(f"obstacle {flat[begin].name}")
+        deadline.check(f"obstacle {flat[begin].name}")
+        _make_flat(flat[begin : begin + TOGETHER])
+    for obstacle in left:
         if obstacle not in _made:
             told(f"obstacle {obstacle.name}")
             if spent():
@@ -227,6 +235,9 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
             _tables(obstacle)
     _prepared.add(scene)
 
+
+TOGETHER = 256
+"""Most polygons whose tables are made at one time, which takes some milliseconds."""
 
 _prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
 
@@ -240,22 +251,45 @@ def _tables(obstacle: Obstacle) -> _Tables:
     return _made[obstacle]
 
 
+def _is_flat(obstacle: Obstacle) -> bool:
+    """Tell if an obstacle is a polygon that isn't a large mesh."""
+    return isinstance(obstacle.message, messages.Polygon) and obstacle.faces <= MOST_TRIANGLES
+
+
+def _make_flat(obstacles: Sequence[Obstacle]) -> None:
+    """Make the tables of polygons."""
+    made = flat_forest([np.take(*one.whole_surface, axis=0) for one in obstacles])  # which is in the world
+    rows, places = (
+        np.concatenate([flat.rows for flat in made]),
+        _places_of(np.concatenate([flat.nodes for flat in made])),
+    )
+    numbers, boxes = rows.astype(np.float32), boxes_about(rows).astype(np.float32)
+    begin = 0
+    for obstacle, flat in zip(obstacles, made, strict=True):
+        own = slice(begin, begin + len(flat.nodes))
+        _made[obstacle] = _tables_with(flat.parts, places[own], numbers[own], boxes[own])
+        begin = own.stop
+
+
 def _tables_of(obstacle: Obstacle) -> _Tables:
     if obstacle.cloud is None and obstacle.faces > MOST_TRIANGLES:
         made = large_surface(obstacle)
         parts = Parts(**{name: made[name] for name in Parts._fields})
-        return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"], 0)
+        return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"])
+    if _is_flat(obstacle):
+        _make_flat([obstacle])
+        return _made[obstacle]
     table = PartsTable()
     places, rows = _stand_ins(obstacle, table)
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
-    numbers = rows.astype(np.float32), boxes_about(rows).astype(np.float32)
-    return _tables_with(table.tables(), places, *numbers, address)
+    places = np.column_stack([places, np.full(len(places), address)])
+    return _tables_with(table.tables(), places, rows.astype(np.float32), boxes_about(rows).astype(np.float32))
 
 
-def _tables_with(parts: Parts, places: np.ndarray, primitives: np.ndarray, boxes: np.ndarray, address: int) -> _Tables:
+def _tables_with(parts: Parts, places: np.ndarray, primitives: np.ndarray, boxes: np.ndarray) -> _Tables:
     return _Tables(
         (len(places), len(parts.balls) // BALL_ROW, len(parts.shapes) // SHAPE, len(parts.vertices) // BLOCK),
-        np.column_stack([places, np.full(len(places), address)]),
+        places,
         primitives,
         boxes,
         parts.balls,
@@ -311,12 +345,13 @@ def _clusters(corners: np.ndarray, table: PartsTable) -> tuple[np.ndarray, np.nd
     nodes, members = tree.clusters[CLUSTER]
     if len(corners) == 1:
         nodes, members = np.zeros(1, np.int64), np.zeros((1, 1), np.int64)
-    return _places_of(root + nodes), cluster_rows(corners, members)
+    return _places_of(root + nodes)[:, :3], cluster_rows(corners, members)
 
 
 def _places_of(nodes: np.ndarray) -> np.ndarray:
-    """Kind, whether it is the obstacle itself, and root of boxes about what is below nodes (k,), shape (k, 3)."""
-    return np.column_stack([np.full(len(nodes), BOX), np.zeros(len(nodes), np.int64), nodes])
+    """Return the places of boxes about what is below nodes (k,), as `_Tables` has them."""
+    none = np.zeros(len(nodes), np.int64)
+    return np.column_stack([np.full(len(nodes), BOX), none, nodes, none])
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import void
 
 from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    INDEX_MATRIX,
+    INDEX_MATRIX_OUT,
     INDICES,
     INDICES_OUT as PAIR_OUT,
     MATRIX,
     SCALAR,
+    VECTOR,
     Floats,
     Integers,
     compiled,
@@ -79,3 +84,18 @@ def touching_edges(corners: Floats, boxes: Floats, order: Integers, gap: float) 
             if _touch(corners, i, j, gap):
                 found[0], found[1] = i, j
     return found
+
+
+@compiled(void(BLOCKS, BLOCKS, INDEX_MATRIX, VECTOR, INDEX_MATRIX_OUT))
+def touching_edges_of_each(corners: Floats, boxes: Floats, order: Integers, gaps: Floats, found_out: Integers) -> None:
+    """Find the first touching edges of each of n outlines, row by row as `touching_edges` does.
+
+    Args:
+        corners: Shape (n, k, 2) [m].
+        boxes: Shape (n, k, 4) [m].
+        order: Shape (n, k).
+        gaps: Shape (n,) [m].
+        found_out: Shape (n, 2).
+    """
+    for i in range(corners.shape[0]):
+        found_out[i] = touching_edges(corners[i], boxes[i], order[i], gaps[i])
