@@ -177,6 +177,17 @@ def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
     assert len(lane_scene(made).owners) > 0
 
 
+def test_preparing_polygons_stops_when_time_is_up_and_goes_on_later() -> None:
+    corners = np.random.default_rng(8).normal(size=(300, 3, 3)).tolist()
+    polygons = [messages.Polygon(name=f"p{k}", vertices=one) for k, one in enumerate(corners)]
+    made = build(messages.Scene(name="s", obstacles=[*polygons, WALL]))
+    answers = iter([False, True])
+    with pytest.raises(StoppedError, match=r"^obstacle p256$"):
+        prepare_scene(made, lambda: next(answers))
+    prepare_scene(made, lambda: False)
+    prepare_scene(made, lambda: True)  # nothing is left to do
+
+
 @pytest.mark.parametrize("count", [1, 2, 21, 22, 300])
 def test_boxes_of_a_surface_hold_its_triangles_each_once(count: int) -> None:
     rng = np.random.default_rng(count)

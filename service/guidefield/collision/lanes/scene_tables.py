@@ -225,7 +225,8 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
     flat = [one for one in left if _is_flat(one)]
     for begin in range(0, len(flat), TOGETHER):
         told(f"obstacle {flat[begin].name}")
-        deadline.check(f"obstacle {flat[begin].name}")
+        if spent():
+            raise StoppedError(f"obstacle {flat[begin].name}")
         _make_flat(flat[begin : begin + TOGETHER])
     for obstacle in left:
         if obstacle not in _made:
