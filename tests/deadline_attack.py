@@ -1,25 +1,28 @@
-"""How late answers to large requests come that allow little time, once they were read: `tools/attack_deadlines`."""
+"""How late a service answers large requests that allow little time: what `tools/attack_deadlines` asks."""
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 
-import guidefield
-from guidefield.aside import wait_for_others
-from guidefield.engine import _default
+from guidefield.endpoint.endpoint import Endpoint
 from guidefield.errors import GuidefieldError
-from guidefield.messages import codec
-from guidefield.messages.request_reader import read_request
-from guidefield.messages.scene import Scene
-from guidefield.messages.values import Float32Array, Uint32Array
+from guidefield.messages.codec import Encoding
+from guidefield.messages.keys import Query
+from guidefield.pool.pool import Pool
+from guidefield.stores.runs import RunDatabase
+from guidefield.worker import EngineSetup
 from tests.deadline_requests import MAKERS, Made
 
-TIMES = (0.1, 0.3)
+TIMES = (0.1, 0.3, 1.0)
 """Allowed [s]."""
 
 SLACK, SHARE = 0.05, 0.05
@@ -27,48 +30,81 @@ SLACK, SHARE = 0.05, 0.05
 
 SMALL = {"robot": "panda", "scene": "table", "goal": {"type": "joints", "positions": {"panda_joint1": 0.4}}}
 
+PATIENCE = 300.0
+"""Longer than anything takes here [s]."""
 
-def late(kind: str, form: str, allowed: float, again: int = 0, share: float = 1.0) -> list[tuple[float, str]]:
-    """How late answers to a large request come that was never seen, and again: by the processor time of this process.
+Ask = Callable[[bytes], tuple[float, str]]
+"""Asks the service; returns how long the answer took [s], and how it ended."""
 
-    What else the machine does makes nothing late then, and threads that work beside one another count twice.
+
+@contextlib.contextmanager
+def service(workers: int = 1) -> Iterator[Ask]:
+    """A service without network and disk: its endpoint, and workers that have answered a small plan."""
+    with tempfile.TemporaryDirectory() as folder:
+        setup = EngineSetup("attacked", Path(folder))
+        runs = RunDatabase(Path(folder))
+        runs.writer.submit = _written_at_once  # type: ignore[method-assign]
+        pool = Pool(setup, workers=workers)
+        endpoint = Endpoint("attacked", setup.engines(runs), runs, pool, lambda _key, _told: None)
+        pool.start()
+        assert pool.ready(PATIENCE)
+
+        def ask(payload: bytes) -> tuple[float, str]:
+            tag = payload[:30].partition(b'{"type":"')[2].partition(b'"')[0].decode()
+            key = {"": "plan", "certify": "certify"}.get(tag, "kinematics")
+            ended: list[float] = []
+            received = time.monotonic()
+            answer = endpoint.ask(Query((key,), {}, payload, Encoding.JSON), received)
+            answer.add_done_callback(lambda _: ended.append(time.monotonic()))
+            try:
+                is_reply, told = answer.result(PATIENCE)
+            except GuidefieldError as error:
+                return ended[0] - received, f"{type(error).__name__}: {error.message[:80]}"
+            decoded = msgspec.json.decode(told)
+            status = decoded.get("status", {"name": "answered"}) if is_reply else {"name": decoded["name"]}
+            return ended[0] - received, f"{status['name']} {status.get('details', {}).get('preparing', '')}".strip()
+
+        try:
+            for _ in range(workers):
+                ask(msgspec.json.encode(SMALL | {"recording": "off"}))
+            yield ask
+        finally:
+            pool.close(0.0)
+            endpoint.close()
+            runs.close()
+
+
+def _written_at_once(*_write: Any, **_options: Any) -> Future[Any]:
+    done: Future[Any] = Future()
+    done.set_result(None)
+    return done
+
+
+def late(ask: Ask, kind: str, form: str, allowed: float, again: int = 0, share: float = 1.0) -> list[tuple[float, str]]:
+    """Ask for something large that was never seen, and again at once.
 
     Args:
+        ask: Asks the service.
         kind: What it has many of.
-        form: How it is given.
+        form: How it is written.
         allowed: What each answer is allowed [s].
         again: How often it is asked for again.
         share: How large it is, of the most that there may be of a kind.
 
     Returns:
-        Seconds of processor time after what was allowed, and how the answer ended, of each.
+        Seconds after what was allowed, and how the answer ended, of each.
     """
-    wait_for_others(lambda: None)  # of another kind
-    guidefield.answer(SMALL)
     made, most = MAKERS[kind]
     asked = made(round(share * most))
     asked["allowed_time" if "type" in asked else "allowed_planning_time"] = allowed
-    clock, time.monotonic = time.monotonic, time.process_time
-    try:
-        return [_late(FORMS[form](asked), allowed) for _ in range(1 + again)]
-    finally:
-        time.monotonic = clock
+    payload = FORMS[form](asked)
+    answers = [ask(payload) for _ in range(1 + again)]
+    return [(seconds - allowed, ended) for seconds, ended in answers]
 
 
 def too_late(seconds: float, allowed: float) -> bool:
     """Whether an answer that came so long after its time was up [s] came too late."""
     return seconds > SLACK + SHARE * allowed
-
-
-def _late(request: Any, allowed: float) -> tuple[float, str]:
-    read = read_request(request)  # at one go: who asks in Python waits for it
-    began = time.process_time()
-    try:
-        status = getattr(_default().answer(read), "status", None)
-        ended = "answered" if status is None else f"{status.name} {status.details.get('preparing', '')}".strip()
-    except GuidefieldError as error:
-        ended = f"{type(error).__name__}: {error.message[:80]}"
-    return time.process_time() - began - allowed, ended
 
 
 def _with(made: Any, change: Callable[[str, np.ndarray], Any], name: str = "") -> Any:
@@ -96,32 +132,16 @@ def _packed(made: Made) -> Made:
         changed = {field: packed(value) for field, value in one.items()}
         if one.get("type") in ("mesh", "point_cloud"):
             for field in {"vertices", "points"} & one.keys():
-                changed[field] = Float32Array(one[field].astype("<f4").tobytes())
+                changed[field] = {"float32": one[field].astype("<f4").tobytes()}
             if "triangles" in one:
-                changed["triangles"] = Uint32Array(one["triangles"].astype("<u4").tobytes())
+                changed["triangles"] = {"uint32": one["triangles"].astype("<u4").tobytes()}
         return changed
 
     return _listed(packed(made))
 
 
-def _objects(made: Made) -> Any:
-    """Structs that no decoder has seen: with a scene made anew."""
-    request = codec.decode_request(made)
-    scene = getattr(request, "scene", None)
-    if not isinstance(scene, Scene):
-        return request
-    others = {field: getattr(request, field) for field in request.__struct_fields__}
-    others["scene"] = Scene(scene.name, obstacles=scene.obstacles, guide_planes=scene.guide_planes)
-    return type(request)(**others)
-
-
-FORMS: dict[str, Callable[[Made], Any]] = {
-    "objects": lambda made: _objects(_listed(made)),
-    "packed": lambda made: _objects(_packed(made)),
-    "dicts": _listed,
-    "arrays": lambda made: made,
+FORMS: dict[str, Callable[[Made], bytes]] = {
     "json": lambda made: msgspec.json.encode(_listed(made)),
-    "packed_json": lambda made: msgspec.json.encode(_packed(made)),
+    "packed": lambda made: msgspec.json.encode(_packed(made)),
 }
-"""How a request is given: messages with lists, and with packed arrays; dicts with lists, and with NumPy's; JSON of
-lists, and of packed arrays."""
+"""How a request is written: JSON of lists, and of packed arrays."""

@@ -48,7 +48,7 @@ OPTIONAL = {
     "xacro",
 }
 """Imported where the extra of that name is installed."""
-UNIMPORTED = {"example-robot-data", "pycollada"}
+UNIMPORTED = {"example-robot-data", "pillow", "pycollada"}
 """Data, and what trimesh needs for the files that we give it."""
 COMES_WITH_NUMBA = {"llvmlite"}
 """numba demands the one version that fits."""

@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
-from guidefield.aside import StoppedError, wait_for_others
 from guidefield.collector import waiting_collector
+from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.errors import (
     GuidefieldError,
     MalformedRequest,
-    Preempted,
     RobotInvalid,
     SceneInvalid,
     at_path,
@@ -291,16 +290,17 @@ class Engine:
         answer = answer_steps if request.steps else answer_plan
 
         def answered(run: Run, began: float) -> PlanReply:
+            deadline = Deadline(asking.received + request.allowed_planning_time, run.cancelled)
             return answer(
                 request,
                 asking.load(request.robot),
-                self._scene_in_time(request.scene, asking.received + request.allowed_planning_time, run.cancelled),
+                self._scene(request.scene, deadline),
                 run_id=run.run_id,
                 received=asking.received,
+                deadline=deadline,
                 began=began,
                 record=run.record,
                 preparing=run.prepare,
-                cancelled=run.cancelled,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -309,15 +309,16 @@ class Engine:
         from guidefield.handlers.certify import answer_certify
 
         def answered(run: Run, began: float) -> CertifyReply:
+            deadline = Deadline(asking.received + request.allowed_time, run.cancelled)
             return answer_certify(
                 request,
                 asking.load(request.robot),
-                self._scene_in_time(request.scene, asking.received + request.allowed_time, run.cancelled),
+                self._scene(request.scene, deadline),
                 run_id=run.run_id,
                 received=asking.received,
+                deadline=deadline,
                 began=began,
                 record=run.record,
-                cancelled=run.cancelled,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -350,11 +351,10 @@ class Engine:
         run = Run(run_id, request, to, asking.load.origin, progress)
         try:
             return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
-        except StoppedError as stopped:
+        except DeadlineExpired as late:
             from guidefield.handlers.unbegun import stopped_loading
 
-            waited = time.monotonic() - received
-            reply = stopped_loading(run_id, request, str(stopped), run.cancelled(), waited)
+            reply = stopped_loading(run_id, request, late, time.monotonic() - received)
             return run.end(cast(_R, reply))
 
     def motion_of(self, request: requests.CertifyRequest) -> Motion:
@@ -393,27 +393,24 @@ class Engine:
         return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking, watching)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
-        from guidefield.handlers.allowance import Allowance
         from guidefield.handlers.kinematics import answer_kinematics
-        from guidefield.handlers.preparing import field_in_time
-        from guidefield.handlers.unbegun import time_up_loading
+        from guidefield.handlers.preparation import prepare_field
+        from guidefield.handlers.unbegun import stopped_work
 
-        cancelled = _never if watcher is None else watcher.cancelled
-        allowance = Allowance(request.allowed_time, received + request.allowed_time, cancelled)
+        until = received + request.allowed_time
+        deadline = Deadline(until) if watcher is None else Deadline(until, watcher.cancelled)
         robot = None if request.robot is None else self._robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
         reference = request.scene if isinstance(request, kinds) else None
         try:
-            scene = None if reference is None else self._scene_in_time(reference, allowance.until, cancelled)
+            scene = None if reference is None else self._scene(reference, deadline)
             if scene is not None and isinstance(request, requests.Potential):
-                field_in_time(scene, allowance.spent)
-        except StoppedError:
-            if cancelled():
-                raise Preempted("the request was cancelled while things were loaded", stage="load") from None
-            raise time_up_loading(request.allowed_time) from None
-        if watcher is not None:
-            watcher.be_prepared()
-        return answer_kinematics(request, robot, scene, allowance)
+                prepare_field(scene, deadline)
+            if watcher is not None:
+                watcher.be_prepared()
+            return answer_kinematics(request, robot, scene, deadline)
+        except DeadlineExpired as late:
+            raise stopped_work(late, request.allowed_time) from None
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots
@@ -507,24 +504,14 @@ class Engine:
             holder, name = self._holder("robots", reference)
             return holder._robots.find(name) or name
 
-    def _scene(self, reference: requests.SceneReference) -> Scene:
-        """The scene that a request means, built."""
-        with at_path("$.scene"), _at_declared(reference):
-            return self._loaded.built.of(self._declared(reference))
-
-    def _scene_in_time(self, reference: requests.SceneReference, until: float, cancelled: Callable[[], bool]) -> Scene:
-        """The same, built by a time on the clock of `time.monotonic` [s].
+    def _scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
+        """Return the scene that a request means, built.
 
         Raises:
-            StoppedError: if that was up before, or the request was cancelled.
+            DeadlineExpired: if the deadline passed before it was built.
         """
-
-        def spent() -> bool:
-            return cancelled() or time.monotonic() >= until
-
-        wait_for_others(spent)  # what they use may be used here, too
         with at_path("$.scene"), _at_declared(reference):
-            return self._loaded.built.of(self._declared(reference), spent)
+            return self._loaded.built.of(self._declared(reference), deadline)
 
     def _declared(self, reference: requests.SceneReference) -> SceneMessage:
         """The scene that a request means."""
@@ -567,10 +554,6 @@ def _at_added(coming: Sequence[Obstacle]) -> Iterator[None]:
         if among and index is not None:
             error.details["path"] = f"$.add[{index}]{field.partition(']')[2]}"
         raise
-
-
-def _never() -> bool:
-    return False
 
 
 class _RobotOnce:

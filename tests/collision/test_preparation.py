@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.aside import StoppedError
 from guidefield.collision import convex_parts, preparation
 from guidefield.collision.preparation import prepare
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
 from guidefield.geometry import mesh_pieces
 from guidefield.kernels.jit.cache import cache_folder
@@ -76,8 +76,8 @@ def request_for(robot: UrdfFile, allowed: float) -> PlanRequest:
 def test_it_says_what_it_prepares_stops_between_two_pieces_and_goes_on_from_there(cold: Path) -> None:
     urdf = bent(cold)
     heard: list[str] = []
-    with pytest.raises(StoppedError, match="cutting l0, shape 1 of 2"):
-        prepare(Catalog().load(urdf), lambda: len(heard) == 1, heard.append)
+    with pytest.raises(DeadlineExpired, match="cutting l0, shape 1 of 2"):
+        prepare(Catalog().load(urdf), Deadline(is_cancelled=lambda: len(heard) == 1), heard.append)
     assert heard == ["covering l0, shape 1 of 2"], "both links have the same mesh"
     prepare(Catalog().load(urdf), told=heard.append)
     assert heard[1:3] == ["cutting l0, shape 1 of 2", "sorting the triangles of l0, shape 1 of 2"]

@@ -17,6 +17,7 @@ import guidefield
 from guidefield.cli.motion_files import recorded_fields
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, MalformedRequest, Status
 from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
@@ -27,7 +28,6 @@ from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.task.conditions import Budget
 from guidefield.scene import library
 from guidefield.scene.scene import build
 from tests.collision.listed import are_mixed
@@ -229,7 +229,7 @@ def test_a_motion_that_flies_and_turns_is_certified_in_its_chart() -> None:
 
 def sampled_contact(request: requests.CertifyRequest, samples: int = 500) -> bool:
     """Whether Coal finds any contact, or less than the clearance, at samples evenly along the motion."""
-    problem, _ = certify_problem(request, robot(request.robot), scene_of(request), Budget())
+    problem, _ = certify_problem(request, robot(request.robot), scene_of(request), Deadline())
     world, curve, margin = problem.world, problem.motion.measured, problem.min_clearance
     for z in curve.evaluate(np.linspace(curve.times[0], curve.times[-1], samples))[0]:
         q = problem.group.expand_from_chart(z)
@@ -366,7 +366,7 @@ def test_a_slight_contact_at_the_start_may_be_left() -> None:
     scene = {"name": "s", "obstacles": [{**ball, "position": [0.0, 0.0, 0.0]}]}
     problem, _ = certify_problem(
         codec.decode_request({"type": "certify", "robot": "panda", "scene": scene, "path": [HOME]}),
-        robot("panda"), build(msgspec.convert(scene, messages.Scene)), Budget(),
+        robot("panda"), build(msgspec.convert(scene, messages.Scene)), Deadline(),
     )  # fmt: skip
     hand = _placed(problem.world, "panda_hand")
     scene["obstacles"][0]["position"] = [float(hand[0]), float(hand[1]) + 0.145, float(hand[2])]
@@ -413,12 +413,15 @@ def test_a_time_that_is_up_tells_how_far_it_is_free(monkeypatch: pytest.MonkeyPa
     rows = [[0.3 * (-1.0) ** k, *HOME[1:]] for k in range(2_000)]
     asked = itertools.count()  # a machine may be too quick, or too slow, for any number of seconds
 
-    class Short(Budget):
-        def spent(self) -> Status | None:
-            return Status.TIMED_OUT if next(asked) >= 3 else None
+    class Short(Deadline):
+        def expired(self) -> bool:
+            return next(asked) >= 3
+
+        def status(self) -> Status | None:
+            return Status.TIMED_OUT if self.expired() else None
 
     def judged(problem: GivenProblem, uses: Uses) -> Judgement:
-        return judge(dataclasses.replace(problem, budget=Short()), uses)
+        return judge(dataclasses.replace(problem, deadline=Short()), uses)
 
     monkeypatch.setattr("guidefield.handlers.certify.judge", judged)
     reply = certify(path=rows, position_names=NAMES)
@@ -466,7 +469,7 @@ def test_times_are_those_of_the_scene_and_arrays_may_stand_for_rows(interpolatio
     reply = guidefield.answer(request)
     assert reply.status.name == "SUCCESS", reply.status.message
     assert reply.certificate.free_until.time == 13.5
-    problem, _ = certify_problem(read_request(request), robot("panda"), build(request.scene), Budget())
+    problem, _ = certify_problem(read_request(request), robot("panda"), build(request.scene), Deadline())
     times = np.linspace(11.0, 13.5, 150)
     zs = problem.motion.scheduled.evaluate(times)[0]
     sampled = []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Any
 
@@ -10,8 +9,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from guidefield.aside import StoppedError
 from guidefield.collision.robot_reach import robot_reach
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.handlers import in_reach as room
 from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
@@ -19,7 +18,7 @@ from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.values import Placement
-from guidefield.planner.task.conditions import Budget, Conditions
+from guidefield.planner.task.conditions import Conditions
 from guidefield.scene.nearest_to_ball import nearest_to_ball
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball, within_ball
@@ -116,19 +115,10 @@ def test_time_that_is_up_before_is_told() -> None:
     request = codec.decode_request(
         {"type": "certify", "robot": "panda", "scene": "yard", "path": [[*READY.values()]] * 2}
     )
-    problem, _ = certify_problem(request, robot("panda"), yard, Budget())
-    slow = threading.Event()
-
-    def waits(scene: Scene, ball: Ball) -> Scene:
-        slow.wait(10.0)
-        return within_ball(scene, ball)
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(room, "within_ball", waits)
-        with pytest.raises(StoppedError, match="in reach of scene yard"):
-            room.in_reach(problem, lambda: True)
-        slow.set()
-    assert room.in_reach(problem, lambda: False).scene.obstacles[0].faces < yard.obstacles[0].faces
+    problem, _ = certify_problem(request, robot("panda"), yard, Deadline())
+    with pytest.raises(DeadlineExpired, match="in reach of scene yard"):
+        room.in_reach(problem, Deadline(0.0))
+    assert room.in_reach(problem, Deadline()).scene.obstacles[0].faces < yard.obstacles[0].faces
 
 
 def shelves(seed: int, wide: float = 3.0) -> Scene:
@@ -162,7 +152,7 @@ def of(scene: Scene) -> Conditions:
     """A judgement in a scene."""
     motion = {"times": [0.0, 1.0], "positions": [[*READY.values()]] * 2, "velocities": [[0.0] * len(READY)] * 2}
     asked = {"type": "certify", "robot": "panda", "scene": "yard", "trajectory": motion}
-    return certify_problem(codec.decode_request(asked), robot("panda"), scene, Budget())[0]
+    return certify_problem(codec.decode_request(asked), robot("panda"), scene, Deadline())[0]
 
 
 def drifting(name: str, begin: np.ndarray, end: np.ndarray) -> messages.Box:
@@ -186,7 +176,7 @@ def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch
     scene = crowd(seed)
     asked = {"allowed_collisions": [["panda_hand", "c0"], ["panda_hand", "p7"]], "seed": seed}
     met = ask(scene, **asked)
-    left = room.in_reach(of(scene), lambda: False).scene
+    left = room.in_reach(of(scene), Deadline()).scene
     assert left.moves
     assert len(left.obstacles) < 0.5 * len(scene.obstacles)
     monkeypatch.setattr(room, "has_many", lambda _: False)
@@ -202,7 +192,7 @@ def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch
 def test_of_what_is_large_a_part_is_met_where_something_moves_too(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     across = drifting("across", np.array([0.55, 0.9, 0.5]), np.array([0.55, -0.6, 0.5]))
     scene = build(messages.Scene("yard", obstacles=[*yard.message.obstacles, across]))
-    left = room.in_reach(of(scene), lambda: False).scene
+    left = room.in_reach(of(scene), Deadline()).scene
     assert left.moves
     assert left.resting.obstacles[0].faces == left.at(1.0).obstacles[0].faces < 0.5 * yard.obstacles[0].faces
     met = ask(scene)

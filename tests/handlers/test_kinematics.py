@@ -8,8 +8,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.errors import InvalidConfiguration, InvalidGroup, Preempted, TimedOut, UnknownFrame, UnknownObject
-from guidefield.handlers.allowance import Allowance
+from guidefield.deadline import Deadline, DeadlineExpired
+from guidefield.errors import (
+    InvalidConfiguration,
+    InvalidGroup,
+    Preempted,
+    Status,
+    TimedOut,
+    UnknownFrame,
+    UnknownObject,
+)
 from guidefield.handlers.configurations import TOGETHER
 from guidefield.handlers.kinematics import (
     FRAMES_TOGETHER,
@@ -20,6 +28,7 @@ from guidefield.handlers.kinematics import (
     inverse_kinematics,
     potential,
 )
+from guidefield.handlers.unbegun import stopped_work
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests
@@ -341,9 +350,9 @@ class TestAllowance:
     FIELD = requests.Potential(scene="test", robot=ARM, configurations=[{}] * 9)
 
     @staticmethod
-    def answered(request: requests.KinematicsRequest, allowance: Allowance) -> Reply:
+    def answered(request: requests.KinematicsRequest, deadline: Deadline) -> Reply:
         robot_ = None if request.robot is None else load(request.robot)
-        return answer_kinematics(request, robot_, built(ball(0.5, 0.5)), allowance)
+        return answer_kinematics(request, robot_, built(ball(0.5, 0.5)), deadline)
 
     @pytest.mark.parametrize(
         "request_", [FRAMES, REACHES, NEAR, FIELD, TWISTS], ids=lambda request: type(request).__name__
@@ -356,26 +365,34 @@ class TestAllowance:
             asked += 1
             return asked > 4
 
-        with pytest.raises(Preempted, match=r"cancelled after \d+ of \d+") as ended:
-            self.answered(request_, Allowance(1.0, math.inf, cancelled))
+        with pytest.raises(DeadlineExpired, match=r"^\d+ of \d+$") as ended:
+            self.answered(request_, Deadline(is_cancelled=cancelled))
+        assert ended.value.status is Status.PREEMPTED
         assert 9 * ended.value.details["done"] <= 4 * ended.value.details["of"]
 
     @pytest.mark.parametrize(
         "request_", [FRAMES, REACHES, NEAR, FIELD, TWISTS], ids=lambda request: type(request).__name__
     )
     def test_time_that_is_up_is_told(self, request_: requests.KinematicsRequest):
-        with pytest.raises(TimedOut, match=r"the 2.5 s that `allowed_time` allows were up after 0 of"):
-            self.answered(request_, Allowance(2.5, 0.0, lambda: False))
+        with pytest.raises(DeadlineExpired, match=r"^0 of") as late:
+            self.answered(request_, Deadline(0.0))
+        told = stopped_work(late.value, 2.5)
+        assert isinstance(told, TimedOut)
+        assert told.message.startswith("the 2.5 s that `allowed_time` allows were up after 0 of")
+        assert told.details["done"] == 0
 
     def test_the_field_at_many_points_is_that_at_each_and_ends_between_some(self):
         points = np.random.default_rng(0).uniform(-1.0, 1.0, (2 * POINTS_AT_ONCE + 37, 3))
         request = requests.Potential(scene="test", points=[tuple(point) for point in points.tolist()])
-        reply = self.answered(request, Allowance(1.0, math.inf, lambda: False))
+        reply = self.answered(request, Deadline())
         scene = built(ball(0.5, 0.5))
         at_once = field_at_points(exact(scene.tables), points)
         assert reply.potential == at_once.potential.tolist()
         assert np.array_equal(reply.gradient, at_once.gradient)
         assert reply.winding == at_once.winding.tolist()
         some = iter([False, False])
-        with pytest.raises(Preempted, match=f"after {2 * POINTS_AT_ONCE} of {len(points)}"):
-            self.answered(request, Allowance(1.0, math.inf, lambda: next(some, True)))
+        with pytest.raises(DeadlineExpired, match=f"^{2 * POINTS_AT_ONCE} of {len(points)}$") as ended:
+            self.answered(request, Deadline(is_cancelled=lambda: next(some, True)))
+        told = stopped_work(ended.value, 1.0)
+        assert isinstance(told, Preempted)
+        assert f"cancelled after {2 * POINTS_AT_ONCE} of" in told.message

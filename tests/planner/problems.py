@@ -9,8 +9,8 @@ import numpy as np
 
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.messages import codec, scene as messages
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event
 from guidefield.potential import Precision, RobotField
@@ -82,7 +82,7 @@ def problem(
         q_start=rest(planned) if q_start is None else q_start,
         goal=goal or LastPlaneGoal(),
         guide_planes=scene.guide_planes if planes is None else planes,
-        **{"budget": Budget(), "observer": Listener(), **options},
+        **{"deadline": Deadline(), "observer": Listener(), **options},
     )
 
 

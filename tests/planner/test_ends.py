@@ -10,12 +10,12 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import ends
 from guidefield.planner.ends import _about, _soonest, check_start, goal_points, tip_points
 from guidefield.planner.settings import GOALS
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import StageFailed
@@ -94,7 +94,9 @@ def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
 
 
 def test_a_search_that_is_stopped_says_so() -> None:
-    made = problem("panda", scene_of(ball(0.1, *DOWN.translation)), pose(), budget=Budget(cancelled=lambda: True))
+    made = problem(
+        "panda", scene_of(ball(0.1, *DOWN.translation)), pose(), deadline=Deadline(is_cancelled=lambda: True)
+    )
     assert refused(made).status is Status.PREEMPTED
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.verdict import Reason
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import finish as module
@@ -33,7 +34,6 @@ from guidefield.planner.optimize.settings import (
 )
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
@@ -85,7 +85,7 @@ def test_a_motion_of_many_coordinates_is_optimised_as_such(monkeypatch: pytest.M
 
 def test_a_motion_whose_optimisation_had_no_time_says_so() -> None:
     made, path = over_the_wall()
-    hurried = dataclasses.replace(made, budget=Budget(deadline=time.monotonic() - 1.0))
+    hurried = dataclasses.replace(made, deadline=Deadline(time.monotonic() - 1.0))
     aside = path[0] + 0.05 * np.eye(len(path[0]))[0]
     finished = finish(hurried, PathSoFar(np.array([path[0], aside]), proven=False), Stages(hurried))
     assert finished.verdict.free

@@ -18,6 +18,7 @@ from guidefield.collision.certify.timed_certificate import certify_moving, certi
 from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
@@ -25,7 +26,6 @@ from guidefield.messages.values import Placement
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
@@ -158,7 +158,7 @@ def asked(seed: int) -> tuple[Problem, Plan]:
         "panda",
         scene_of(*obstacles, planes=[plane]),
         min_clearance=float(rng.choice([0.0, 0.02])),
-        budget=Budget(time.monotonic() + SECONDS),
+        deadline=Deadline(time.monotonic() + SECONDS),
     )
     return made, plan(made, Planner.GUIDED, ATTEMPTS["projected"](made.group))
 

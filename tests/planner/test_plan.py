@@ -11,6 +11,7 @@ import pytest
 
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.trajectory import Trajectory
@@ -19,7 +20,6 @@ from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.plan import Plan, Planner, plan, refused
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.robot.ik.pose_target import PoseTarget
@@ -256,7 +256,7 @@ def test_a_gate_narrower_than_the_clearance_asked_for_is_told_with_the_place() -
 
 
 def test_time_up_returns_what_there_is() -> None:
-    made = problem("panda", "bookshelf", budget=Budget(time.monotonic()))
+    made = problem("panda", "bookshelf", deadline=Deadline(time.monotonic()))
     result = plan(made)
     assert result.status is Status.TIMED_OUT
     assert len(result.path) == 1
@@ -266,7 +266,7 @@ def test_time_up_returns_what_there_is() -> None:
 def test_a_motion_that_had_no_time_to_be_relaxed_says_so() -> None:
     goal = ConfigurationGoal((np.array([0.6, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]),))
     hurried, whole = (
-        plan(problem("panda", "table", goal, planes=(), budget=Budget(deadline)))
+        plan(problem("panda", "table", goal, planes=(), deadline=Deadline(deadline)))
         for deadline in (time.monotonic(), float("inf"))
     )
     assert hurried.status is whole.status is Status.SUCCESS

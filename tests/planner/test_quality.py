@@ -12,7 +12,7 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.smallest import TOLERANCE
 from guidefield.collision.world import World
-from guidefield.errors import Status
+from guidefield.deadline import Deadline
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.requests import UrdfText
@@ -21,7 +21,6 @@ from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import clearance, clearance_profile, figures
 from guidefield.planner.settings import MEASURING
-from guidefield.planner.task.conditions import Budget
 from guidefield.potential import RobotField
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene import library
@@ -166,7 +165,7 @@ def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypat
 
     exact = asked()
     assert not any("clearance" in warning for warning in exact.warnings)
-    monkeypatch.setattr(Budget, "spent", lambda _: None if not measuring() else Status.TIMED_OUT)
+    monkeypatch.setattr(Deadline, "expired", lambda _: measuring())
     hurried = asked()
     assert hurried.status.name == "SUCCESS"
     told = [warning for warning in hurried.warnings if warning not in exact.warnings]

@@ -15,6 +15,7 @@ import guidefield
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.goals import JointsGoal
@@ -22,7 +23,6 @@ from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.in_motion import STOPS
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.settings import SCHEDULE
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.robot.ik.pose_target import PoseTarget
@@ -185,8 +185,8 @@ def test_a_start_that_is_free_at_first_is_judged_as_it_is_at_time_0() -> None:
 
 
 def test_time_that_is_up_and_a_cancelled_run_are_told() -> None:
-    assert plan(asked(DOOR, budget=Budget(deadline=time.monotonic() - 1.0))).status is Status.TIMED_OUT
-    assert plan(asked(DOOR, budget=Budget(cancelled=lambda: True))).status is Status.PREEMPTED
+    assert plan(asked(DOOR, deadline=Deadline(time.monotonic() - 1.0))).status is Status.TIMED_OUT
+    assert plan(asked(DOOR, deadline=Deadline(is_cancelled=lambda: True))).status is Status.PREEMPTED
 
 
 # ---- what is kept besides

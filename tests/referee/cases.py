@@ -10,12 +10,12 @@ import numpy as np
 
 from guidefield import case_file
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import plan
-from guidefield.planner.task.conditions import Budget
 from guidefield.referee.case import Case
 from guidefield.referee.loading import case_of
 from guidefield.robot.model.model import RobotModel
@@ -24,7 +24,7 @@ from guidefield.scene.scene import build
 
 def planned(request: PlanRequest, robot: RobotModel) -> case_file.Motion:
     """The motion that is planned for a request, which has to succeed."""
-    problem, _ = problem_of(request, robot, build(request.scene), Budget())
+    problem, _ = problem_of(request, robot, build(request.scene), Deadline())
     made = plan(problem)
     assert made.trajectory is not None, made
     return case_file.Motion(

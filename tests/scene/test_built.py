@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.request_reader import read_request
@@ -75,3 +76,11 @@ def test_a_scene_that_was_read_is_not_hashed_again(monkeypatch: pytest.MonkeyPat
         assert kept.of(first.scene) is kept.of(again.scene)
     scene.obstacles.pop()
     assert len(kept.of(read_request(asked).scene).obstacles) == 199
+
+
+def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = [(float(i), 0.0, 0.0) for i in range(1000)]
+    cloud = messages.PointCloud(name="cloud", points=points, radius=0.1)
+    monkeypatch.setattr(built, "scene_content", lambda *_: pytest.fail("there is no time"))
+    with pytest.raises(DeadlineExpired, match="scene large"):
+        BuiltScenes(2).of(messages.Scene(name="large", obstacles=[cloud]), Deadline(0.0))

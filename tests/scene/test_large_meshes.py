@@ -15,11 +15,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from guidefield.aside import StoppedError
 from guidefield.collision.lanes import scene_tables
 from guidefield.collision.minimum import tables
+from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import cache, entries
-from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
 from guidefield.scene import distance_tables as of_scene, obstacle
@@ -212,15 +212,15 @@ def test_damaged_entries_are_made_again(caplog: pytest.LogCaptureFixture) -> Non
 def test_a_tree_is_whole_or_not_begun_whenever_time_is_up() -> None:
     """Where each request began it anew, and had less time than it takes, none was ever answered."""
     scene = new_scene()
-    with pytest.raises(StoppedError):
-        scene_tables.prepare_scene(scene, lambda: True)
+    with pytest.raises(DeadlineExpired):
+        scene_tables.prepare_scene(scene, Deadline(0.0))
     assert "lanes" not in kinds()
-    with contextlib.suppress(StoppedError):
+    with contextlib.suppress(DeadlineExpired):
         asked = iter([False])
-        scene_tables.prepare_scene(scene, lambda: next(asked, True))
+        scene_tables.prepare_scene(scene, Deadline(is_cancelled=lambda: next(asked, True)))
     assert "lanes" in kinds()
-    scene_tables.prepare_scene(scene, lambda: False)
-    prepare_in_time(None, scene, lambda: False)
+    scene_tables.prepare_scene(scene, UNLIMITED)
+    prepare_plan(None, scene, UNLIMITED)
 
 
 OTHER = """

@@ -5,7 +5,7 @@ Usage: tools/bench auto --problems <folder> [--every N] [--seconds S] [--side MM
 The square lies across the tip's own z axis at the goal configuration, no larger than the guided planner needs for the
 tip's body unless a side is given; planes that lead there are derived, and every plan is certified. Beside those solved
 stands how many of them the guided planner came through alone, and how many went on as a connection from where it was
-stuck. Times are of the processor; the budget of a problem is on the clock.
+stuck. Times are of the processor; the deadline of a problem is on the clock.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ import numpy as np
 from benchmarks.guided import SIDE, square_about
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import LastPlaneGoal
 
 
@@ -35,7 +35,7 @@ def run(arguments: list[str]) -> None:
     parser = argparse.ArgumentParser(prog="tools/bench auto", description=__doc__.partition("\n")[0])
     parser.add_argument("--problems", type=Path, required=True, help="folder of problems and robots")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
-    parser.add_argument("--seconds", type=float, default=10.0, help="budget of a problem")
+    parser.add_argument("--seconds", type=float, default=10.0, help="deadline of a problem")
     parser.add_argument("--side", type=float, help="side of the square [mm]")
     parser.add_argument("robots", nargs="*", default=list(ROBOTS))
     asked = parser.parse_args(arguments)
@@ -47,9 +47,9 @@ def run(arguments: list[str]) -> None:
 
 def _planned(given: Problems, declared: dict[str, Any], asked: argparse.Namespace) -> tuple[Plan, float]:
     """What came of a problem, and the time it took [s]."""
-    group, budget = given.group, Budget(time.monotonic() + asked.seconds)
+    group, deadline = given.group, Deadline(time.monotonic() + asked.seconds)
     start, goal = (group.from_chart(z) for z in given.ends(declared))
-    problem = posed(group, scene_of(declared), start, LastPlaneGoal(), budget=budget)
+    problem = posed(group, scene_of(declared), start, LastPlaneGoal(), deadline=deadline)
     half = SIDE * tip_radius(problem) if asked.side is None else 5e-4 * asked.side
     last = square_about(problem.kinematics.frame_placement(group.expand(goal), group.tip_id), half)
     began = time.process_time()

@@ -19,13 +19,13 @@ from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.values import Float32Array
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.plan import Planner, plan
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
@@ -102,12 +102,12 @@ def _planned(given: Problems, problem: dict[str, Any], scene: Scene) -> Times:
     for name in ("tree, first", "tree, again"):
         lanes = BatchCollision.build(World.build(group, scene))
         began = time.process_time()
-        budget = Budget(time.monotonic() + SECONDS)
+        deadline = Deadline(time.monotonic() + SECONDS)
         rng = np.random.default_rng(0)
-        found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, budget)
+        found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, deadline)
         times[name] = _since(began) if found.path is not None else np.nan
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
-    asked = posed(group, scene, q_start, goal, budget=Budget(time.monotonic() + SECONDS))
+    asked = posed(group, scene, q_start, goal, deadline=Deadline(time.monotonic() + SECONDS))
     began = time.process_time()
     planned = plan(asked, Planner.AUTO)
     times["plan"] = _since(began)

@@ -28,12 +28,12 @@ from benchmarks.problems import ROBOTS, Problems, scene_message
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.kernels.collide.motion_validation import EXACT
 from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import polyline
-from guidefield.planner.task.conditions import Budget
 from guidefield.robot.model.margin import MARGIN
 from guidefield.scene.scene import build
 
@@ -198,8 +198,8 @@ def _renamed(message: Scene, mark: str) -> Scene:
 def _grown(
     lanes: BatchCollision, z_start: np.ndarray, z_goal: np.ndarray, resolution: float, rng: np.random.Generator
 ) -> tree_search.FoundPath:
-    budget = Budget(time.monotonic() + SECONDS)
-    return tree_search.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, budget)
+    deadline = Deadline(time.monotonic() + SECONDS)
+    return tree_search.grow(lanes, z_start[None], z_goal[None], resolution, 0.0, rng, deadline)
 
 
 def _rate(lanes: BatchCollision, path: np.ndarray) -> float:

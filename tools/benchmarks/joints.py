@@ -18,6 +18,7 @@ import pinocchio as pin
 from benchmarks.posed import posed
 from benchmarks.seed import SCENES, crossed, problem_of
 from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfFile
@@ -25,7 +26,6 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.guide.attempts import ATTEMPTS
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
@@ -88,14 +88,14 @@ def timed(problem: Problem, ways: Ways, sequences: int, seconds: float) -> Itera
     lanes = BatchCollision.build(problem.world)
     for start, goal in ways:
         for sequence in range(sequences):
-            limited = dataclasses.replace(problem, budget=Budget(time.monotonic() + seconds))
+            limited = dataclasses.replace(problem, deadline=Deadline(time.monotonic() + seconds))
             limited.__dict__["lanes"] = lanes  # made once, as for requests that share a scene
             began = time.thread_time()
             found = connect(limited, start, goal[None], np.random.default_rng(sequence))
             whole = time.thread_time() - began
-            rng, budget = np.random.default_rng(sequence), Budget(time.monotonic() + seconds)
+            rng, deadline = np.random.default_rng(sequence), Deadline(time.monotonic() + seconds)
             began = time.thread_time()
-            tree_search.grow(lanes, start[None], goal[None], TREE.resolution, 0.0, rng, budget)
+            tree_search.grow(lanes, start[None], goal[None], TREE.resolution, 0.0, rng, deadline)
             yield found.status is Status.SUCCESS, 1000.0 * whole, 1000.0 * (time.thread_time() - began)
 
 
@@ -103,7 +103,7 @@ def run(arguments: list[str]) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(prog="tools/bench joints", description=__doc__.partition("\n")[0])
     parser.add_argument("--sequences", type=int, default=3, help="sequences of samples for each way")
-    parser.add_argument("--seconds", type=float, default=10.0, help="budget of a connection")
+    parser.add_argument("--seconds", type=float, default=10.0, help="deadline of a connection")
     parser.add_argument("titles", nargs="*", default=[*SNAKES, *MOBILE])
     asked = parser.parse_args(arguments)
     print(f"{'':28} {'nv':>3} {'found':>8} {'ms median':>10} {'worst':>8} {'trees':>8} {'worst':>8}")

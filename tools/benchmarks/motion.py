@@ -27,9 +27,9 @@ from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
 from benchmarks.quality import AT_THE_ENDS, Judged, StageClock, judged
 from guidefield.collision.minimum.curve import Curve
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.plan import plan
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, Objective, Problem, TipGoal
 from guidefield.robot.ik.pose_target import PoseTarget
 
@@ -92,7 +92,7 @@ def _posed(given: Problems, declared: dict[str, Any], options: argparse.Namespac
 
 def _row(index: int, given: Problems, declared: dict[str, Any], options: argparse.Namespace) -> Row | None:
     clock = StageClock()
-    asked = _posed(given, declared, options, budget=Budget(time.monotonic() + SECONDS), observer=clock)
+    asked = _posed(given, declared, options, deadline=Deadline(time.monotonic() + SECONDS), observer=clock)
     made = plan(asked)
     if made.trajectory is None:
         print(f"  {declared['set']} {declared['index']}: {made.message}")

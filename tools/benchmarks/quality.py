@@ -29,12 +29,12 @@ from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.quality import figures
 from guidefield.planner.settings import MEASURING
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 
@@ -131,7 +131,7 @@ def _row(given: Problems, problem: dict[str, Any], vamp: dict[tuple[str, int], d
     for _ in range(REPEATS):
         clock, began = StageClock(), time.thread_time()
         q_start, to = group.from_chart(start), ConfigurationGoal((group.from_chart(goal),))
-        asked = posed(group, scene, q_start, to, budget=Budget(time.monotonic() + SECONDS), observer=clock)
+        asked = posed(group, scene, q_start, to, deadline=Deadline(time.monotonic() + SECONDS), observer=clock)
         loaded = time.thread_time() - began
         made = plan(asked)
         whole = sum(spent for name, spent in clock.seconds.items() if name != "ends")

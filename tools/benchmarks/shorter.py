@@ -15,11 +15,11 @@ import numpy as np
 
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
+from guidefield.deadline import Deadline
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal
 from guidefield.robot.model.margin import MARGIN
 
@@ -52,9 +52,9 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     z_start, z_goal = given.ends(declared)
     group, rng = given.group, np.random.default_rng(0)
     q_start, goal = group.from_chart(z_start), ConfigurationGoal((group.from_chart(z_goal),))
-    problem = posed(group, scene_of(declared), q_start, goal, budget=Budget(time.monotonic() + SECONDS))
+    problem = posed(group, scene_of(declared), q_start, goal, deadline=Deadline(time.monotonic() + SECONDS))
     lanes = problem.lanes
-    found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, problem.budget)
+    found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, problem.deadline)
     if found.path is None:
         return None
     path = lanes.shortened(found.path, TREE.resolution, MARGIN)

@@ -30,7 +30,7 @@ import pinocchio as pin
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.planner.connect import tree_search
-from guidefield.planner.task.conditions import Budget
+from guidefield.deadline import Deadline
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene import library
@@ -45,7 +45,7 @@ rng = np.random.default_rng(0)
 drawn = np.array([group.chart(group.random(rng)) for _ in range(200)])
 goal = drawn[~lanes.touching(drawn)][0]
 start = group.chart(group.part_of(robot.rest))
-found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget())
+found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Deadline())
 planned = time.process_time()
 steps = {"import": imported, "robot": loaded - imported, "tables": tables - loaded, "plan": planned - tables}
 print(json.dumps(steps | {"all": planned, "clock": time.perf_counter() - began, "found": found.path is not None}))

@@ -10,11 +10,11 @@ from doubting.compare import BEYOND, CLOSER, OFF, Disagreement, Kind
 from doubting.limits import RATES
 from doubting.loaded import Loaded
 from guidefield import case_file
+from guidefield.deadline import Deadline
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 from guidefield.messages.scene import Obstacle
-from guidefield.planner.task.conditions import Budget
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer, Finding
@@ -70,7 +70,7 @@ def _obstacles(request: CertifyRequest) -> list[Obstacle]:
 def _told(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> dict[str, object]:
     """The motion as the referee's file has it, without limits of rates that the reply says are exceeded."""
     assert not isinstance(request.scene, str), "scenes are sent"
-    problem, _ = certify_problem(request, loaded.model, build(request.scene), Budget(time.monotonic() + 60.0))
+    problem, _ = certify_problem(request, loaded.model, build(request.scene), Deadline(time.monotonic() + 60.0))
     motion = case_file.Motion(
         world=problem.world,
         placement=request.robot_placement,

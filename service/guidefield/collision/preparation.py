@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 
 import coal
 
-from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import known_pieces, known_surface
 from guidefield.collision.hulls import hulls_of
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
 from guidefield.robot.bodies.convex_parts import PARTS
@@ -40,24 +40,23 @@ def is_prepared(robot: RobotModel) -> bool:
     return robot in _prepared
 
 
-def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda _: None) -> None:
+def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lambda _: None) -> None:
     """Find all that is missing.
 
     Args:
         robot: The robot.
-        spent: Whether time is up, asked before each piece of work; what is found by then is kept.
+        deadline: Checked before each piece of work; what is found by then is kept.
         told: Told what is being prepared, by one thread at a time.
 
     Raises:
-        StoppedError: if time was up.
+        DeadlineExpired: if time was up.
     """
     if is_prepared(robot):
         return
     began = time.monotonic()
 
     def progress(piece: Piece) -> None:
-        if spent():
-            raise StoppedError(piece.told)
+        deadline.check(piece.told)
         told(piece.told)
 
     covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, None)
@@ -65,8 +64,7 @@ def prepare(robot: RobotModel, spent: Spent = lambda: None, told: Told = lambda 
     covers.keep()
     found_at_once([*_trees(robot, parts.keep()), *_surfaces(robot)], progress)
     for lay_out in (link_bodies, surface_samples, hulls_of):
-        if spent():
-            raise StoppedError("its links were laid out")
+        deadline.check("its links were laid out")
         lay_out(robot)
     _prepared.add(robot)
     if time.monotonic() - began > LONG:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from guidefield.aside import Spent, done_aside
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.bvh import bvh
 from guidefield.geometry.placements import se3
@@ -35,7 +35,7 @@ class _Asked:
 
 
 def holding(
-    robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene, spent: Spent | None = None
+    robot: RobotModel, attached: Sequence[AttachedObject], scene: Scene, deadline: Deadline = UNLIMITED
 ) -> RobotModel:
     """The robot with what it holds.
 
@@ -45,14 +45,14 @@ def holding(
         robot: The robot.
         attached: What it holds; an obstacle's own placement counts within the placement in its link.
         scene: Where it is; it must not have obstacles of the same names.
-        spent: Whether time is up; None: it may take as long as it does.
+        deadline: Checked before objects of many triangles or points are built.
 
     Raises:
         MalformedRequest: if a half-space is to be held.
         SceneInvalid: if a shape can't be used, or a cloud has too many points.
         UnknownFrame: if a link isn't one of the robot's.
         UnknownObject: if a name is taken.
-        StoppedError: if time was up before objects of many triangles were built.
+        DeadlineExpired: if the deadline passed before these.
     """
     if not attached:
         return robot
@@ -70,19 +70,14 @@ def holding(
                 f"`attached_objects[{index}]`, {one.obstacle.name!r}, is an obstacle of the scene too: remove it there",
                 object=one.obstacle.name,
             )
-    if spent is None or not are_large(attached):
-        return _made(robot, _asked(attached))
-
-    asked = _asked(attached)
-    return done_aside(lambda: _made(robot, asked), spent, lambda: _DOING)
+    if are_large(attached):
+        deadline.check("what the robot holds was built")
+    return _made(robot, _asked(attached))
 
 
 def are_large(attached: Sequence[AttachedObject]) -> bool:
     """Whether objects have so many triangles and points that building them takes long."""
     return are_many([one.obstacle for one in attached], MANY)
-
-
-_DOING = "what the robot holds was built"
 
 
 def _asked(attached: Sequence[AttachedObject]) -> _Asked:

@@ -8,35 +8,33 @@ import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
-from guidefield.aside import done_aside
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.agreement import Certified, require_agreement
-from guidefield.handlers.attached import holding
 from guidefield.handlers.certify_case import motion_of
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.in_reach import in_reach
-from guidefield.handlers.measuring import measured_in_time
-from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.preparation import prepare_plan
 from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Record
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
-from guidefield.planner.quality import Clearance, ClearanceProfile, MotionInTime, clearance, clearance_profile
-from guidefield.planner.task.conditions import Budget
+from guidefield.planner.quality import (
+    Clearance,
+    ClearanceProfile,
+    MotionInTime,
+    clearance,
+    clearance_profile,
+    clearances,
+)
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
-
-T = TypeVar("T")
-
-MANY = 2000
-"""A motion of fewer rows is read and laid out within a hundredth of a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ def answer_certify(
     received: float,
     began: float | None = None,
     record: Record[CertifyReply] = lambda *_: None,
-    cancelled: Callable[[], bool] = lambda: False,
+    deadline: Deadline | None = None,
 ) -> CertifyReply:
     """Judge a motion, and say what came of it.
 
@@ -68,24 +66,23 @@ def answer_certify(
         robot: The robot that it names.
         scene: The scene that it names.
         run_id: Name of the run.
-        received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
+        received: When it arrived, on the clock of `time.monotonic` [s].
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
-        cancelled: Whether somebody asked to stop.
+        deadline: When judging must end; None: when the time that the request allows is up.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
-        StoppedError: if time was up before the scene was prepared, or the motion, where it has many rows.
+        DeadlineExpired: if the deadline passed before the scene or the motion was prepared.
     """
     began = time.monotonic() if began is None else began
-    budget = Budget(received + request.allowed_time, cancelled)
-    holding(robot, request.attached_objects, scene, budget.spent)  # what is large is built aside, once
-    aside = _Aside(request, budget)
-    problem, warnings = aside.made(lambda: certify_problem(request, robot, scene, budget), "the motion was read")
-    problem = in_reach(problem, budget.spent, limited=False)
-    prepare_in_time(None, problem.scene, budget.spent)
-    uses = aside.made(lambda: _uses(problem), "the motion was laid out")
+    deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
+    problem, warnings = certify_problem(request, robot, scene, deadline)
+    problem = in_reach(problem, deadline, limited=False)
+    prepare_plan(None, problem.scene, deadline)
+    deadline.check("the motion was laid out")
+    uses = _uses(problem)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
@@ -94,7 +91,7 @@ def answer_certify(
         judgement = judge(problem, uses)
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
-        found = measured_in_time([(_motion(problem), problem)], budget)
+        found = clearances([(_motion(problem), problem)])
     measured = None if found is None else found[0]
     if measured is not None and judgement.verdict.free:
         file = functools.partial(motion_of, request, robot, scene)
@@ -108,9 +105,8 @@ def answer_certify(
 
 def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> JudgedMotion:
     """The motion of a judgement that was packed; arguments as those of `answer_certify`."""
-    budget = Budget()
-    problem, _ = certify_problem(request, robot, scene, budget)
-    problem = in_reach(problem, budget.spent, limited=False)
+    problem, _ = certify_problem(request, robot, scene, UNLIMITED)
+    problem = in_reach(problem, UNLIMITED, limited=False)
     found = None if packed.found is None else packed.found.clearance(_motion(problem), problem)
     return _recorded(scene, problem, found)
 
@@ -131,23 +127,6 @@ def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotMo
     """Load a request's robot before its time begins. What can't be used is refused later, where that is kept."""
     with contextlib.suppress(GuidefieldError):
         load(request.robot)
-
-
-class _Aside:
-    """What takes long for a motion of many rows is done aside, as far as there is time.
-
-    Args:
-        request: What is asked.
-        budget: How long it may take.
-    """
-
-    def __init__(self, request: CertifyRequest, budget: Budget) -> None:
-        rows = request.path if request.trajectory is None else request.trajectory.positions
-        self._many, self._budget = len(rows or ()) >= MANY, budget
-
-    def made(self, work: Callable[[], T], doing: str) -> T:
-        """What work makes; StoppedError if time was up before."""
-        return done_aside(work, self._budget.spent, lambda: doing) if self._many else work()
 
 
 def _uses(problem: GivenProblem) -> Uses:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 
 from guidefield.case_file import Motion
+from guidefield.deadline import Deadline
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.messages.requests import CertifyRequest
 from guidefield.planner.given_leaving import judge_leaving
-from guidefield.planner.task.conditions import Budget
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
@@ -26,7 +26,7 @@ def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motio
     Raises:
         GuidefieldError: as `certify_problem` does, where the question is ill-posed.
     """
-    problem, _ = certify_problem(request, robot, scene, Budget(time.monotonic() + request.allowed_time))
+    problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
     given = problem.motion
     leaving = judge_leaving(problem, given.pieces) if request.leave_start_contact else None
     if leaving is not None and not leaving.leaves:

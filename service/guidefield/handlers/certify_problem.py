@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import jerk_limits, limited, start_of
@@ -25,7 +26,6 @@ from guidefield.messages.requests import CertifyRequest, GivenTrajectory
 from guidefield.planner.judgement import GivenProblem
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, spline_rates
 from guidefield.planner.motion.trajectory import piece_accelerations
-from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model import chart
@@ -42,7 +42,7 @@ SAME = 1e-6
 
 
 def certify_problem(
-    request: CertifyRequest, robot: RobotModel, scene: Scene, budget: Budget
+    request: CertifyRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[GivenProblem, tuple[str, ...]]:
     """The motion that a request gives among what it is judged by, and warnings about what was odd but harmless.
 
@@ -50,14 +50,14 @@ def certify_problem(
         request: What is asked.
         robot: The robot that it names.
         scene: The scene that it names.
-        budget: How long judging may go on.
+        deadline: How long judging may go on.
 
     Raises:
         InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: if the question
             is ill-posed.
     """
     _require_served(request, scene)
-    robot = holding(robot, request.attached_objects, scene)
+    robot = holding(robot, request.attached_objects, scene, deadline)
     rows = _positions(request)
     columns = _columns(request, robot)
     columns.require_width(_field(request), rows)
@@ -76,7 +76,7 @@ def certify_problem(
         path_constraints=constraints_of(request, group),
         leave_start_contact=request.leave_start_contact,
         jerk_limits=jerk_limits(group, request),
-        budget=budget,
+        deadline=deadline,
         motion=motion,
     )
     return problem, (*robot.warnings, *scene.warnings, *warnings, *odd)

@@ -10,7 +10,6 @@ import numpy as np
 
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
-from guidefield.handlers.measuring import UNMEASURED
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
 from guidefield.messages.certificate_in_words import place_in_words
@@ -19,7 +18,7 @@ from guidefield.planner.given_leaving import Leaving
 from guidefield.planner.judgement import GivenProblem, Judgement
 from guidefield.planner.leaving import left_contacts
 from guidefield.planner.motion.limit_shares import Use
-from guidefield.planner.quality import Clearance
+from guidefield.planner.quality import UNMEASURED, Clearance
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.refusal import refused_at
 
@@ -77,7 +76,7 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
     where = place_in_words(*_refused(problem, verdict))
     details = refused_at(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
-        status = problem.budget.spent() or Status.TIMED_OUT
+        status = problem.deadline.status() or Status.TIMED_OUT
         why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         until = place_in_words(*_free_until(problem, verdict))
         return Ending(status, f"{why} before the motion was certified; it is free until {until}", details)

@@ -8,9 +8,9 @@ from typing import cast
 
 import numpy as np
 
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import InvalidConfiguration, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.allowance import Allowance
 from guidefield.handlers.given_columns import Columns, require_quaternions, rows_in
 from guidefield.messages.kinematics_replies import PackedNumbers
 from guidefield.messages.kinematics_requests import ConfigurationBatch, ConfigurationTable, JointRates
@@ -73,15 +73,25 @@ def model_configurations(group: PlanningGroup, configurations: RobotConfiguratio
     return cast(ModelConfigurations, configurations)
 
 
-def batches(allowance: Allowance, count: int, together: int = TOGETHER) -> Iterator[slice]:
+def batches(deadline: Deadline, count: int, together: int = TOGETHER) -> Iterator[slice]:
     """Yield slices of `count` configurations, as long as there is time.
 
     Raises:
-        TimedOut, Preempted: as `Allowance.require_more`, before a slice.
+        DeadlineExpired: as `require_time`, before a slice.
     """
     for begin in range(0, count, together):
-        allowance.require_more(begin, count)
+        require_time(deadline, begin, count)
         yield slice(begin, min(begin + together, count))
+
+
+def require_time(deadline: Deadline, done: int, of: int) -> None:
+    """Check the deadline after some configurations, poses or points of those that were asked.
+
+    Raises:
+        DeadlineExpired: if it passed.
+    """
+    if (status := deadline.status()) is not None:
+        raise DeadlineExpired(status, f"{done} of {of}", done=done, of=of)
 
 
 def whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, RobotInvalid, UnknownFrame
 from guidefield.geometry.placements import se3
-from guidefield.handlers.allowance import UNLIMITED, Allowance
 from guidefield.handlers.configurations import (
     batches,
     configurations_from,
@@ -29,7 +29,7 @@ _FRAMES = {"local": pin.LOCAL, "world": pin.WORLD, "local_world_aligned": pin.LO
 
 
 def jacobian(
-    request: requests.Jacobian, robot: RobotModel, _scene: Scene | None = None, allowance: Allowance = UNLIMITED
+    request: requests.Jacobian, robot: RobotModel, _scene: Scene | None = None, deadline: Deadline = UNLIMITED
 ) -> JacobianReply:
     """Jacobians of frames by the velocities of the joints, and the frames' twists where velocities are given.
 
@@ -46,7 +46,7 @@ def jacobian(
     model, data, reference = robot.model, robot.model.createData(), _FRAMES[request.reference_frame]
     to_world = _to_world(request.reference_frame, root)
     found = np.empty((len(configurations), len(frames), 6, group.nv))
-    for some in batches(allowance, len(configurations)):
+    for some in batches(deadline, len(configurations)):
         for row, q in zip(found[some], configurations[some], strict=True):
             pin.computeJointJacobians(model, data, q)
             pin.updateFramePlacements(model, data)
@@ -68,7 +68,7 @@ def jacobian(
 
 
 def dynamics(
-    request: requests.Dynamics, robot: RobotModel, _scene: Scene | None = None, allowance: Allowance = UNLIMITED
+    request: requests.Dynamics, robot: RobotModel, _scene: Scene | None = None, deadline: Deadline = UNLIMITED
 ) -> DynamicsReply:
     """Torques, mass matrix and centre of mass of the links that joints move, with a payload.
 
@@ -97,7 +97,7 @@ def dynamics(
     }
     shapes = {"mass_matrix": (group.nv, group.nv), "centre_of_mass": (3,)}
     found = {name: np.empty((count, *shapes.get(name, (group.nv,)))) for name in request.quantities}
-    for some in batches(allowance, count):
+    for some in batches(deadline, count):
         given = zip(configurations[some], velocities[some], accelerations[some], strict=True)
         for index, (q, v, a) in enumerate(given, some.start):
             for name, rows in found.items():

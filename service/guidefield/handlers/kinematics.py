@@ -14,9 +14,9 @@ from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import ClearanceAt, clearance_gradient
 from guidefield.collision.minimum.closest import ClosestPairs
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import InvalidConfiguration, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.allowance import UNLIMITED, Allowance
 from guidefield.handlers.attached import holding
 from guidefield.handlers.configurations import (
     batches,
@@ -24,6 +24,7 @@ from guidefield.handlers.configurations import (
     frame_ids,
     model_configurations,
     packed,
+    require_time,
     whole_group,
 )
 from guidefield.handlers.dynamics import dynamics, jacobian
@@ -66,15 +67,15 @@ def answer_kinematics(
     request: requests.KinematicsRequest,
     robot: RobotModel | None,
     scene: Scene | None,
-    allowance: Allowance = UNLIMITED,
+    deadline: Deadline = UNLIMITED,
 ) -> Reply:
     """The reply to a request of any kind, with what is odd about robot and scene.
 
     Raises:
-        TimedOut, Preempted: if time is up, or somebody asked to stop, before all is answered.
+        DeadlineExpired: if the deadline passed before all is answered; its details say how many are.
         GuidefieldError: as its own function.
     """
-    reply = _ANSWERS[type(request)](request, robot, scene, allowance)
+    reply = _ANSWERS[type(request)](request, robot, scene, deadline)
     warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
     answered: Reply = msgspec.structs.replace(reply, warnings=warnings + reply.warnings)
     return answered
@@ -102,7 +103,7 @@ def forward_kinematics(
     request: requests.ForwardKinematics,
     robot: RobotModel,
     _scene: Scene | None = None,
-    allowance: Allowance = UNLIMITED,
+    deadline: Deadline = UNLIMITED,
 ) -> ForwardKinematicsReply:
     """Placements of frames in the world.
 
@@ -114,7 +115,7 @@ def forward_kinematics(
     root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw).homogeneous[:3]
     configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
     placements = np.empty((len(configurations), len(request.frames), 7))
-    for some in batches(allowance, len(configurations), FRAMES_TOGETHER):
+    for some in batches(deadline, len(configurations), FRAMES_TOGETHER):
         place_frames(joints, frames, np.ascontiguousarray(root), configurations[some], placements[some])
     if request.packed:
         return ForwardKinematicsReply(placements=[], packed=packed(placements))
@@ -130,7 +131,7 @@ def inverse_kinematics(
     request: requests.InverseKinematics,
     robot: RobotModel,
     scene: Scene | None = None,
-    allowance: Allowance = UNLIMITED,
+    deadline: Deadline = UNLIMITED,
 ) -> InverseKinematicsReply:
     """Distinct configurations of the planned joints that bring the tip to each pose.
 
@@ -144,7 +145,7 @@ def inverse_kinematics(
             outside the group.
     """
     obstacles = scene or _empty_scene()
-    robot = holding(robot, request.attached_objects, obstacles)
+    robot = holding(robot, request.attached_objects, obstacles, deadline)
     starts = []
     for index, positions in enumerate(request.start_configurations):
         with at_path(f"$.start_configurations[{index}]"):
@@ -162,7 +163,7 @@ def inverse_kinematics(
     world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
     closest = None if world is None else ClosestPairs(world)
     configurations, reasons = [], []
-    for index, pose in enumerate(_within(allowance, request.poses)):
+    for index, pose in enumerate(_within(deadline, request.poses)):
         result = solve(
             group,
             PoseTarget.from_wire(pose),
@@ -170,9 +171,9 @@ def inverse_kinematics(
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
             accept=None if closest is None else partial(_are_free, closest),
-            stopped=allowance.spent,
+            deadline=deadline,
         )
-        allowance.require_more(index, len(request.poses))
+        require_time(deadline, index, len(request.poses))
         configurations.append([configuration_to_wire(group.joints, group.from_chart(z)) for z in result.solutions])
         reasons.append(result.reason)
         if world is not None and not result.solutions:
@@ -184,7 +185,7 @@ def inverse_kinematics(
 
 
 def clearance(
-    request: requests.Clearance, robot: RobotModel, scene: Scene, allowance: Allowance = UNLIMITED
+    request: requests.Clearance, robot: RobotModel, scene: Scene, deadline: Deadline = UNLIMITED
 ) -> ClearanceReply:
     """Exact distances of the moving links to the obstacles, and of the robot to itself.
 
@@ -192,13 +193,13 @@ def clearance(
         InvalidConfiguration: if a configuration doesn't fit the robot.
         UnknownFrame, UnknownObject: as `inverse_kinematics`.
     """
-    robot = holding(robot, request.attached_objects, scene)
+    robot = holding(robot, request.attached_objects, scene, deadline)
     group = whole_group(robot, request.robot_placement)
     world = World.build(group, scene, request.allowed_collisions)
     closest, configurations = ClosestPairs(world), configurations_from(robot, request.configurations)
     found = _Clearances(world, request.gradients, request.contacts)
     free: list[bool] = []
-    for some in batches(allowance, len(configurations)):
+    for some in batches(deadline, len(configurations)):
         batch = model_configurations(group, configurations[some])
         if request.verdict:
             free += closest.free(batch).tolist()
@@ -213,7 +214,7 @@ def clearance(
 
 
 def potential(
-    request: requests.Potential, robot: RobotModel | None, scene: Scene, allowance: Allowance = UNLIMITED
+    request: requests.Potential, robot: RobotModel | None, scene: Scene, deadline: Deadline = UNLIMITED
 ) -> PointPotentialReply | RobotPotentialReply:
     """The scene's field on unit charges at points, or on the robot at configurations.
 
@@ -221,13 +222,13 @@ def potential(
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
     if robot is None:
-        return _at_points(request.points or [], scene, allowance)
+        return _at_points(request.points or [], scene, deadline)
     group = whole_group(robot, request.robot_placement)
     robot_field = RobotField(group, scene)
     energies: list[float] = []
     forces: list[list[float]] = []
     links: dict[str, LinkWrench] = {}
-    for q in _within(allowance, [*map(group.part_of, configurations_from(robot, request.configurations or []))]):
+    for q in _within(deadline, [*map(group.part_of, configurations_from(robot, request.configurations or []))]):
         energy = robot_field.evaluate(q)
         energies.append(energy.potential)
         forces.append((-energy.gradient).tolist())
@@ -306,7 +307,7 @@ class _Clearances:
         )  # fmt: skip
 
 
-_ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Any]] = {
+_ANSWERS: dict[type, Callable[[Any, Any, Any, Deadline], Any]] = {
     requests.ForwardKinematics: forward_kinematics,
     requests.InverseKinematics: inverse_kinematics,
     requests.Clearance: clearance,
@@ -316,14 +317,14 @@ _ANSWERS: dict[type, Callable[[Any, Any, Any, Allowance], Any]] = {
 }
 
 
-def _at_points(points: Sequence[Vector3], scene: Scene, allowance: Allowance) -> PointPotentialReply:
+def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> PointPotentialReply:
     """The field at points, some of them at a time."""
     tables = exact(scene.tables)
     potentials: list[float] = []
     gradients: list[Vector3] = []
     windings: list[float] = []
     for begin in range(0, len(points), POINTS_AT_ONCE):
-        allowance.require_more(begin, len(points))
+        require_time(deadline, begin, len(points))
         some = np.array(points[begin : begin + POINTS_AT_ONCE], float)
         field = field_at_points(tables, some)
         potentials += field.potential.tolist()
@@ -332,10 +333,10 @@ def _at_points(points: Sequence[Vector3], scene: Scene, allowance: Allowance) ->
     return PointPotentialReply(potential=potentials, gradient=gradients, winding=windings)
 
 
-def _within(allowance: Allowance, asked: Sequence[_Asked]) -> Iterator[_Asked]:
+def _within(deadline: Deadline, asked: Sequence[_Asked]) -> Iterator[_Asked]:
     """What was asked, one after the other, as long as there is time."""
     for done, one in enumerate(asked):
-        allowance.require_more(done, len(asked))
+        require_time(deadline, done, len(asked))
         yield one
 
 

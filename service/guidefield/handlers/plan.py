@@ -10,19 +10,19 @@ from collections.abc import Callable
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
 from guidefield.geometry.placements import se3
 from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
+from guidefield.handlers.end_limits import refuse_ends
 from guidefield.handlers.in_reach import in_reach
-from guidefield.handlers.measuring import UNMEASURED, measured_in_time
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
-from guidefield.handlers.preparing import is_laid_out, lay_out
+from guidefield.handlers.preparation import connects, is_laid_out, prepare_links, prepare_problem
 from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Record
-from guidefield.handlers.refused_ahead import connects, refused_ahead
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
@@ -30,8 +30,7 @@ from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
-from guidefield.planner.quality import Clearance, clearance_profile
-from guidefield.planner.task.conditions import Budget
+from guidefield.planner.quality import UNMEASURED, Clearance, clearance_profile, clearances
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.model import RobotModel
@@ -48,7 +47,7 @@ def answer_plan(
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
-    cancelled: Callable[[], bool] = lambda: False,
+    deadline: Deadline | None = None,
 ) -> PlanReply:
     """Plan, and say what came of it.
 
@@ -57,27 +56,27 @@ def answer_plan(
         robot: The robot that it names.
         scene: The scene that it names.
         run_id: Name of the run.
-        received: When it arrived, on the clock of `time.monotonic` [s]; the deadline counts from then.
+        received: When it arrived, on the clock of `time.monotonic` [s].
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
         preparing: Told which part of the robot is prepared, where that isn't known from before.
-        cancelled: Whether somebody asked to stop.
+        deadline: When planning must end; None: when the time that the request allows is up.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or
             MalformedRequest where the question is ill-posed, or asks for what this version doesn't serve.
-        StoppedError: if time was up before what the robot holds was built.
+        DeadlineExpired: if the deadline passed before robot and scene were prepared.
     """
     began = time.monotonic() if began is None else began
-    budget = Budget(received + request.allowed_planning_time, cancelled)
-    holding(robot, request.attached_objects, scene, budget.spent)  # what is large is built aside, once
-    problem, warnings = problem_of(request, robot, scene, budget)
+    deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
+    problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
     if not guided:
-        problem = in_reach(problem, budget.spent)
+        problem = in_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
-    refusal, derivation = refused_ahead(request, problem, preparing), Derivation()
+    refusal, derivation = refuse_ends(problem), Derivation()
     if refusal is None:
+        prepare_problem(request, problem, preparing)
         problem, derivation = with_derived_planes(problem, request)
     recording = record(problem.group, scene)
     if recording is not None:
@@ -85,7 +84,7 @@ def answer_plan(
     others = [*(refusal.seconds.values() if refusal else ()), *([derivation.left.seconds] if derivation.left else ())]
     load_seconds = time.monotonic() - began - sum(others)
     made = derivation.told_in(refusal or plan(problem, Planner(request.planner), attempts))
-    measured = None if made.trajectory is None else measured_in_time([(made.trajectory, problem)], budget)
+    measured = None if made.trajectory is None else clearances([(made.trajectory, problem)])
     if made.trajectory is not None and measured is None:
         warnings = (*warnings, UNMEASURED)
     found = measured[0] if measured else None
@@ -103,10 +102,9 @@ def answer_plan(
 
 def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> PlainMotion:
     """The motion of a plan that was packed; arguments as those of `answer_plan`."""
-    budget = Budget()
-    problem, _ = problem_of(request, robot, scene, budget)
+    problem, _ = problem_of(request, robot, scene, UNLIMITED)
     if not _is_guided(request, problem):
-        problem = in_reach(problem, budget.spent)
+        problem = in_reach(problem, UNLIMITED)
     trajectory = None if packed.knots is None else packed.knots.trajectory()
     found = None
     if packed.found is not None and trajectory is not None:
@@ -166,5 +164,5 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
         for one in missing:
             group = select(one, request.group, request.tip, q, se3(base.position, base.quaternion_xyzw))
             prepare(one)
-            lay_out(World.build(group, nowhere))
+            prepare_links(World.build(group, nowhere), UNLIMITED)
     return False

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from guidefield.aside import StoppedError
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import clamp_slight, clamped_goals, jerk_limits, limited, rates_of, start_of
@@ -13,7 +13,6 @@ from guidefield.handlers.many_turns import many_turns_warnings
 from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Objective, Problem, TipGoal
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
@@ -31,7 +30,7 @@ AT_ONCE = 500
 
 
 def problem_of(
-    request: PlanRequest, robot: RobotModel, scene: Scene, budget: Budget
+    request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[Problem, tuple[str, ...]]:
     """What a request asks the planner for, and warnings about what was odd but harmless.
 
@@ -42,20 +41,20 @@ def problem_of(
         request: What is asked.
         robot: The robot that it names.
         scene: The scene that it names.
-        budget: How long planning may go on.
+        deadline: How long planning may go on.
 
     Raises:
         InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid: if the question
             is ill-posed.
         MalformedRequest: if it asks for what this version doesn't serve.
-        StoppedError: if time was up before its guide planes were built, or its many goals were read.
+        DeadlineExpired: if time was up before its guide planes were built, or its many goals were read.
     """
-    robot = holding(robot, request.attached_objects, scene)
+    robot = holding(robot, request.attached_objects, scene, deadline)
     q_whole, warnings = start_of(request.start, robot)
     root = request.robot_placement
     group = select(robot, request.group, request.tip, q_whole, se3(root.position, root.quaternion_xyzw))
     group = limited(group.starting_at(request.start), request)
-    planes = given_planes(request, scene, budget.spent)
+    planes = given_planes(request, scene, deadline)
     _require_served(request, scene)
     if request.path_constraints and (planes or (request.guide_planes == "auto" and request.planner != "tree")):
         raise MalformedRequest("path constraints are served without guide planes: give `guide_planes` as []")
@@ -68,7 +67,7 @@ def problem_of(
         robot_field=RobotField(group, scene, Precision.SINGLE),
         kinematics=Kinematics(group),
         q_start=group.part_of(q_whole),
-        goal=_goal(request, group, planes, budget),
+        goal=_goal(request, group, planes, deadline),
         guide_planes=planes,
         min_clearance=request.min_clearance,
         allowed_collisions=frozenset(request.allowed_collisions),
@@ -81,7 +80,7 @@ def problem_of(
         end_velocity=rates_of(request.end_velocities, "end_velocities", group),
         objective=Objective(request.objective),
         seed=request.seed,
-        budget=budget,
+        deadline=deadline,
     )
     return problem, (
         *robot.warnings,
@@ -154,7 +153,7 @@ def _why_no_plane(request: PlanRequest) -> str:
     return "the scene has none; give some in `guide_planes`"
 
 
-def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...], budget: Budget) -> Goal:
+def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, ...], deadline: Deadline) -> Goal:
     goal = request.goal
     assert goal is not None, "a request with steps has one for each of them"
     if isinstance(goal, requests.GuidePlaneGoal):
@@ -171,8 +170,8 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
     of_set = isinstance(goal, requests.JointSetGoal)
     configurations: list[Configuration] = []
     for index, positions in enumerate(many):
-        if len(configurations) % AT_ONCE == AT_ONCE - 1 and budget.spent():
-            raise StoppedError("the goals were read")
+        if len(configurations) % AT_ONCE == AT_ONCE - 1:
+            deadline.check("the goals were read")
         with at_path(f"$.goal.positions[{index}]" if of_set else "$.goal.positions"):
             configurations.append(_goal_configuration(group, positions))
     # beyond a limit only counts where no other goal is left: then it is the reason of the refusal

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.aside import Spent, StoppedError
+from guidefield.deadline import Deadline
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.planner.guide.auto_planes import derive
 from guidefield.planner.plan import Plan
@@ -19,7 +19,7 @@ from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
 
 
-def given_planes(request: PlanRequest, scene: Scene, spent: Spent) -> tuple[GuidePlane, ...]:
+def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tuple[GuidePlane, ...]:
     """The request's planes, else the scene's; none where the bare connection is asked for.
 
     Where planes are to be derived, the last of the scene's is left if it is the goal.
@@ -27,21 +27,16 @@ def given_planes(request: PlanRequest, scene: Scene, spent: Spent) -> tuple[Guid
     Args:
         request: What is asked.
         scene: The scene that it names.
-        spent: Whether time is up.
+        deadline: Checked before each plane.
 
     Raises:
         SceneInvalid: if a plane of the request isn't flat, isn't convex or has no area.
-        StoppedError: if time was up before planes of many corners were built.
+        DeadlineExpired: if time was up before planes of many corners were built.
     """
-
-    def look() -> None:
-        if spent():
-            raise StoppedError("the guide planes were built")
-
     if request.planner == "tree":
         return ()
     if isinstance(request.guide_planes, list):
-        return guide_plane.build_all(request.guide_planes, look)
+        return guide_plane.build_all(request.guide_planes, deadline)
     if request.guide_planes == "auto":
         return scene.guide_planes[-1:] if isinstance(request.goal, GuidePlaneGoal) else ()
     return scene.guide_planes

@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterable
 from typing import Protocol
 
-from guidefield.aside import StoppedError
 from guidefield.collision.preparation import prepare
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import RobotInvalid
 from guidefield.messages.replies import GeometryInfo, JointInfo, PairLeftOut, RobotReply, RobotsReply, RobotSummary
 from guidefield.messages.robot_replies import CoverInfo, PartsInfo
@@ -54,10 +54,9 @@ def summaries_of(catalog: Catalog, stored: StoredRobots, names: Iterable[str]) -
 
 def prepared(model: RobotModel) -> str:
     """Prepare a robot that was stored for its first plan; what to add to a sentence about it."""
-    deadline = time.monotonic() + PREPARE_WITHIN
     try:
-        prepare(model, lambda: time.monotonic() > deadline)
-    except StoppedError as stopped:
+        prepare(model, Deadline(time.monotonic() + PREPARE_WITHIN))
+    except DeadlineExpired as stopped:
         return f"; {PREPARE_WITHIN:g} s of preparing its meshes were not enough, its first plan goes on from {stopped}"
     return ""
 

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable
 
-from guidefield.aside import StoppedError
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
-from guidefield.errors import Status
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.handlers.agreement import Certified, require_agreement
-from guidefield.handlers.measuring import measured_in_time
-from guidefield.handlers.preparing import prepare_in_time
+from guidefield.handlers.preparation import prepare_plan
 from guidefield.handlers.recording import PackedMotion, Record
 from guidefield.handlers.sequence_reply import reply_to
 from guidefield.handlers.sequence_shown import SequenceMotion
@@ -20,9 +17,9 @@ from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
+from guidefield.planner.quality import clearances
 from guidefield.planner.sequence.sequence import SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
@@ -38,19 +35,19 @@ def answer_steps(
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
-    cancelled: Callable[[], bool] = lambda: False,
+    deadline: Deadline | None = None,
 ) -> PlanReply:
     """Plan a sequence, and say what came of it; arguments and errors as those of `answer_plan`."""
     began = time.monotonic() if began is None else began
-    budget = Budget(received + request.allowed_planning_time, cancelled)
-    course = Steps(request, robot, scene, budget, preparing)
-    _prepared(robot, scene, budget, preparing)
+    deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
+    course = Steps(request, robot, scene, deadline, preparing)
+    prepare_plan(robot, scene, deadline, preparing)
     recording = record(course.whole, scene)
     load_seconds = time.monotonic() - began
-    made = plan_sequence(course, course.start, course.whole, budget, recording or Silent())
+    made = plan_sequence(course, course.start, course.whole, deadline, recording or Silent())
     begin = time.monotonic()
     stretches = measurable(made)
-    found = measured_in_time([(stretch.motion, stretch) for stretch in stretches], budget)
+    found = clearances([(stretch.motion, stretch) for stretch in stretches])
     measured = None if found is None else [*zip(stretches, found, strict=True)]
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
@@ -84,17 +81,9 @@ def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch
 
 def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> SequenceMotion:
     """The motion of a sequence that was packed; arguments as those of `answer_steps`."""
-    return SequenceMotion.unpack(Steps(request, robot, scene, Budget(), lambda _: None), packed)
+    return SequenceMotion.unpack(Steps(request, robot, scene, UNLIMITED, lambda _: None), packed)
 
 
 def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
     """The stretches of a sequence on which something moves."""
     return [stretch for stretch in made.stretches if stretch.motion.duration > 0.0]
-
-
-def _prepared(robot: RobotModel, scene: Scene, budget: Budget, preparing: Told) -> None:
-    """Prepare robot and scene while there is time; a step that is planned without them says so."""
-    try:
-        prepare_in_time(robot, scene, budget.spent, preparing)
-    except StoppedError:
-        assert budget.spent() in (Status.TIMED_OUT, Status.PREEMPTED), "only the budget stops it"

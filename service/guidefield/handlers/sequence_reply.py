@@ -8,7 +8,6 @@ from itertools import groupby
 
 import numpy as np
 
-from guidefield.handlers.measuring import UNMEASURED
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
@@ -24,7 +23,7 @@ from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import GuidePlane
-from guidefield.planner.quality import Clearance
+from guidefield.planner.quality import UNMEASURED, Clearance
 from guidefield.planner.sequence.sequence import Leg, SequencePlan
 from guidefield.planner.sequence.stretches import Stretch
 from guidefield.robot.group.kinematics import Kinematics

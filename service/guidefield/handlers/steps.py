@@ -13,14 +13,16 @@ import pinocchio as pin
 
 from guidefield.collision.preparation import Told
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
 from guidefield.handlers.asked_group import clamped_goals, followers_of, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.constraints import constraints_of
+from guidefield.handlers.end_limits import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of
 from guidefield.handlers.planes import with_derived_planes
-from guidefield.handlers.refused_ahead import refused_ahead
+from guidefield.handlers.preparation import prepare_problem
 from guidefield.handlers.situation import Held, Standing
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
@@ -29,7 +31,7 @@ from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.sequence.course import StepMotion
 from guidefield.planner.sequence.straight_motion import straight_plan
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.conditions import Budget, Conditions, Counters
+from guidefield.planner.task.conditions import Conditions, Counters
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -52,19 +54,21 @@ class Steps:
         request: With steps.
         robot: The robot that it names.
         scene: The scene that it names.
-        budget: How long planning may go on.
+        deadline: How long planning may go on.
         preparing: Told which part of the robot is prepared.
 
     Raises:
         GuidefieldError: as `problem_of`, with the step's path, where the question is ill-posed.
     """
 
-    def __init__(self, request: PlanRequest, robot: RobotModel, scene: Scene, budget: Budget, preparing: Told) -> None:
+    def __init__(
+        self, request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline, preparing: Told
+    ) -> None:
         _require_served(request)
-        self._request, self._budget, self._preparing = request, budget, preparing
+        self._request, self._deadline, self._preparing = request, deadline, preparing
         self.counters = Counters()
         base = request.robot_placement
-        holding(robot, request.attached_objects, scene, budget.spent)  # refused here, as in any request
+        holding(robot, request.attached_objects, scene, deadline)  # refused here, as in any request
         q, self.warnings = start_of(request.start, robot)
         for index, step in enumerate(request.steps):
             self.warnings += [f"step {index}: {warning}" for warning in clamped_goals(step.goal, robot)]
@@ -88,7 +92,7 @@ class Steps:
             return None
         asked = self._asked(index, at)
         with _in_step(index):
-            problem, _ = problem_of(asked, at.robot, at.scene.since(begin), self._budget)
+            problem, _ = problem_of(asked, at.robot, at.scene.since(begin), self._deadline)
             if step.linear and not problem.group.is_euclidean:
                 several = [joint.name for joint in problem.group.joints if joint.nv > 1]
                 raise MalformedRequest(
@@ -124,7 +128,7 @@ class Steps:
                 min_clearance=self._request.min_clearance,
                 allowed_collisions=frozenset(self._request.allowed_collisions),
                 path_constraints=constraints_of(self._request, group),
-                budget=self._budget,
+                deadline=self._deadline,
                 counters=self.counters,
             )
 
@@ -229,8 +233,9 @@ class Steps:
 
         def planned(problem: Problem) -> Plan:
             began = time.perf_counter()
-            if (refusal := refused_ahead(asked, problem, self._preparing)) is not None:
+            if (refusal := refuse_ends(problem)) is not None:
                 return refusal
+            prepare_problem(asked, problem, self._preparing)
             loaded = time.perf_counter() - began
             if way is not None:
                 made = straight_plan(problem, way)
@@ -280,7 +285,7 @@ class Steps:
         """
         at = self.start
         for index in range(len(self)):
-            if self._budget.spent():
+            if self._deadline.expired():
                 return
             self.motion(index, at, 0.0)
             at = self.after(index, at, at.q)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from guidefield.deadline import DeadlineExpired
 from guidefield.errors import GuidefieldError, Preempted, Status, TimedOut
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
@@ -99,27 +100,40 @@ def cancelled_waiting(run_id: str, head: RunHead, waited: float) -> MotionReply:
     return _unbegun(run_id, head, Status.PREEMPTED, "the run was cancelled before it began", {}, timing)
 
 
-def stopped_loading(run_id: str, request: MotionRequest, doing: str, cancelled: bool, waited: float) -> MotionReply:
-    """TIMED_OUT or PREEMPTED where a run ended while what it needs was loaded.
+def stopped_loading(run_id: str, request: MotionRequest, late: DeadlineExpired, waited: float) -> MotionReply:
+    """TIMED_OUT or PREEMPTED if a run ended while what it needs was loaded.
 
     Args:
         run_id: Name of the run.
         request: What was asked.
-        doing: Before what it ended.
-        cancelled: Whether somebody ended it, and not its time.
+        late: How it ended.
         waited: How long it took [s].
     """
     head = head_of(request)
-    if cancelled:
-        status, message = Status.PREEMPTED, f"the run was cancelled before {doing}; what is loaded is kept"
+    if late.status is Status.PREEMPTED:
+        message = f"the run was cancelled before {late.step}; what is loaded is kept"
     else:
-        status = Status.TIMED_OUT
         message = (
-            f"the {head.allowed:g} s that were allowed were up before {doing}; what is loaded is kept: ask again, or "
-            "allow more time for the first one"
+            f"the {head.allowed:g} s that were allowed were up before {late.step}; what is loaded is kept: ask again, "
+            "or allow more time for the first one"
         )
-    details = {_field(head): head.allowed, "stage": "load", "preparing": doing}
-    return _unbegun(run_id, head, status, message, details, Timing(load=waited, total=waited))
+    details = {_field(head): head.allowed, "stage": "load", "preparing": late.step}
+    return _unbegun(run_id, head, late.status, message, details, Timing(load=waited, total=waited))
+
+
+def stopped_work(late: DeadlineExpired, allowed: float) -> GuidefieldError:
+    """Return the error of a request that makes no run, whose time [s] was up, or that was cancelled.
+
+    The details of what stopped it say how much was done, unless things were still loaded for it.
+    """
+    if late.status is Status.PREEMPTED:
+        if not late.details:
+            return Preempted("the request was cancelled while things were loaded", stage="load")
+        return Preempted(f"the request was cancelled after {late.step}", **late.details)
+    if not late.details:
+        return time_up_loading(allowed)
+    message = f"the {allowed:g} s that `allowed_time` allows were up after {late.step}; allow more, or ask for fewer"
+    return TimedOut(f"{message} at once", allowed_time=allowed, **late.details)
 
 
 def _field(head: RunHead) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Annotated, Literal
 
 import msgspec
@@ -32,13 +32,6 @@ LARGEST = 1e9
 """Largest magnitude of a quantity, in SI units: beyond it squares and cubes leave what can be computed with."""
 QUATERNION_TOLERANCE = 1e-6
 """How far from 1 the norm of a quaternion may be; beyond, it is refused."""
-
-Look = Callable[[], object]
-"""Called again and again while what may be large is built; what it raises ends that."""
-
-
-def never() -> None:
-    """Nothing ends it."""
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -140,7 +140,7 @@ def tip_points(
     """
     tip = _Tip(target, problem.scene.moves)
     result = _solved(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
-    if tip.blocked is not None and problem.budget.spent() is None:
+    if tip.blocked is not None and not problem.deadline.expired():
         raise StageFailed(
             Status.GOAL_IN_COLLISION,
             f"the goal pose is in collision: {tip.blocked.told()}, however it is reached",
@@ -160,8 +160,10 @@ def tip_points(
     touching, touch = met_each(problem.world, rejected)  # lanes refuse what all but touches
     if zs := [z for z, kept in zip(result.rejected, _keep_off(problem, result.rejected, touch), strict=True) if kept]:
         return chosen(problem, np.array(zs))
-    if (spent := problem.budget.spent()) is not None and result.cause is not Cause.OUT_OF_REACH:
-        raise StageFailed(spent, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal")
+    if (status := problem.deadline.status()) is not None and result.cause is not Cause.OUT_OF_REACH:
+        raise StageFailed(
+            status, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal"
+        )
     met = blocking_pairs(problem.world, rejected, problem.min_clearance, touching)
     status, message = unreached(result, met)
     raise StageFailed(status, message, stage="goal", **result.details, **met.details())
@@ -220,7 +222,7 @@ def _solved(
         accept=lambda zs: free(problem, zs),
         fault="in collision or too close" if problem.min_clearance > 0.0 else "in collision",
         most=most,
-        stopped=lambda: blocked() or problem.budget.spent() is not None,
+        deadline=problem.deadline.or_if(blocked),
     )
 
 
@@ -339,9 +341,9 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
         return free
     faults: list[tuple[str, dict[str, Any]] | None] = []
     for z in zs:
-        if len(faults) >= GOALS.at_once and (spent := problem.budget.spent()) is not None:
+        if len(faults) >= GOALS.at_once and (status := problem.deadline.status()) is not None:
             message = f"of {len(zs)} goals {len(faults)} were looked at in time, and all of these are blocked"
-            raise StageFailed(spent, message, stage="goal", goals=len(zs))
+            raise StageFailed(status, message, stage="goal", goals=len(zs))
         faults.append(end_fault(problem, z))
     touching = [z for z, fault in zip(zs, faults, strict=True) if fault is not None]
     if None in faults:  # some touch nothing, but are too close
@@ -360,7 +362,7 @@ def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, Char
     """Which chart points (n, nv) are free, some judged at a time: (n,), bool. None is that there was no time for."""
     found = np.zeros(len(zs), bool)
     for begin in range(0, len(zs), GOALS.at_once):
-        if begin and problem.budget.spent():
+        if begin and problem.deadline.expired():
             break
         found[begin : begin + GOALS.at_once] = free(problem, zs[begin : begin + GOALS.at_once])
     return found

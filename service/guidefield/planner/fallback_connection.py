@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import numpy as np
 import pinocchio as pin
@@ -101,7 +100,7 @@ def connect_to_goal(
     """
     led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
     connection = _tried(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
-    if led and connection.status is not Status.SUCCESS and not problem.budget.spent():
+    if led and connection.status is not Status.SUCCESS and not problem.deadline.expired():
         problem.tell(Note("nothing leads on from where derived guide planes led: the connection begins at the start"))
         found = found.back_at_start()
         connection = _tried(problem, found, goals, prove)
@@ -126,7 +125,7 @@ def _connected(
     """With the clearance asked for if there is such a connection, else any that is free."""
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
     connection = connect(part, found.path[-1], goals, rng, prove=prove)
-    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.budget.spent():
+    if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.deadline.expired():
         problem.tell(Note("no connection keeps the clearance asked for: optimising may make one of any that is free"))
         problem = dataclasses.replace(problem, min_clearance=0.0)
         connection = connect(problem, found.path[-1], goals, rng, prove=prove)
@@ -135,6 +134,4 @@ def _connected(
 
 def _in_part_of_the_time(problem: Problem) -> Problem:
     """The problem with a share of the time that is left: another way is tried after."""
-    left = problem.budget.deadline - time.monotonic()
-    budget = dataclasses.replace(problem.budget, deadline=time.monotonic() + SHARE * max(left, 0.0))
-    return dataclasses.replace(problem, budget=budget)
+    return dataclasses.replace(problem, deadline=problem.deadline.share(SHARE))

@@ -7,7 +7,7 @@ is refused the motion is drawn closer to the path. In the end it stops at every 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -18,6 +18,7 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.settings import LIMITS
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import Deadline
 from guidefield.planner.fewer_waypoints import fewer_waypoints
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
@@ -89,7 +90,7 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
     Args:
-        problem: Robot, world, limits and budget.
+        problem: Robot, world, limits and deadline.
         found: The path. Only one that is proven itself is worth a try where the optimised one is refused.
         stages: Where time is counted.
     """
@@ -115,7 +116,7 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
     """The motion along a path as it was found, as fast as it can be executed; judged as far as it goes.
 
     Args:
-        problem: Robot, world, limits and budget.
+        problem: Robot, world, limits and deadline.
         found: The path.
         stages: Where time is counted.
     """
@@ -128,7 +129,7 @@ def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stage
     """The best motion so far, without time, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = enclosed_start(problem, found.path[0]) or certify(
-            problem.world, polyline(found.path), problem.min_clearance, stopped=at_the_very_end(problem)
+            problem.world, polyline(found.path), problem.min_clearance, deadline=at_the_very_end(problem)
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=failure)
@@ -156,7 +157,7 @@ def optimized_motion(
     """The optimised trajectory from a motion; where it is refused, optimised again. None where none is to be had.
 
     Args:
-        problem: Robot, world, limits and budget.
+        problem: Robot, world, limits and deadline.
         motion: Where it begins.
         others: What may prove quicker, made when it is asked for.
         stages: Where time is counted.
@@ -174,7 +175,7 @@ def optimized_motion(
         finished = _of_optimized(problem, optimized, crossed, stages)
         if finished.verdict.free:
             return finished
-    if problem.budget.spent():
+    if problem.deadline.expired():
         return finished
     why = "a guide plane was lost" if finished is None else "the certificate refused it"
     with stages.entered("relax", f"again, looking closer, because {why}") as stage:
@@ -260,7 +261,7 @@ def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
         if made is None:
             continue
         finished = _certified(problem, *made, stages)
-        if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.budget.spent():
+        if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.deadline.expired():
             return finished
     with stages.entered("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
         trajectory, knots = stopping_along(problem, found.path)
@@ -310,18 +311,18 @@ def _warned(finished: Finished, warning: str) -> Finished:
 
 def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
     """Whether a motion, pieces (m, 4, nv), is free, and keeps the path constraints."""
-    stopped = at_the_very_end(problem)
-    verdict = certify(problem.world, pieces, problem.min_clearance, stopped=stopped)
+    deadline = at_the_very_end(problem)
+    verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline)
     if not (verdict.free and problem.path_constraints):
         return verdict
     turns = problem.world.bodies.turns
-    kept = certify_constraints(problem.constrained_frames, turns, pieces, stopped)
+    kept = certify_constraints(problem.constrained_frames, turns, pieces, deadline)
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
-def at_the_very_end(problem: Problem) -> Callable[[], object]:
+def at_the_very_end(problem: Problem) -> Deadline:
     """Whether time is up, and what is still allowed for a judgement that begins now has passed too."""
-    return problem.budget.with_at_least(LAST_JUDGEMENT)
+    return problem.deadline.at_least(LAST_JUDGEMENT)
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:

@@ -58,7 +58,7 @@ def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None
     piece, share, closer = _way_out(conditions, contacts, pieces)
     if closer is not None:
         names, z = conditions.world.pair_names(closer), _part(pieces[piece], share, share)[0]
-        reason = Reason.STOPPED if conditions.budget.spent() else Reason.CONTACT
+        reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
         verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
     return Leaving(_judged(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
@@ -77,7 +77,7 @@ def _way_out(
         count = max(1, math.ceil(length / SPACING))
         for share in (k / count for k in range(1, count + 1)):
             now = distances(_part(controls, share, share)[0])
-            if (now < before - LEAVING.closer).any() or conditions.budget.spent():
+            if (now < before - LEAVING.closer).any() or conditions.deadline.expired():
                 return piece, share, pairs[int(np.argmin(now - before))]
             if (now >= enough).all():
                 return piece, share, None
@@ -89,18 +89,18 @@ def _judged(
     conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves, piece: int, share: float
 ) -> Verdict:
     """The verdict about a motion that has left its contacts at a share of a piece."""
-    stopped = conditions.budget.spent
+    deadline = conditions.deadline
     allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(conditions.group, conditions.scene, allowed)
     out = np.concatenate([pieces[:piece], _part(pieces[piece], 0.0, share)[None]])
-    leaving = certify(others, out, stopped=stopped)
+    leaving = certify(others, out, deadline=deadline)
     if not leaving.free:
         return _on_the_whole(leaving, 0, piece, 0.0, share)
     z = _part(pieces[piece], share, share)[0]
     if (inside := enclosed(conditions.world, conditions.group.expand_from_chart(z))) is not None:
         return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
     rest = np.concatenate([_part(pieces[piece], share, 1.0)[None], pieces[piece + 1 :]])
-    left = certify(conditions.world, rest, conditions.min_clearance, stopped=stopped)
+    left = certify(conditions.world, rest, conditions.min_clearance, deadline=deadline)
     return replace(_on_the_whole(left, piece, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
 
 

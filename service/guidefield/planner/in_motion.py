@@ -95,7 +95,7 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
     """Connect what the ends leave over, optimise and certify the whole.
 
     Args:
-        problem: Robot, world, limits, budget.
+        problem: Robot, world, limits, deadline.
         ends: How its ends are left and reached.
         stages: Where time is counted.
     """
@@ -113,7 +113,7 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
         if found.failure is not None:
             return found_motion(problem, found, stages)
         finished = _finished(problem, resting, ends, found, stages)
-        if finished.verdict.free or problem.budget.spent():
+        if finished.verdict.free or problem.deadline.expired():
             break
     assert finished is not None, "it was connected"
     return finished
@@ -130,7 +130,7 @@ def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathS
     if problem.optimization_iterations != 0:
         first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
         optimized = optimized_motion(problem, first, iter(others), stages)
-        if optimized is not None and (optimized.verdict.free or problem.budget.spent()):
+        if optimized is not None and (optimized.verdict.free or problem.deadline.expired()):
             return optimized
     middle = found_motion(resting, found, stages)
     if middle.trajectory is None:

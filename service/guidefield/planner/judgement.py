@@ -99,24 +99,24 @@ def _constraints(problem: GivenProblem) -> Verdict:
     if not problem.path_constraints:
         return Verdict(Reason.FREE, 0)
     turns = problem.world.bodies.turns
-    return certify_constraints(problem.constrained_frames, turns, problem.motion.pieces, problem.budget.spent)
+    return certify_constraints(problem.constrained_frames, turns, problem.motion.pieces, problem.deadline)
 
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     """Whether nothing touches or comes too close, as far as the path constraints are kept."""
-    motion, stopped = problem.motion, problem.budget.spent
+    motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if not problem.scene.moves:
 
         def at_rest(first: int, last: int) -> Verdict:
-            return certify(problem.world, motion.pieces[first:last], problem.min_clearance, stopped=stopped)
+            return certify(problem.world, motion.pieces[first:last], problem.min_clearance, deadline=deadline)
 
         return _judged(at_rest, count, AT_ONCE)
     pieces, times = motion.scheduled.bezier(), motion.scheduled.piece_times()
 
     def in_time(first: int, last: int) -> Verdict:
         return certify_timed(
-            problem.timed_world, pieces[first:last], times[first : last + 1], problem.min_clearance, stopped=stopped
+            problem.timed_world, pieces[first:last], times[first : last + 1], problem.min_clearance, deadline=deadline
         )
 
     return _judged(in_time, count, TOGETHER)

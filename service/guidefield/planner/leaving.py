@@ -68,7 +68,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
                 if leads_out(end):
                     stage.outcome = f"{length:g} rad lead out of the contact"
                     return Left(start, end, contacts)
-            if problem.budget.spent():
+            if problem.deadline.expired():
                 break
         raise _refusal(contacts[0], "and no short motion leads out of it")
 

@@ -41,7 +41,7 @@ def gone_on(
     with stages.entered("certify", "the whole motion, in time, between samples too") as stage:
         pieces, times = whole.bezier(), whole.piece_times()
         verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
-            problem.timed_world, pieces, times, problem.min_clearance, stopped=problem.budget.spent
+            problem.timed_world, pieces, times, problem.min_clearance, deadline=problem.deadline
         )
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value

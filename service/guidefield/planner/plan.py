@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import UNREACHED, check_start, goal_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
@@ -76,7 +76,7 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
     """Plan a motion.
 
     Args:
-        problem: Robot, scene, start, goal, guide planes, budget.
+        problem: Robot, scene, start, goal, guide planes, deadline.
         planner: Which stages find it.
         attempts: How each guide plane is tried.
     """
@@ -88,17 +88,6 @@ def refused(problem: Problem, status: Status, message: str, details: dict[str, A
     """The plan of a problem that was not tried: nothing but the start, judged."""
     stages = Stages(problem)
     return _told(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
-
-
-def unprepared(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
-    """The plan of a problem whose robot or scene isn't prepared: nothing but the start, which isn't judged.
-
-    To judge it would take hulls of the meshes, for which there is no time.
-    """
-    found = PathSoFar.at_start(problem)
-    verdict = Verdict(Reason.STOPPED, 0, 0, 0.0, (0, 0.0), None, found.path[0])
-    finished = Finished(verdict, found.path, found.crossings, failure=Ending(status, message, details))
-    return _told(problem, finished, Stages(problem))
 
 
 def _out_of_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
@@ -252,7 +241,7 @@ def _to_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Sta
         connected = connect_to_goal(problem, found, goals, stage, prove=False)
     finished = finish(problem, connected, stages)
     settled = connected.proven or finished.failure is not None or finished.verdict.free
-    if settled or problem.budget.spent():
+    if settled or problem.deadline.expired():
         return finished
     problem.tell(Note("the motion was not certified: the connection is certified before it is made one again"))
     with stages.entered("connect", "to the goal, certified") as stage:
@@ -287,7 +276,7 @@ def _judgement(problem: Problem, verdict: Verdict) -> Ending:
     """How a plan ended that has a trajectory, by the verdict about that."""
     if not verdict.free:
         return refusal(problem, verdict)
-    if problem.budget.cancelled():
+    if problem.deadline.is_cancelled():
         message = "cancelled; the motion by then is certified free over its whole length"
         return Ending(Status.PREEMPTED, message)
     return Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, cast
@@ -19,6 +19,7 @@ from guidefield.collision.minimum.nearest import with_nearest
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
+from guidefield.deadline import DeadlineExpired
 from guidefield.kept import kept_with
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
@@ -150,22 +151,38 @@ class Figures:
     smoothness: float
 
 
+UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
+"""Warning about motions that were not measured."""
+
+
+def clearances(motions: Sequence[tuple[MotionInTime, Conditions]]) -> list[Clearance] | None:
+    """Measure motions, each under its conditions; None if the deadline passed before."""
+    try:
+        return [clearance(*one) for one in motions]
+    except DeadlineExpired:
+        return None
+
+
 def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
-    The smallest distances are looked for until time is up, and a little longer: see `Closest.exact`.
+    The smallest distances are looked for until the deadline, and for `MEASURING.last` at least: see `Closest.exact`.
+
+    Raises:
+        DeadlineExpired: if the deadline passed before any were found.
     """
-    stopped = problem.budget.with_at_least(MEASURING.last)
+    deadline = problem.deadline.at_least(MEASURING.last)
     times, lengths, inside = _samples(trajectory, problem)
     coarse, start, end = _coarse(times), float(times[0]), float(times[-1])
     surveyor = survey(trajectory, problem, times)
     curve = surveyor.curve
     spans: list[tuple[float, float]] = [(start, end), *([inside] if inside else [])]
-    found = smallest_along(surveyor, coarse, spans, stopped)
+    deadline.check("the motion was measured")
+    found = smallest_along(surveyor, coarse, spans, deadline)
     world = surveyor.worlds.moving
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
     begins = np.array([*(begin for begin, _ in spans), start])
-    enclosed = enclosures_at(problem.timed_world, curve, begins)
+    enclosed = enclosures_at(problem.timed_world, curve, begins, deadline)
     if any(enclosed) or min(one.distance for one in closest) <= 0.0:
         every, n_self = problem.timed_world.moving, problem.timed_world.moving.pairs.n_self
         obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in enclosed[:-1]]
@@ -174,7 +191,10 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
             _with_enclosure(one, pairs, time, every)
             for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)
         ]
-        within = [any(pair >= n_self for pair in pairs) for pairs in enclosures_at(problem.timed_world, curve, coarse)]
+        within = [
+            any(pair >= n_self for pair in pairs)
+            for pairs in enclosures_at(problem.timed_world, curve, coarse, deadline)
+        ]
         distances = np.where(within, np.minimum(distances, 0.0), distances)
     obstacle, *inner, own_closest = closest
     return Clearance(

@@ -44,7 +44,7 @@ def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finis
     """Bring a robot to one of several goals among obstacles that move.
 
     Args:
-        problem: Robot, obstacles, limits, budget.
+        problem: Robot, obstacles, limits, deadline.
         goals: Chart points, shape (m, nv), free once all obstacles have come to rest.
         stages: Where time is counted.
 
@@ -64,7 +64,7 @@ def keep_schedule(problem: Problem, finished: Finished, stages: Stages, also: Ju
     """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
 
     Args:
-        problem: Robot, obstacles, limits, budget.
+        problem: Robot, obstacles, limits, deadline.
         finished: The motion, certified among what rests.
         stages: Where time is counted.
         also: What else judges the motion in time.
@@ -117,7 +117,7 @@ class _Search:
 
     def by_detours(self) -> Finished | None:
         """The motion by a place to wait at, where the robot may not wait where it starts; None without any."""
-        if self.leave_by[0] == np.inf or self._problem.budget.spent():
+        if self.leave_by[0] == np.inf or self._problem.deadline.expired():
             return None
         with self._stages.entered("connect", "ways by places to wait at") as stage:
             ways = detours(self._problem, self._goals, self._slices, self.leave_by[0])
@@ -128,7 +128,7 @@ class _Search:
     def _first(self, estimates: Sequence[_Estimate]) -> Finished | None:
         """The motion along the first of some ways that has one; that may be arrived on first is tried first."""
         for estimate in sorted(estimates, key=lambda one: one.arrival):
-            if self._problem.budget.spent():
+            if self._problem.deadline.expired():
                 return None
             self._problem.tell(Note(f"a way {estimate.way.name} may arrive at {estimate.arrival:.2f} s"))
             if (finished := self._along(estimate.way)) is not None:
@@ -138,7 +138,7 @@ class _Search:
     def by_thorough_ways(self) -> Finished | None:
         """The motion along the way of the planner among obstacles at rest; None if there is none."""
         for prove in (False, True):
-            if self._problem.budget.spent():
+            if self._problem.deadline.expired():
                 return None
             way = thorough_way(self._problem, self._goals, self._stages, prove=prove)
             if way.found.failure is not None:
@@ -151,11 +151,11 @@ class _Search:
     def why(self) -> Ending:
         """Why there is no motion."""
         problem, (leave_by, refusal) = self._problem, self.leave_by
-        if (spent := problem.budget.spent()) is not None:
-            why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
+        if (status := problem.deadline.status()) is not None:
+            why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
             last = f"; once they rest: {self._ending.message}" if self._ending else ""
             message = f"{why} before a motion among the obstacles that move was found{last}"
-            return Ending(spent, message, {"stage": "connect"})
+            return Ending(status, message, {"stage": "connect"})
         if refusal is not None:
             names = " and ".join(refusal.pair or ("a link", "an obstacle"))
             message = (
@@ -185,7 +185,7 @@ class _Search:
     def _estimates(self, ways: Iterator[Way]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule; no more once one is not hindered, or a share of the time is up."""
         now = time.monotonic()
-        until = now + WAYS.share * max(self._problem.budget.deadline - now, 0.0)
+        until = now + WAYS.share * max(self._problem.deadline.at - now, 0.0)
         for way in ways:
             if len(distinct(way.found.path)) == 1:
                 continue
@@ -206,7 +206,7 @@ class _Search:
             optimised = finish(way.problem, way.found, self._stages)
             made = self.scheduled(optimised, at_rest=way.at_rest)
             soonest = soonest if optimised.trajectory is None else optimised.trajectory.duration
-        if made is None and not self._problem.budget.spent():
+        if made is None and not self._problem.deadline.expired():
             made = self.scheduled(found_motion(way.problem, way.found, self._stages), at_rest=way.at_rest)
             soonest = -np.inf
         if made is None or made.trajectory is None:
@@ -249,7 +249,7 @@ class _Search:
             made = self._certified(finished, motion)
             if made.verdict.free:
                 return made
-            if self._problem.budget.spent() or made.verdict.piece is None:
+            if self._problem.deadline.status() or made.verdict.piece is None:
                 return None
             self._take_out(occupancy, finished.trajectory, schedule, motion, made.verdict)
         return None

@@ -130,9 +130,9 @@ def _to_plane(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts:
         Step(StepKind.START, problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index)
     )
     while True:
-        if (spent := problem.budget.spent()) is not None:
-            message = stopped_before(spent, aim.plane.name, aim.distance(_tip(problem, path)))
-            return _given_up(spent, message, problem, path, aim, index)
+        if (status := problem.deadline.status()) is not None:
+            message = stopped_before(status, aim.plane.name, aim.distance(_tip(problem, path)))
+            return _given_up(status, message, problem, path, aim, index)
         path, ended = _round(problem, path, aim, index, attempts)
         if ended is Round.ARRIVED:
             return path

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.finish import Finished, at_the_very_end
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.start_enclosure import enclosed_start
@@ -18,18 +18,18 @@ from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
 
 
-def judged_in_time(problem: Problem, motion: Trajectory, stopped: Callable[[], object] | None = None) -> Verdict:
+def judged_in_time(problem: Problem, motion: Trajectory, deadline: Deadline | None = None) -> Verdict:
     """Whether a motion is free of what rests and what moves, and keeps the path constraints.
 
     Args:
         problem: Robot, obstacles and constraints.
         motion: From time 0 on.
-        stopped: Asked now and then; anything true ends the judgement. None: whether the budget is spent.
+        deadline: Ends the judgement. None: the problem's.
     """
-    stopped = problem.budget.spent if stopped is None else stopped
-    verdict, pieces = _free_in_time(problem, motion, stopped), motion.bezier()
+    deadline = problem.deadline if deadline is None else deadline
+    verdict, pieces = _free_in_time(problem, motion, deadline), motion.bezier()
     if verdict.free and problem.path_constraints:
-        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, stopped)
+        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, deadline)
         verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
     return verdict
 
@@ -48,7 +48,7 @@ def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished
         if failure is None:
             verdict = judged_in_time(problem, trajectory, at_the_very_end(problem))
         else:
-            verdict = _free_in_time(problem, trajectory, lambda: None)
+            verdict = _free_in_time(problem, trajectory, UNLIMITED)
         stage.outcome = verdict.reason.value
     if failure is not None:
         return Finished(verdict, np.array(found.points), found.crossings, failure=failure)
@@ -56,8 +56,8 @@ def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished
     return Finished(verdict, trajectory.positions, found.knots, trajectory)
 
 
-def _free_in_time(problem: Problem, motion: Trajectory, stopped: Callable[[], object]) -> Verdict:
+def _free_in_time(problem: Problem, motion: Trajectory, deadline: Deadline) -> Verdict:
     pieces, times = motion.bezier(), motion.piece_times()
     if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
         return inside
-    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, stopped=stopped)
+    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, deadline=deadline)

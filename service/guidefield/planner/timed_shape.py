@@ -38,7 +38,7 @@ def shaped_across(problem: Problem, found: TimedPath, stages: Stages) -> Finishe
     """The optimised motion across guide planes; None where it isn't better than the one that was found, or refused.
 
     Args:
-        problem: Robot, obstacles, guide planes, limits, budget and most steps.
+        problem: Robot, obstacles, guide planes, limits, deadline and most steps.
         found: The motion that was found.
         stages: Where time is counted.
     """
@@ -62,7 +62,7 @@ def shaped_in_time(
     """The optimised motion, or the scheduled one where that isn't better.
 
     Args:
-        problem: Robot, obstacles, limits, budget and most steps.
+        problem: Robot, obstacles, limits, deadline and most steps.
         scheduled: The motion from time 0 on, certified.
         between: Until when its start is free, and from when on its end is for good [s].
         judged: The certificate in time.
@@ -85,7 +85,7 @@ def _shaped(
     crossed: Crossed,
 ) -> Finished | None:
     """The optimised motion from one that keeps a schedule and crosses guide planes; None where it is no better."""
-    if problem.budget.spent():
+    if problem.deadline.expired():
         return None
     begun, settings, (leave_by, arrive_from) = _moving_part(motion), settings_of(problem), between
     with stages.entered("relax", f"shape and time together, among what moves, {problem.objective.value}") as stage:

@@ -42,11 +42,11 @@ def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
     """Ways that a few motions find, one after the other.
 
     Args:
-        problem: Robot, obstacles and budget.
+        problem: Robot, obstacles and deadline.
         goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
     """
     for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
-        if problem.budget.spent():
+        if problem.deadline.expired():
             return
         touching = among.lanes.touching(np.vstack([problem.z_start, goals]), problem.min_clearance)
         if touching[0] or touching[1:].all():
@@ -62,7 +62,7 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
     """Ways by places at which the robot may wait, as it can't where it starts; those that are free longest first.
 
     Args:
-        problem: Robot, obstacles and budget.
+        problem: Robot, obstacles and deadline.
         goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
         slices: The robot among what moves.
         since: From when on it has to be somewhere else [s].
@@ -73,11 +73,11 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
         return
     blocked = np.zeros(len(places), int)
     for index in range(int(since / slices.length), slices.resting_from + 1):
-        if problem.budget.spent():
+        if problem.deadline.expired():
             return
         blocked += slices.touching(index, places)
     for place in places[np.argsort(blocked, kind="stable")[: WAYS.detours]]:
-        if problem.budget.spent():
+        if problem.deadline.expired():
             return
         there = quickest_way(among, problem.z_start, place[None], rng)
         near = np.array([problem.group.unwrapped(goal, place) for goal in goals])
@@ -103,7 +103,7 @@ def thorough_way(problem: Problem, goals: ChartPoints, stages: Stages, *, prove:
     """The way of the planner among obstacles at rest, once they have come to rest; failed if there is none.
 
     Args:
-        problem: Robot, obstacles and budget.
+        problem: Robot, obstacles and deadline.
         goals: Chart points, shape (m, nv), as there.
         stages: Where time is counted.
         prove: Whether the way is to be certified.

@@ -55,11 +55,10 @@ class Shown:
         return cls(group, scene, motion, at, drawn, choose_eye(at.tip, robot, landmarks, scene.obstacles))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
-        """What stands there for the whole run; the bodies at fault are highlighted."""
+        """The bodies at fault, highlighted, and the robot's ghosts."""
         yield from bodies.highlighted(self.group.robot, at_fault)
         if (ghosts := robot_entities.ghosts(self.group, self.drawn, self.motion)) is not None:
             yield ghosts
-        yield from scene_entities.obstacles(self.scene.obstacles, self.eye.hiding, at_fault)
 
     def robot(self) -> Iterator[Chunk]:
         """The robot and its tip along the motion, among what moves."""

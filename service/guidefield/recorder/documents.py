@@ -14,10 +14,10 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.messages.replies import MotionReply, as_plain_data
+from guidefield.messages.replies import MotionReply
 from guidefield.messages.requests import MotionRequest
 from guidefield.recorder.chunks import still
-from guidefield.recorder.packing import MESSAGE_COMPONENT, packed
+from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
 
 if TYPE_CHECKING:
     from guidefield.robot.group.group import PlanningGroup
@@ -49,6 +49,7 @@ def documents_of(
     scene: Scene,
     figures: Mapping[str, Any],
     parts: Sequence[str],
+    request_hash: str,
     made_with: str,
 ) -> Iterator[Chunk]:
     """The words of a run, whatever was asked.
@@ -60,6 +61,7 @@ def documents_of(
         scene: The scene that they move in.
         figures: What its kind of run is identified by beside what all are.
         parts: Lines of the summary below how the run ended.
+        request_hash: The request's `fingerprint`.
         made_with: The packages that it was made with, as `versions.made_with`.
     """
     known: dict[str, Any] = {
@@ -68,7 +70,7 @@ def documents_of(
         "code": reply.status.code,
         "robot": group.robot.name,
         "scene": scene.name,
-        "request_sha256": fingerprint(request),
+        "request_sha256": request_hash,
         **figures,
     }
     if reply.clearance is not None and reply.clearance.minimum is not None:
@@ -77,8 +79,13 @@ def documents_of(
     yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
     summary = "\n".join([*_headline(reply), *parts])
     yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
-    yield _message_document(REQUEST, request)
-    yield _message_document(REPLY, reply)
+    if large_scene(request) is None:
+        yield _message_document(REQUEST, request, request)
+    else:  # its scene is in an entity of its own
+        yield _message_document(
+            REQUEST, msgspec.structs.replace(request, scene=scene.name), request, scene_apart=[True]
+        )
+    yield _message_document(REPLY, reply, reply)
 
 
 def fingerprint(request: MotionRequest) -> str:
@@ -99,11 +106,11 @@ def distances(reply: MotionReply) -> list[tuple[str, str]]:
     return rows
 
 
-def _message_document(path: str, message: msgspec.Struct) -> Chunk:
+def _message_document(path: str, kept: msgspec.Struct, shown: msgspec.Struct, **flags: list[bool]) -> Chunk:
     """A message to read, and beside it, in the component `message`, to the last bit for programs (packing.py)."""
-    kept = {MESSAGE_COMPONENT: packed(message)}
-    shown = f"{SHORTENED}\n\n```json\n{readable(as_plain_data(message))}\n```"
-    return still(path, rr.TextDocument(shown, media_type=rr.MediaType.MARKDOWN), rr.AnyValues(**kept))
+    text = f"{SHORTENED}\n\n```json\n{readable(shown)}\n```"
+    values = rr.AnyValues(**{MESSAGE_COMPONENT: packed(kept)}, **flags)
+    return still(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), values)
 
 
 def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
@@ -118,8 +125,12 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
 
 
 def readable(value: Any, indent: int = 0) -> str:
-    """Plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
+    """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
     inner = " " * (indent + 2)
+    if isinstance(value, msgspec.Struct):  # field by field: of a long list only what is shown becomes plain
+        value = _fields(value)
+    if isinstance(value, bytes):
+        value = msgspec.to_builtins(value)
     if isinstance(value, dict) and value:
         rows = [f"{inner}{json.dumps(key)}: {readable(one, indent + 2)}" for key, one in value.items()]
         return "{\n" + ",\n".join(rows) + "\n" + " " * indent + "}"
@@ -129,7 +140,13 @@ def readable(value: Any, indent: int = 0) -> str:
         return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
     if isinstance(value, float):
         return f"{value:.6g}"
-    return json.dumps(value, ensure_ascii=False)
+    return json.dumps(msgspec.to_builtins(value), ensure_ascii=False)
+
+
+def _fields(message: msgspec.Struct) -> dict[str, Any]:
+    """The fields of a message, tagged as on the wire."""
+    config, fields = message.__struct_config__, msgspec.structs.asdict(message)
+    return fields if config.tag is None else {config.tag_field or "type": config.tag, **fields}
 
 
 def _readable_list(values: list[Any], indent: int) -> str:

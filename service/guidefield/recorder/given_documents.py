@@ -24,18 +24,19 @@ def documents_of(
     made_with: str,
 ) -> Iterator[Chunk]:
     """The verdict, in figures; what it was about; what it was made with; the messages."""
+    request_hash = fingerprint(request)
     parts = [*_figures(reply), *_limits(reply), *remarks_of((*reply.warnings, *remarks))]
     rows = [
         ("run", reply.run_id),
         ("robot", f"{group.robot.name}, {len(group.joints)} joints, tip {group.tip}"),
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles"),
-        ("request", fingerprint(request)[:12]),
+        ("request", request_hash[:12]),
         ("time", f"certify {milliseconds(reply.timing.certify)}, measure {milliseconds(reply.timing.measure)}"),
         ("made with", made_with),
     ]
     parts += table(("about", ""), rows)
     figures = {"curve": reply.curve, "seconds": reply.timing.total}
-    yield from documents.documents_of(request, reply, group, scene, figures, parts, made_with)
+    yield from documents.documents_of(request, reply, group, scene, figures, parts, request_hash, made_with)
 
 
 def _figures(reply: CertifyReply) -> list[str]:

@@ -19,6 +19,7 @@ from guidefield.recorder.along import Shown
 from guidefield.recorder.chunks import PATH_TIME
 from guidefield.recorder.motion import Motion, configurations_of, poses
 from guidefield.recorder.place import Place
+from guidefield.recorder.shared_scene import shared_scene
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
@@ -78,7 +79,9 @@ class GivenRecorder:
         if self._request.recording == "full":
             made.append(shown.field())
         chunks = list(chain.from_iterable(made))
-        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, PATH_TIME)
+        at_fault = reply.certificate.pair or ()
+        scene = shared_scene(self._scene, self._request, shown.eye.hiding, at_fault)
+        self._place.write(self._run_id, chunks, scene, self._group.robot, shown.drawn, shown.eye, PATH_TIME)
 
     def _trajectory(self) -> Trajectory | None:
         """The knots, where their columns are plain coordinates and there are velocities."""

@@ -41,8 +41,9 @@ def documents_of(
     if reply.metrics is not None:
         figures["duration"] = reply.metrics.duration
     parts = [*remarks_of((*reply.warnings, *remarks)), *_figures(reply, group), *_steps(reply), *_stages(reply)]
-    parts += _origin(request, reply, group, scene, made_with)
-    yield from documents.documents_of(request, reply, group, scene, figures, parts, made_with)
+    request_hash = fingerprint(request)
+    parts += _origin(request_hash, reply, group, scene, made_with)
+    yield from documents.documents_of(request, reply, group, scene, figures, parts, request_hash, made_with)
 
 
 def _figures(reply: PlanReply, group: PlanningGroup) -> list[str]:
@@ -99,13 +100,13 @@ def _stages(reply: PlanReply) -> list[str]:
     return [*table(("stage", "time", "outcome"), rows), ""]
 
 
-def _origin(request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, made_with: str) -> list[str]:
+def _origin(request_hash: str, reply: PlanReply, group: PlanningGroup, scene: Scene, made_with: str) -> list[str]:
     urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
     rows = [
         ("run", reply.run_id),
         ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
-        ("request", fingerprint(request)[:12]),
+        ("request", request_hash[:12]),
         ("planner, objective, seed", f"{reply.planner}, {reply.objective}, {reply.seed}"),
         ("made with", made_with),
     ]

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from rerun.chunk import Chunk, RrdReader
 
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages.replies import CERTIFY, CertifyReply, MotionReply, PlanReply, RequestTag
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
+from guidefield.messages.scene import Scene
 from guidefield.recorder.documents import MADE_WITH, PROPERTIES, REPLY, REQUEST
-from guidefield.recorder.packing import MESSAGE_COMPONENT, unpacked
+from guidefield.recorder.packing import MESSAGE_COMPONENT, SCENE, unpacked
+from guidefield.recorder.whole import LINK
 from guidefield.versions import parsed
 
 
@@ -49,13 +52,24 @@ def read_recording(path: Path) -> Recorded:
             found = {chunk.entity_path: chunk for chunk in chunks}
         (packages,) = _values(found[PROPERTIES], MADE_WITH)
         request, reply = (bytes(_values(found[path], MESSAGE_COMPONENT)) for path in (REQUEST, REPLY))
-        if unpacked(request, RequestTag).type == CERTIFY:
-            return Recorded(unpacked(request, CertifyRequest), unpacked(reply, CertifyReply), parsed(packages))
-        return Recorded(unpacked(request, PlanRequest), unpacked(reply, PlanReply), parsed(packages))
+        judged = unpacked(request, RequestTag).type == CERTIFY
+        asked: MotionRequest = unpacked(request, CertifyRequest) if judged else unpacked(request, PlanRequest)
+        if "scene_apart" in found[REQUEST].to_record_batch().schema.names:
+            apart = found[SCENE] if SCENE in found else _scene_beside(path)
+            scene = unpacked(bytes(_values(apart, MESSAGE_COMPONENT)), Scene)
+            asked = msgspec.structs.replace(asked, scene=scene)
+        answered: MotionReply = unpacked(reply, CertifyReply) if judged else unpacked(reply, PlanReply)
+        return Recorded(asked, answered, parsed(packages))
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
         what = f"{path.name!r} is no whole recording of guidefield, or one of another version"
         raise MalformedRequest(f"{what}: {why}", path=str(path)) from None
+
+
+def _scene_beside(path: Path) -> Chunk:
+    """The message of a large scene, from the file that a recording in a store is linked to."""
+    (chunk,) = RrdReader(str(path.with_suffix(LINK))).stream().filter(content=[SCENE])
+    return chunk
 
 
 def _values(chunk: Chunk, component: str) -> list[Any]:

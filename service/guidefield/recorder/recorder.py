@@ -20,6 +20,7 @@ from guidefield.recorder.along import Shown
 from guidefield.recorder.chunks import PATH_TIME, STEP
 from guidefield.recorder.motion import Motion, configurations_of, poses, refused_goal, shown_motion
 from guidefield.recorder.place import Place
+from guidefield.recorder.shared_scene import shared_scene
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.scene import Scene
@@ -82,7 +83,8 @@ class Recorder:
             made += [self._planning(reply, motion.configurations[0], shown.drawn.links), self._field(shown)]
         chunks = list(chain.from_iterable(made))
         timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
-        self._place.write(self._run_id, chunks, self._group.robot, shown.drawn, shown.eye, timeline)
+        drawn_scene = shared_scene(self._scene, self._request, shown.eye.hiding, _colliding(reply))
+        self._place.write(self._run_id, chunks, drawn_scene, self._group.robot, shown.drawn, shown.eye, timeline)
 
     def _moving(self, reply: PlanReply, profile: ClearanceProfile | None, shown: Shown) -> Iterator[Chunk]:
         """The motion, and what changes along it."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import OrderedDict
-from collections.abc import Callable
 
-from guidefield.aside import Spent, done_aside, wait_for_others
+from guidefield.collector import waiting_collector
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import Before, Own, own
 from guidefield.scene import scene as scenes
@@ -30,27 +31,27 @@ class BuiltScenes:
         self._most = most
         self._scenes: OrderedDict[bytes, Scene] = OrderedDict()
 
-    def of(self, message: messages.Scene, spent: Spent | None = None) -> Scene:
+    def of(self, message: messages.Scene, deadline: Deadline = UNLIMITED) -> Scene:
         """The scene that a message describes; raises as `build`.
 
         Args:
             message: The scene.
-            spent: Whether time is up; None: it may take as long as it does.
+            deadline: Checked before a large scene is read, and before it is built.
 
         Raises:
-            StoppedError: if time was up before it was built.
+            DeadlineExpired: if the deadline passed before it was built.
         """
-        content, parts = self._content(message)
+        content, parts = self._content(message, deadline)
         built = self._scenes.pop(content, None)
         if built is None:
-            built = self._built(message, parts, spent)
+            built = self._built(message, parts, deadline)
             faces = sum(scene.faces for scene in self._scenes.values()) + built.faces  # as if none shared an obstacle
             while self._scenes and (len(self._scenes) >= self._most or faces > MOST_FACES):
                 faces -= self._scenes.popitem(last=False)[1].faces
         self._scenes[content] = built
         return built
 
-    def _content(self, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
+    def _content(self, message: messages.Scene, deadline: Deadline) -> tuple[bytes, dict[int, Content]]:
         """What a scene is known by, and its meshes and clouds, by index, as far as these were looked at for it.
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
@@ -64,6 +65,8 @@ class BuiltScenes:
             message = before
         content, parts = None if mine is None else mine.content, dict[int, Content]()
         if content is None:
+            if _has_many(message):
+                deadline.check(f"scene {message.name} was looked at")
             content, parts = scene_content(message)
             if mine is not None:
                 mine.content = content
@@ -72,18 +75,16 @@ class BuiltScenes:
             known.content = content
         return content, parts
 
-    def _built(self, message: messages.Scene, parts: dict[int, Content], spent: Spent | None) -> Scene:
+    def _built(self, message: messages.Scene, parts: dict[int, Content], deadline: Deadline) -> Scene:
         """A scene that isn't there yet: of the one that is there of those that it was before, else anew."""
         found = self._before(message)
-        if found is None:
-            return scenes.build(message, parts) if spent is None else _built_in_time(message, parts, spent)
-        before, rows = found
-        if spent is None:
-            return scenes.changed(before, message, rows, parts)
-        fresh = [message.obstacles[index] for index in rows.fresh]
-        return _in_time(
-            lambda: scenes.changed(before, message, rows, parts), message.name, are_many(fresh, MANY), spent
-        )
+        many = _has_many(message) if found is None else are_many([message.obstacles[k] for k in found[1].fresh], MANY)
+        if many:
+            deadline.check(f"scene {message.name} was built")
+        with waiting_collector() if many else contextlib.nullcontext():
+            if found is None:
+                return scenes.build(message, parts)
+            return scenes.changed(found[0], message, found[1], parts)
 
     def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
         """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""
@@ -101,18 +102,6 @@ class BuiltScenes:
                 return (built, rows) if rows.are_few else None
             message = before
         return None
-
-
-def _built_in_time(message: messages.Scene, contents: dict[int, Content], spent: Spent) -> Scene:
-    return _in_time(lambda: scenes.build(message, contents), message.name, _has_many(message), spent)
-
-
-def _in_time(build: Callable[[], Scene], name: str, many: bool, spent: Spent) -> Scene:
-    """Build a scene, aside if that is much."""
-    if not many:
-        wait_for_others(spent)
-        return build()
-    return done_aside(build, spent, lambda: f"scene {name} was built")
 
 
 def _has_many(message: messages.Scene) -> bool:

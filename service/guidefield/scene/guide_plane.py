@@ -7,15 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.distance.convex_polygon import inradius
 from guidefield.messages import scene as messages
-from guidefield.messages.values import Look, never
 from guidefield.scene.flat import PLANARITY, FlatPolygon, centroid, flat_polygons, flatness_faults
-from guidefield.scene.points import are_many
-
-MANY = 1000
-"""Guide planes of fewer corners are built within a hundredth of a second or two."""
 
 SLACK = 1e-8
 """Rounding that `contains` forgives, as a fraction of the size: a closest point is contained."""
@@ -100,13 +96,18 @@ class GuidePlane:
         return _clipped(self.flat.corners, self.inward, self.offsets + inset * (1.0 - 1e-9))
 
 
-def build_all(declared: Sequence[messages.GuidePlane], look: Look = never) -> tuple[GuidePlane, ...]:
-    """Build guide planes; `look` is called again and again where they have many corners. Raises as `build`."""
-    look = look if are_many(declared, MANY) else never
+def build_all(declared: Sequence[messages.GuidePlane], deadline: Deadline = UNLIMITED) -> tuple[GuidePlane, ...]:
+    """Build guide planes.
+
+    Raises:
+        SceneInvalid: as `build`.
+        DeadlineExpired: if the deadline passed before.
+    """
     built = []
     for index, message in enumerate(declared):
+        if index:
+            deadline.check("the guide planes were built")
         built.append(build(message, index))
-        look()
     return tuple(built)
 
 

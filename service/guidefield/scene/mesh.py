@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.aside import together
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.entries import Arrays
@@ -23,6 +22,7 @@ from guidefield.geometry.mesh_surface import (
     surface_of,
 )
 from guidefield.messages.triples import Points, Triangles
+from guidefield.parallel import run_parallel
 from guidefield.scene.points import corners_in, count_of, points_in
 
 MOST_FACES = 1_000_000
@@ -107,7 +107,7 @@ def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
         crossing = () if surface is None or surface.hull is not None else crossing_warnings(mesh)
     else:
         surfaces, warnings = list[MeshSurface | None](), list[tuple[str, ...]]()
-        together(lambda: warnings.append(crossing_warnings(mesh)), lambda: surfaces.append(surface_of(mesh)))
+        run_parallel(lambda: warnings.append(crossing_warnings(mesh)), lambda: surfaces.append(surface_of(mesh)))
         (surface,), (crossing,) = surfaces, warnings
     if surface is None or surface.hull is not None:
         return surface

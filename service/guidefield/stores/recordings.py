@@ -23,6 +23,8 @@ from guidefield.whole_file import write_whole
 
 RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
+SCENE_LINK = ".drawn"
+"""Ending of a recording's link to the file of its scene, where that is large."""
 SCENE, ROBOT = ".scene", ".robot"
 """Endings of the links from a log to the scene and the robot that it needs."""
 OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
@@ -181,7 +183,7 @@ class Recordings:
         Raises:
             OSError: if the disk refuses.
         """
-        for ending in (LOG, LOST, RECORDING, SCENE, ROBOT):
+        for ending in (LOG, LOST, RECORDING, SCENE, ROBOT, SCENE_LINK):
             self.file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:

@@ -12,6 +12,7 @@ from guidefield.collision.certify.certificate import certify, motion_free
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
+from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from tests.collision.plain import dense, panda_among
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -344,7 +345,7 @@ def test_a_judgement_that_is_stopped_certifies_what_comes_before():
     assert whole.free
     for rounds in range(2):
         left = iter([None] * rounds)
-        verdict = certify(world, pieces, stopped=lambda left=left: next(left, "enough"))
+        verdict = certify(world, pieces, deadline=Deadline(is_cancelled=lambda left=left: bool(next(left, "enough"))))
         assert verdict.reason is Reason.STOPPED
         assert not verdict.free
         assert verdict.evaluations < whole.evaluations

@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.verdict import Reason
+from guidefield.deadline import Deadline
 from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, line, plane
 from tests.collision.plain import dense
 from tests.collision.scenery import world_of
@@ -79,6 +80,6 @@ def test_what_is_certified_is_kept_and_what_is_not_is_shown(kind, seed):
 def test_a_judgement_that_is_stopped_says_so():
     arm = group("panda")
     frames = ConstrainedFrames(arm, constraints(arm.tip, 10.0))
-    verdict = certify_constraints(frames, world_of(arm, []).bodies.turns, np.zeros((2, 4, 7)), lambda: True)
+    verdict = certify_constraints(frames, world_of(arm, []).bodies.turns, np.zeros((2, 4, 7)), Deadline(0.0))
     assert verdict.reason is Reason.STOPPED
     assert not verdict.free

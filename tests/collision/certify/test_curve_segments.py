@@ -11,6 +11,7 @@ from guidefield.collision.certify.curve_segments import curve_segments, halved
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.minimum.curve import restricted
+from guidefield.deadline import Deadline
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 
@@ -53,6 +54,6 @@ def test_a_judgement_of_a_motion_that_leads_far_is_ended_at_once():
     world = world_of(arm, [box("far", [1.0, 1.0, 1.0], [50.0, 0.0, 0.0])])
     there = np.array([[np.full(arm.nv, -10_000.0), np.full(arm.nv, 10_000.0)]] * 100_000)
     asked = iter([None] * 3)
-    verdict = certify(world, there, stopped=lambda: next(asked, "time is up"))
+    verdict = certify(world, there, deadline=Deadline(is_cancelled=lambda: bool(next(asked, "time is up"))))
     assert verdict.reason is Reason.STOPPED
     assert verdict.evaluations <= 3 * CERTIFICATE.batch

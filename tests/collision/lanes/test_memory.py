@@ -9,10 +9,10 @@ import pytest
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.layout import AXIS_AND_REACH
 from guidefield.planner.connect import tree_search
-from guidefield.planner.task.conditions import Budget
 from tests.collision.lanes.test_scene_tables import scene
 from tests.robots import group
 
@@ -44,7 +44,7 @@ def test_a_search_forgets_what_was_asked_before_it() -> None:
     for axes, places in ((scratch.pair_axes, scratch.pair_places), (scratch.obstacle_axes, scratch.obstacle_places)):
         kept = np.flatnonzero(axes.reshape(-1, AXIS_AND_REACH)[:, :3].any(axis=1)) * AXIS_AND_REACH
         assert sorted(places[1 : 1 + places[0]]) == kept.tolist()
-    tree_search.grow(lanes, np.zeros((1, nv)), np.ones((1, nv)), 32.0, 0.0, rng, Budget(0.0))
+    tree_search.grow(lanes, np.zeros((1, nv)), np.ones((1, nv)), 32.0, 0.0, rng, Deadline(0.0))
     assert (scratch.hits == -1).all()
     assert not scratch.pair_axes.any()
     assert not scratch.obstacle_axes.any()

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.aside import StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.lanes.scene_tables import _clusters, lane_scene, prepare_scene
 from guidefield.collision.lanes.surface_tables import boxes_about
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.kernels.collide.parts import LINK, PART
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALF_SPACE, HALVES, ROUND
 from guidefield.kernels.simd.blocks import BLOCK
@@ -170,10 +170,10 @@ def test_preparing_a_scene_stops_when_time_is_up_and_goes_on_later() -> None:
     made = build(messages.Scene(name="s", obstacles=solids))
     for at, left in (("m0", 1), ("m0", 1), ("m1", 2), ("m2", 2)):
         answers = iter([False] * (left - 1) + [True])
-        with pytest.raises(StoppedError, match=f"^obstacle {at}$"):
-            prepare_scene(made, lambda answers=answers: next(answers))  # type: ignore[misc]
-    prepare_scene(made, lambda: False)
-    prepare_scene(made, lambda: True)  # nothing is left to do
+        with pytest.raises(DeadlineExpired, match=f"^obstacle {at}$"):
+            prepare_scene(made, Deadline(is_cancelled=lambda answers=answers: next(answers)))  # type: ignore[misc]
+    prepare_scene(made, UNLIMITED)
+    prepare_scene(made, Deadline(0.0))  # nothing is left to do
     assert len(lane_scene(made).owners) > 0
 
 
@@ -182,10 +182,10 @@ def test_preparing_polygons_stops_when_time_is_up_and_goes_on_later() -> None:
     polygons = [messages.Polygon(name=f"p{k}", vertices=one) for k, one in enumerate(corners)]
     made = build(messages.Scene(name="s", obstacles=[*polygons, WALL]))
     answers = iter([False, True])
-    with pytest.raises(StoppedError, match=r"^obstacle p256$"):
-        prepare_scene(made, lambda: next(answers))
-    prepare_scene(made, lambda: False)
-    prepare_scene(made, lambda: True)  # nothing is left to do
+    with pytest.raises(DeadlineExpired, match=r"^obstacle p256$"):
+        prepare_scene(made, Deadline(is_cancelled=lambda: next(answers)))
+    prepare_scene(made, UNLIMITED)
+    prepare_scene(made, Deadline(0.0))  # nothing is left to do
 
 
 @pytest.mark.parametrize("count", [1, 2, 21, 22, 300])

@@ -18,6 +18,7 @@ from guidefield.collision.minimum.by_coal import ByCoal
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.geometry import cache
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages
@@ -239,9 +240,8 @@ def test_a_search_that_is_stopped_tells_what_is_certain(monkeypatch: pytest.Monk
     bounds = []
     for patience in (0, 2, 5, 1000):
         left = iter(range(patience))
-        found = smallest_along(
-            surveyor_of(place, trajectory), np.array(ends), [ends], lambda left=left: next(left, None) is None
-        )
+        deadline = Deadline(is_cancelled=lambda left=left: next(left, None) is None)
+        found = smallest_along(surveyor_of(place, trajectory), np.array(ends), [ends], deadline)
         assert found.obstacle[0].bound <= exact.distance <= found.obstacle[0].distance + TOLERANCE
         bounds.append(found.obstacle[0].bound)
     assert bounds == sorted(bounds)

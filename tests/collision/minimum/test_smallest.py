@@ -17,6 +17,7 @@ from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Question, Smallest, smallest
 from guidefield.collision.minimum.tables import bezier_curve, body_pairs, resting_obstacles, robot_bodies
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.kernels.minimum import smallest as kernels
 from guidefield.kernels.minimum.closing import BENT, TRAVEL, closing_of, find_moves
 from guidefield.kernels.minimum.places import find_twists, place_at
@@ -170,7 +171,7 @@ def test_a_search_that_is_stopped_tells_what_is_certain() -> None:
             surveyor,
             surveyor.places(np.array(ends)),
             [Question(are_mixed(place), *ends)],
-            stopped=lambda left=left: next(left, None) is None,
+            deadline=Deadline(is_cancelled=lambda left=left: next(left, None) is None),
         )
         assert answer.bound <= exact.distance <= answer.distance + TOLERANCE
         bounds.append(answer.bound)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import cross
-from guidefield.planner.task.conditions import Budget
 from tests.collision.lanes.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest
@@ -129,7 +129,7 @@ def test_a_continuous_joint_goes_the_short_way_round() -> None:
 
 def test_no_way_in_time_is_said_so() -> None:
     made, start, goal = wall_between()
-    stopped = problem("panda", made.scene, budget=Budget(time.monotonic()))
+    stopped = problem("panda", made.scene, deadline=Deadline(time.monotonic()))
     connection = connect(stopped, start, np.array([goal]), np.random.default_rng(0))
     assert connection.status is Status.TIMED_OUT
     assert len(connection.path) == 1

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained_tree import Keeper, connect_constrained
 from guidefield.planner.connect.settings import CONSTRAINED
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import Cone
 from tests.planner.problems import problem, scene_of
@@ -55,7 +55,7 @@ def test_the_same_seed_finds_the_same_path() -> None:
 
 def test_what_can_not_be_reached_is_told() -> None:
     made, keeper = upright("wide y", 0.3)  # once round, the second joint would have to turn by pi
-    made = dataclasses.replace(made, budget=Budget(time.monotonic() + 0.2))
+    made = dataclasses.replace(made, deadline=Deadline(time.monotonic() + 0.2))
     start, goal = np.zeros(2), np.array([2.0 * np.pi, 0.0])
     assert (keeper.frames.values(goal) <= keeper.frames.limits).all()
     found = connect_constrained(made, keeper, start, goal[None], np.random.default_rng(0))

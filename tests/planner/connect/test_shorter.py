@@ -1,4 +1,4 @@
-"""Connections made shorter round by round: never longer, the same for the same seed, ended by the budget."""
+"""Connections made shorter round by round: never longer, the same for the same seed, ended by the deadline."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
@@ -15,7 +16,6 @@ from guidefield.planner.connect.sample_sources import sources_of
 from guidefield.planner.connect.settings import ROUNDS
 from guidefield.planner.connect.shorter import Rounds, Shorter, shorter
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem
 from tests.robots import box_arm, group, grouped
@@ -26,14 +26,14 @@ COARSE = 32.0
 def first_path(seed: int = 0) -> tuple:
     made, start, goal = wall_between()
     rng = np.random.default_rng(seed)
-    found = tree_search.grow(made.lanes, start[None], goal[None], COARSE, 0.0, rng, Budget())
+    found = tree_search.grow(made.lanes, start[None], goal[None], COARSE, 0.0, rng, Deadline())
     assert found.path is not None
     return made, found.path
 
 
-def improved(number: int, accepted: bool = True, seed: int = 0, **budget: object) -> tuple[Shorter, np.ndarray]:
+def improved(number: int, accepted: bool = True, seed: int = 0, **deadline: object) -> tuple[Shorter, np.ndarray]:
     made, path = first_path()
-    bounded = problem("panda", made.scene, budget=Budget(**budget))
+    bounded = problem("panda", made.scene, deadline=Deadline(**deadline))
     rounds, rng = Rounds(number, COARSE, 0.0), np.random.default_rng(seed)
     return shorter(bounded, path, path[-1:], rounds, rng, lambda _: accepted), path
 
@@ -52,7 +52,7 @@ def test_more_rounds_make_no_longer_paths_with_the_same_ends() -> None:
 
 def test_the_same_seed_gives_the_same_path_with_any_time_that_suffices() -> None:
     one, _ = improved(5)
-    other, _ = improved(5, deadline=time.monotonic() + 600.0)
+    other, _ = improved(5, at=time.monotonic() + 600.0)
     np.testing.assert_array_equal(one.path, other.path)
     assert not np.array_equal(one.path, improved(5, seed=1)[0].path)
 
@@ -62,7 +62,7 @@ def test_what_is_not_accepted_is_not_taken() -> None:
     assert better.path is path
 
 
-@pytest.mark.parametrize("stop", [{"deadline": 0.0}, {"cancelled": lambda: True}])
+@pytest.mark.parametrize("stop", [{"at": 0.0}, {"is_cancelled": lambda: True}])
 def test_a_spent_budget_ends_the_rounds_and_keeps_the_path(stop: dict[str, object]) -> None:
     better, path = improved(1_000_000, **stop)
     assert better.path is path
@@ -71,7 +71,7 @@ def test_a_spent_budget_ends_the_rounds_and_keeps_the_path(stop: dict[str, objec
 
 
 def test_time_ends_the_rounds() -> None:
-    better, path = improved(1_000_000, deadline=time.monotonic() + 0.2)
+    better, path = improved(1_000_000, at=time.monotonic() + 0.2)
     assert better.rounds < 1_000_000
     assert "of 1000000: time ended them" in better.message
     assert length_of(better.path, np.ones(7)) <= length_of(path, np.ones(7))

@@ -1,4 +1,4 @@
-"""Trees on lanes: the sequence, room that grows, the budget, whole turns; what they find is free at its samples."""
+"""Trees on lanes: the sequence, room that grows, the deadline, whole turns; what they find is free at its samples."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from numba import int64, void
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, lane_kernel
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector_model import LANES
@@ -23,18 +24,17 @@ from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
-from guidefield.planner.task.conditions import Budget
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import scene_of
 from tests.robots import box_arm, grouped
 
 
-def search(seed: int = 0, **budget: object) -> tuple[tree_search.FoundPath, BatchCollision]:
+def search(seed: int = 0, **deadline: object) -> tuple[tree_search.FoundPath, BatchCollision]:
     made, start, goal = wall_between()
     lanes = made.lanes
     assert lanes is not None
     rng = np.random.default_rng(seed)
-    return tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(**budget)), lanes
+    return tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Deadline(**deadline)), lanes
 
 
 @pytest.mark.parametrize("locked", [0.1, 0.7])  # the nearest float32 is above the one and below the other
@@ -44,7 +44,7 @@ def test_rounding_takes_no_sample_beyond_a_limit(locked: float) -> None:
     arm = grouped(UrdfText(text="</joint>".join(joints)))
     world = World.build(arm, scene_of(messages.Sphere(name="ball", radius=0.15, position=(0.0, 0.0, 1.2))))
     lanes, ends = BatchCollision.build(world), np.array([[-1.2, locked, 0.0], [0.9, locked, 0.0]])
-    found = tree_search.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Budget())
+    found = tree_search.grow(lanes, ends[:1], ends[1:], 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert found.path is not None
     assert len(found.path) > 2
     assert (found.path[:, 1] == locked).all()
@@ -68,7 +68,7 @@ def test_the_same_seed_gives_the_same_path_in_a_world_that_has_answered_before()
     made, start, goal = wall_between()
     paths = []
     for _ in range(3):
-        found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Budget())
+        found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(3), Deadline())
         paths.append(found.path)
     np.testing.assert_array_equal(paths[0], paths[1])
     np.testing.assert_array_equal(paths[0], paths[2])
@@ -86,7 +86,7 @@ def test_trees_grow_in_chart_points_by_steps_of_the_metric(joints: str) -> None:
         free += list(zs[~lanes.touching(zs)])
     grown, longest = 0, 0.0
     for start, goal in zip(free[:12:2], free[1:12:2], strict=True):
-        found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Budget(), most_motions=2000)
+        found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, rng, Deadline(), most_motions=2000)
         if found.path is not None:
             np.testing.assert_array_equal(found.path[[0, -1]], [start, goal])
             assert lanes.free_until(found.path, 32.0) == len(found.path) - 1
@@ -110,15 +110,15 @@ def test_trees_get_more_room(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_spent_budget_ends_it() -> None:
-    assert search(deadline=time.monotonic())[0].path is None
-    assert search(cancelled=lambda: True)[0].path is None
+    assert search(at=time.monotonic())[0].path is None
+    assert search(is_cancelled=lambda: True)[0].path is None
 
 
 def test_angles_that_wrap_go_the_short_way_round() -> None:
     planned = grouped(box_arm("continuous", 1))
     lanes = BatchCollision.build(World.build(planned, scene_of()))
     start, goal = np.array([3.0]), np.array([-3.0])
-    found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Budget())
+    found = tree_search.grow(lanes, start[None], goal[None], 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert found.path is not None
     assert (np.abs(np.diff(found.path, axis=0)) < np.pi).all()
     np.testing.assert_allclose(np.cos(found.path[-1]), np.cos(goal), atol=1e-6)
@@ -128,12 +128,12 @@ def test_angles_that_wrap_go_the_short_way_round() -> None:
 def test_one_of_several_goals_is_reached() -> None:
     made, start, goal = wall_between()
     goals = np.stack([goal, goal + 0.02])
-    found = tree_search.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+    found = tree_search.grow(made.lanes, start[None], goals, 32.0, 0.0, np.random.default_rng(0), Deadline())
     assert found.path is not None
     assert any(np.array_equal(found.path[-1], goal) for goal in goals)
     # roots may lie in memory as they like
     across = tree_search.grow(
-        made.lanes, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Budget()
+        made.lanes, start[None], np.asfortranarray(goals), 32.0, 0.0, np.random.default_rng(0), Deadline()
     )
     np.testing.assert_array_equal(across.path, found.path)
 
@@ -142,7 +142,7 @@ def test_roots_have_as_many_coordinates_as_the_robot() -> None:
     made, start, goal = wall_between()
     for starts, goals in ((start[None, :-1], goal[None]), (start[None], np.append(goal, 0.0)[None])):
         with pytest.raises(ValueError, match="coordinates"):
-            tree_search.grow(made.lanes, starts, goals, 32.0, 0.0, np.random.default_rng(0), Budget())
+            tree_search.grow(made.lanes, starts, goals, 32.0, 0.0, np.random.default_rng(0), Deadline())
 
 
 def test_what_is_found_says_what_was_counted_whatever_is_searched_next() -> None:
@@ -157,7 +157,7 @@ def test_what_is_found_says_what_was_counted_whatever_is_searched_next() -> None
 
 def test_a_search_without_time_holds_its_roots() -> None:
     _, start, goal = wall_between()
-    found = search(deadline=0.0)[0]
+    found = search(at=0.0)[0]
     assert found.sizes == (1, 1)
     assert found.iterations == found.motions == 0
     for (points, parents), root in zip(found.trees(), (start, goal), strict=True):
@@ -196,7 +196,7 @@ def test_a_way_that_leads_far_round_is_found(seed: int) -> None:
     wall = messages.Box(name="wall", size=(0.1, 14.0, 1.0), position=(0.0, -1.0, 0.0))
     lanes = BatchCollision.build(World.build(grouped(sliding_box()), scene_of(wall)))
     start, goal = np.array([[-1.0, -6.0]]), np.array([[1.0, -6.0]])
-    found = tree_search.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Budget())
+    found = tree_search.grow(lanes, start, goal, 32.0, 0.0, np.random.default_rng(seed), Deadline())
     assert found.path is not None
     assert found.path[:, 1].max() > 6.0
     assert found.motions < 5000

@@ -9,13 +9,13 @@ import pytest
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.escape import can_be_left
 from guidefield.planner.connect.unconnected import why_not
-from guidefield.planner.task.conditions import Budget
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import problem, scene_of
@@ -89,8 +89,8 @@ def test_an_end_that_can_be_left_is_not_called_enclosed() -> None:
 def test_what_was_not_found_in_time_comes_with_numbers() -> None:
     made, start, goal = wall_between()
     calls = iter(range(100))
-    budget = Budget(cancelled=lambda: next(calls) > 20)
-    found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 2.0, np.random.default_rng(0), budget)
+    deadline = Deadline(is_cancelled=lambda: next(calls) > 20)
+    found = tree_search.grow(made.lanes, start[None], goal[None], 32.0, 2.0, np.random.default_rng(0), deadline)
     assert found.path is None
     message = why_not(found, 1, in_time=True)
     assert f"in time: {found.motions} motions were judged" in message

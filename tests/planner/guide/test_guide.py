@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
+from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.guide import cross
 from guidefield.planner.guide.guided_path import reach_point
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, tip_radius
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.trace import Step, StepKind
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
@@ -137,11 +137,11 @@ def test_a_plane_that_joint_limits_keep_out_of_reach_is_unreachable() -> None:
 
 
 def test_the_budget_ends_it() -> None:
-    made = problem("panda", "bookshelf", budget=Budget(time.monotonic() - 1.0))
+    made = problem("panda", "bookshelf", deadline=Deadline(time.monotonic() - 1.0))
     late = cross(made, made.q_start, made.guide_planes[0], 0)
     assert late.status is Status.TIMED_OUT
     assert late.message.startswith(f"time was up {1000 * late.details['distance']:.0f} mm before guide plane 'GP1'")
-    made = problem("panda", "bookshelf", budget=Budget(cancelled=lambda: True))
+    made = problem("panda", "bookshelf", deadline=Deadline(is_cancelled=lambda: True))
     assert cross(made, made.q_start, made.guide_planes[0], 0).status is Status.PREEMPTED
 
 

@@ -13,6 +13,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.bspline import BSpline
@@ -33,7 +34,6 @@ from guidefield.planner.optimize.settings import (
     of_many,
 )
 from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.robot.group.group import PlanningGroup
@@ -227,11 +227,11 @@ def test_iterations_are_counted_and_it_may_stop_at_any() -> None:
 
 def test_without_time_it_is_the_first_motion_within_limits() -> None:
     made, path = over_the_wall()
-    for budget, outcome in (
-        (Budget(deadline=time.monotonic() - 1.0), Outcome.OUT_OF_TIME),
-        (Budget(cancelled=lambda: True), Outcome.STOPPED),
+    for deadline, outcome in (
+        (Deadline(time.monotonic() - 1.0), Outcome.OUT_OF_TIME),
+        (Deadline(is_cancelled=lambda: True), Outcome.STOPPED),
     ):
-        one = optimized(dataclasses.replace(made, budget=budget), path)
+        one = optimized(dataclasses.replace(made, deadline=deadline), path)
         assert (one.steps, one.outcome) == (0, outcome)
         check_limits(made, one.trajectory)
 

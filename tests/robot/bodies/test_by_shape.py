@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.aside import StoppedError
 from guidefield.collision import convex_parts as trees
 from guidefield.collision.preparation import prepare
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
@@ -87,8 +87,8 @@ def test_stopped_anywhere_it_goes_on_from_there(tmp_path: Path) -> None:
     assert pieces >= 8
     for _ in range(pieces // 2 - 1):
         begun: list[str] = []
-        with pytest.raises(StoppedError) as stopped:
-            prepare(Catalog().load(urdf), lambda begun=begun: len(begun) >= 2, begun.append)
+        with pytest.raises(DeadlineExpired) as stopped:
+            prepare(Catalog().load(urdf), Deadline(is_cancelled=lambda begun=begun: len(begun) >= 2), begun.append)
         assert len(begun) == 2
         assert str(stopped.value) in told
     prepare(Catalog().load(urdf))

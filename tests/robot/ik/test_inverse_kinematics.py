@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.deadline import Deadline
 from guidefield.messages.requests import PoseGoal, TargetPose
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
@@ -299,9 +300,11 @@ def test_it_stops_when_it_is_told_to():
     def none(zs):
         return np.zeros(len(zs), bool)
 
-    result = found(planned, goal, accept=none, stopped=lambda: bool(rounds.append(0)) or len(rounds) > 2)
+    result = found(
+        planned, goal, accept=none, deadline=Deadline(is_cancelled=lambda: bool(rounds.append(0)) or len(rounds) > 2)
+    )
     assert result.reason.endswith("from 128 starts, all in collision")
-    assert found(planned, goal, [resting(planned)], stopped=lambda: True).solutions  # what the starts lead to
+    assert found(planned, goal, [resting(planned)], deadline=Deadline(0.0)).solutions  # what the starts lead to
 
 
 def test_solutions_lie_far_apart():

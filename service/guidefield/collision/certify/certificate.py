@@ -9,7 +9,7 @@ the pairs that are left, down to a floor. Balls, boxes and slabs tell most pairs
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, islice
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from guidefield.collision.certify.settings import CERTIFICATE, LIMITS
 from guidefield.collision.certify.tables import certified_obstacles, certified_robot
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.certificate.asked import TOLD, find_asked
 from guidefield.kernels.certificate.near import ASKED
 from guidefield.robot.group.tangents import tangents
@@ -40,7 +41,7 @@ def certify(
     pieces: ChartCurves,
     min_clearance: float = 0.0,
     floor: float = CERTIFICATE.floor,
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> Verdict:
     """Judge a motion.
 
@@ -54,7 +55,7 @@ def certify(
         pieces: Bezier control points of each piece in the group's chart, shape (m, k, nv) [rad or m]; any degree k - 1.
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         floor: A pair whose possible motion [m] is down to this and which still can't be told apart is undecided.
-        stopped: Asked now and then; anything true ends the judgement.
+        deadline: Ends the judgement.
 
     Raises:
         ValueError: if a control point is not finite.
@@ -69,7 +70,7 @@ def certify(
     beyond = _beyond_limits(world, pieces)
     segments = curve_segments(pieces if beyond is None else pieces[: beyond.piece])
     while level := list(islice(segments, CERTIFICATE.at_once)):
-        refusal = judge.refusal(level, stopped)
+        refusal = judge.refusal(level, deadline)
         if refusal is not None:
             return refusal
     return Verdict(Reason.FREE, judge.evaluations) if beyond is None else replace(beyond, evaluations=judge.evaluations)
@@ -121,13 +122,13 @@ class _Judge:
         self.min_clearance = min_clearance
         self._robot, self._obstacles = certified_robot(world), certified_obstacles(world)
 
-    def refusal(self, level: list[CurveSegment], stopped: Callable[[], object]) -> Verdict | None:
+    def refusal(self, level: list[CurveSegment], deadline: Deadline) -> Verdict | None:
         """Why one of some segments in order is refused, the first of them; None if all are free."""
         refusal: Verdict | None = None
         while level:
             finer: list[CurveSegment] = []
             for first in range(0, len(level), CERTIFICATE.batch):
-                if stopped():
+                if deadline.expired():
                     return _unfinished(self.world, min([*finer, level[first]], key=_place), self.evaluations)
                 parts, found = self.divided(level[first : first + CERTIFICATE.batch])
                 finer += parts

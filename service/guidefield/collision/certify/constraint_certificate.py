@@ -8,19 +8,19 @@ at the middle (`MotionBound` has the proof). Where that can't exceed a limit the
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 
 import numpy as np
 
 from guidefield.collision.certify.curve_segments import halved
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.spaces import ChartCurves
 
 
 def certify_constraints(
-    frames: ConstrainedFrames, turns: np.ndarray, pieces: ChartCurves, stopped: Callable[[], object] = lambda: None
+    frames: ConstrainedFrames, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
     """Judge whether a motion keeps path constraints; the first place where it doesn't, along the motion, is told.
 
@@ -28,14 +28,14 @@ def certify_constraints(
         frames: The constraints.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m]; joints of one coordinate.
-        stopped: Asked now and then; anything true ends the judgement.
+        deadline: Ends the judgement.
     """
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
     while waiting:
         index, start, end, control = waiting.popleft()
-        if evaluations % 64 == 0 and stopped():
+        if evaluations % 64 == 0 and deadline.expired():
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += 1
         low, high = control.min(axis=0), control.max(axis=0)

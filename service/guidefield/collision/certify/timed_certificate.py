@@ -10,7 +10,6 @@ along a piece. Balls and boxes about bodies tell most other pairs apart before C
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +23,7 @@ from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.collision.coal_transforms import transform
 from guidefield.collision.robot_ball import robot_ball
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.met import as_met
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
@@ -45,7 +45,7 @@ def certify_timed(
     times: np.ndarray,
     min_clearance: float = 0.0,
     floor: float = CERTIFICATE.timed_floor,
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> Verdict:
     """Judge a motion in time; see `certify`.
 
@@ -55,10 +55,10 @@ def certify_timed(
         times: When they begin and the last one ends, shape (m + 1,) [s].
         min_clearance: What robot and obstacles must keep apart [m].
         floor: See `CERTIFICATE.timed_floor` [m].
-        stopped: Asked now and then; anything true ends the judgement.
+        deadline: Ends the judgement.
     """
-    verdict = certify(worlds.resting, pieces, min_clearance, stopped=stopped)
-    moving = certify_moving(worlds, pieces, times, min_clearance, floor, stopped)
+    verdict = certify(worlds.resting, pieces, min_clearance, deadline=deadline)
+    moving = certify_moving(worlds, pieces, times, min_clearance, floor, deadline)
     return first_refused(verdict, moving)
 
 
@@ -68,7 +68,7 @@ def certify_moving(
     times: np.ndarray,
     min_clearance: float = 0.0,
     floor: float = CERTIFICATE.timed_floor,
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> Verdict:
     """`certify_timed` for the obstacles that move alone.
 
@@ -78,12 +78,12 @@ def certify_moving(
         times: When each piece begins, and the last ends, shape (n + 1,) [s].
         min_clearance: What to keep from the obstacles [m].
         floor: As there.
-        stopped: As there.
+        deadline: As there.
     """
     pieces = np.asarray(pieces, float)
     if not len(pieces):  # nothing goes on from where it is known to be free
         return Verdict(Reason.FREE, 0)
-    judge = _Judge(worlds, pieces, min_clearance, floor, stopped)
+    judge = _Judge(worlds, pieces, min_clearance, floor, deadline)
     for index, piece in enumerate(pieces):
         refusal = judge.refusal(
             _TimedSegment(index, piece, 0.0, 1.0, float(times[index]), float(times[index + 1]), judge.pairs_near(piece))
@@ -135,10 +135,10 @@ class _Judge:
         pieces: ChartCurves,
         min_clearance: float,
         floor: float,
-        stopped: Callable[[], object],
+        deadline: Deadline,
     ) -> None:
         self.worlds = worlds
-        self.stopped = stopped
+        self.deadline = deadline
         self.kept = min_clearance
         self.floor = floor
         self.evaluations = 0
@@ -163,7 +163,7 @@ class _Judge:
     def refusal(self, segment: _TimedSegment) -> Verdict | None:
         """Why a segment is refused, or None; the first half is judged before the second."""
         pairs = segment.pairs
-        if (self.evaluations % ASKED_EVERY == 0 or len(pairs) > MANY_PAIRS or self._large) and self.stopped():
+        if (self.evaluations % ASKED_EVERY == 0 or len(pairs) > MANY_PAIRS or self._large) and self.deadline.expired():
             at, z = segment.start, segment.control[0]
             return Verdict(Reason.STOPPED, self.evaluations, segment.piece, at, (segment.piece, at), None, z)
         low, high = segment.control.min(axis=0), segment.control.max(axis=0)

@@ -12,13 +12,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.aside import Spent, StoppedError
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.flat_forest import flat_forest
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
 from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
 from guidefield.collision.preparation import Told
+from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
@@ -208,16 +208,16 @@ def _behind(first: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
     return others[0] if len(others) == 1 and not len(first) else np.concatenate([first, *others])
 
 
-def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> None:
+def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None) -> None:
     """Make what lanes need of those obstacles of a scene that aren't primitives: of large meshes it takes seconds.
 
     Args:
         scene: The scene.
-        spent: Whether time is up, asked before each obstacle: one that was begun is finished, and kept.
+        deadline: Checked before each obstacle: one that was begun is finished, and kept.
         told: Told before each obstacle which it is.
 
     Raises:
-        StoppedError: if time was up; its text says at what.
+        DeadlineExpired: if time was up; its text says at what.
     """
     if scene in _prepared:
         return
@@ -225,14 +225,12 @@ def prepare_scene(scene: Scene, spent: Spent, told: Told = lambda _: None) -> No
     flat = [one for one in left if _is_flat(one)]
     for begin in range(0, len(flat), TOGETHER):
         told(f"obstacle {flat[begin].name}")
-        if spent():
-            raise StoppedError(f"obstacle {flat[begin].name}")
+        deadline.check(f"obstacle {flat[begin].name}")
         _make_flat(flat[begin : begin + TOGETHER])
     for obstacle in left:
         if obstacle not in _made:
             told(f"obstacle {obstacle.name}")
-            if spent():
-                raise StoppedError(f"obstacle {obstacle.name}")
+            deadline.check(f"obstacle {obstacle.name}")
             _tables(obstacle)
     _prepared.add(scene)
 

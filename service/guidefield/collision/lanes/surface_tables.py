@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from guidefield.aside import together
 from guidefield.collision.convex_parts import tree_layout, write_boxes, write_clusters, write_triangles
 from guidefield.geometry.cache import is_large, made_in_place
 from guidefield.geometry.entries import Arrays, Layout, Room, in_memory
@@ -16,6 +15,7 @@ from guidefield.kernels.collide.balls import BALL_ROW, RADIUS
 from guidefield.kernels.collide.parts import LINK, PART, ROUND as PART_ROUND, Parts
 from guidefield.kernels.collide.primitive import CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.cover.cluster_boxes import cluster_reaches, cluster_spreads
+from guidefield.parallel import run_parallel
 from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.obstacle import Obstacle
@@ -116,7 +116,7 @@ def _write_tree(
     """
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
     clusters = tree_written(corners, balls, links, boxed).clusters
-    together(
+    run_parallel(
         lambda: write_triangles(corners, made),
         lambda: more(clusters),
         lambda: write_clusters(corners, clusters, made),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ from guidefield.collision.minimum.by_coal import ByCoal
 from guidefield.collision.minimum.by_kernels import ByKernels
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import Smallest
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.read_only import ReadOnly
 
 
@@ -34,7 +35,7 @@ def smallest_along(
     surveyor: Surveyor,
     times: np.ndarray,
     spans: Sequence[tuple[float, float]],
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> Along:
     """Find the smallest distances along a motion, at most `TOLERANCE` too large.
 
@@ -43,9 +44,9 @@ def smallest_along(
         times: At which the distance from obstacles is asked for as well, in order, the first and the last of the motion
             among them, shape (k,) [s].
         spans: Within which the smallest distance from obstacles is asked for, the whole motion first [s].
-        stopped: Asked now and then; anything true ends the search.
+        deadline: Ends the search.
     """
-    asked = Asked(surveyor, times, spans, stopped)
+    asked = Asked(surveyor, times, spans, deadline)
     kernels, coal = ByKernels(asked), ByCoal(asked)
     obstacles, own = kernels.found() if kernels.serve else (None, None)
     if obstacles is None:

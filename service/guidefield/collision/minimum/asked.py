@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import Smallest
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 
 
 class Asked(NamedTuple):
@@ -21,13 +22,13 @@ class Asked(NamedTuple):
         times: At which the distance from obstacles is asked for, in order, the first and the last of the motion among
             them, shape (k,) [s].
         spans: Within which the smallest distance from obstacles is asked for, the whole motion first [s].
-        stopped: Asked now and then; anything true ends the search.
+        deadline: Ends the search.
     """
 
     surveyor: Surveyor
     times: np.ndarray
     spans: Sequence[tuple[float, float]]
-    stopped: Callable[[], object]
+    deadline: Deadline
 
 
 class OfObstacles(NamedTuple):

@@ -24,7 +24,7 @@ class ByCoal:
     """Coal's search, among all obstacles."""
 
     def __init__(self, asked: Asked) -> None:
-        self._surveyor, self._times, self._spans, self._stopped = asked
+        self._surveyor, self._times, self._spans, self._deadline = asked
         pairs = self._surveyor.worlds.moving.pairs
         self._are_own = np.arange(len(pairs)) < pairs.n_self
 
@@ -55,13 +55,13 @@ class ByCoal:
         found = places.distances[at, self._surveyor.closest(places, at, asked)]
         distances[closer] = np.minimum(distances[closer], found)
         questions = [Question(pairs, *span) for span in self._spans]
-        return OfObstacles(smallest(self._surveyor, places, questions, known, stopped=self._stopped), distances)
+        return OfObstacles(smallest(self._surveyor, places, questions, known, deadline=self._deadline), distances)
 
     def own(self) -> Smallest:
         """What is found of the robot and itself."""
         chosen = np.concatenate([self._times[::FEWER], self._times[-1:], self._surveyor.breaks])
         places = self._places.rows(np.isin(self._places.times, chosen))
-        (found,) = smallest(self._surveyor, places, [Question(self._are_own, *self._spans[0])], stopped=self._stopped)
+        (found,) = smallest(self._surveyor, places, [Question(self._are_own, *self._spans[0])], deadline=self._deadline)
         return found
 
 

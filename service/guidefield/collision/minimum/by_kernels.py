@@ -72,7 +72,7 @@ class ByKernels:
         waiting[0, BEGINS], waiting[0, ENDS] = times[0], times[-1]
         count, looked = int(len(times) > 1), times
         while True:
-            shortest = STOPPED * whole if self._asked.stopped() else 0.0
+            shortest = STOPPED * whole if self._asked.deadline.expired() else 0.0
             count = search_along(
                 moving, TOLERANCE, looked, FEW, AT_ONCE, LOOKED * whole, shortest, answers, waiting, count,
                 distances_out,

@@ -6,7 +6,7 @@ the tolerance is kept from one place to the next, the interval is divided; every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.minimum.intervals import Entries, Intervals
 from guidefield.collision.minimum.places import EXACT, HULLS, Places, Surveyor
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.read_only import ReadOnly
 
 TOLERANCE = 1e-4
@@ -64,7 +65,7 @@ def smallest(
     questions: Sequence[Question],
     known: Sequence[Smallest] = (),
     tolerance: float = TOLERANCE,
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> list[Smallest]:
     """Answer questions about the smallest distance along a motion.
 
@@ -75,7 +76,7 @@ def smallest(
         questions: What is asked.
         known: The smallest distance of other pairs, for each question: an answer is the smaller one. None unless given.
         tolerance: Positive; see Returns [m].
-        stopped: Asked now and then; anything true ends the search.
+        deadline: Ends the search.
 
     Returns:
         An answer to each question. Its bound is its distance less the tolerance, or smaller if a search was stopped.
@@ -85,7 +86,7 @@ def smallest(
     size = max(1, MOST_ENTRIES // max(1, places.distances.shape[1]))
     asked = np.flatnonzero(np.any([question.pairs for question in questions], axis=0))
     waiting = Intervals.between(places, asked).batches(size) if len(asked) and len(places.times) > 1 else []
-    while waiting and not stopped():
+    while waiting and not deadline.expired():
         finer = search.divided(waiting.pop())
         if finer is not None:
             waiting += finer.batches(size)

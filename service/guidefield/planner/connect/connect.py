@@ -53,7 +53,7 @@ def connect(
     """Find a free motion from a chart point to one of several.
 
     Args:
-        problem: Robot, world and budget.
+        problem: Robot, world and deadline.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
         rng: Randomness of the tree.
@@ -82,7 +82,7 @@ def connect(
         return not prove or _certified(problem, path)
 
     for _ in range(TREE.attempts):
-        found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.budget)
+        found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.deadline)
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
         problem.tell(TreeGrown(found.trees))
@@ -130,14 +130,14 @@ def _unconnected(
     problem: Problem, z_start: ChartPoint, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
     """A connection that was not found, and why; how many paths the certificate refused before."""
-    spent = problem.budget.spent()
+    status = problem.deadline.status()
     if found.path is None:
-        message = why_not(found, goals, in_time=spent is not None)
+        message = why_not(found, goals, in_time=status is not None)
         if refused:
             message += f"; the certificate refused {refused} that looked free"
     else:
         message = "the certificate refused every path that the tree found"
-    status = Status.PLANNING_FAILED if spent is None or found.enclosed is not None else spent
+    status = Status.PLANNING_FAILED if status is None or found.enclosed is not None else status
     return Connection(status, message, z_start[None])
 
 

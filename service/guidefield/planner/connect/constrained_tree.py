@@ -52,7 +52,7 @@ def connect_constrained(
     """Find a motion within path constraints from a chart point to one of several, free by samples.
 
     Args:
-        problem: Robot, world and budget.
+        problem: Robot, world and deadline.
         keeper: The constraints; start and goals keep them.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
@@ -60,16 +60,16 @@ def connect_constrained(
     """
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     found = tree_search.grow(
-        problem.lanes, z_start[None], roots, TREE.resolution, 0.0, rng, problem.budget,
+        problem.lanes, z_start[None], roots, TREE.resolution, 0.0, rng, problem.deadline,
         most_iterations=CONSTRAINED.most_iterations, frames=keeper.tables,
     )  # fmt: skip
     problem.counters.iterations += found.iterations
     problem.counters.collision_checks += found.motions
     problem.tell(TreeGrown(found.trees))
     if found.path is None:
-        spent = problem.budget.spent()
-        message = why_not(found, len(goals), in_time=spent is not None)
-        return Connection(spent or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
+        status = problem.deadline.status()
+        message = why_not(found, len(goals), in_time=status is not None)
+        return Connection(status or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
     path = _shortened(problem, keeper, found.path, rng)
     for z in path[1:]:
         problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found within the path constraints"))
@@ -80,12 +80,12 @@ def _shortened(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.rand
     """The path with detours between random waypoints left out where a walk leads straight across."""
     units = problem.group.units
     for _ in range(CONSTRAINED.shortcuts):
-        if len(path) < 4 or problem.budget.spent():
+        if len(path) < 4 or problem.deadline.expired():
             break
         first, last = np.sort(rng.choice(len(path), 2, replace=False))
         ends = path[first], path[last]
         way = tree_search.grow(
-            problem.lanes, ends[0][None], ends[1][None], TREE.resolution, 0.0, rng, problem.budget,
+            problem.lanes, ends[0][None], ends[1][None], TREE.resolution, 0.0, rng, problem.deadline,
             most_iterations=0, frames=keeper.tables,
         ).path  # fmt: skip
         if way is None or np.abs(way[-1] - ends[1]).max() > 1e-9:  # not there, or there the other way round

@@ -47,7 +47,7 @@ def quickest_way(
     """Look for ways to several goals, each by itself.
 
     Args:
-        problem: Robot, world and budget.
+        problem: Robot, world and deadline.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free, whole turns chosen next to the start.
         rng: Randomness of the trees.
@@ -62,7 +62,7 @@ def quickest_way(
         if round_ and search.least <= QUICKEST.enough * bounds[order[0]]:
             break
         for index in order:
-            if bounds[index] >= search.least or problem.budget.spent() is not None:
+            if bounds[index] >= search.least or problem.deadline.expired():
                 break
             search.try_goal(index)
     if not search.found:
@@ -120,7 +120,7 @@ class _Search:
                 TREE.resolution,
                 clearance,
                 self._rng,
-                problem.budget,
+                problem.deadline,
                 most_motions=QUICKEST.motions,
             )
             self.iterations += found.iterations

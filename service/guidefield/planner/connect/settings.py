@@ -20,7 +20,7 @@ class TreeSettings:
         finer: How much finer motions are judged after each refusal. Unrecorded.
         most_iterations: Samples that a search draws, most of which cost next to nothing: no limit but for safety.
         most_motions: Motions that it judges at most. Unrecorded.
-        piece: Iterations between two looks at the budget: some milliseconds.
+        piece: Iterations between two checks of the deadline: some milliseconds.
         enclosed: After so many extensions of nothing but roots it is asked whether these can be left. Unrecorded.
         first_capacity: Nodes that each tree has room for at first; doubled when it is full. Unrecorded.
     """
@@ -116,7 +116,7 @@ class ConstrainedSettings:
         least_gain: A step that comes nearer to where it was to go by less than this share of its length ends an
             extension. Unrecorded.
         farthest: So does one that is brought back to this many lengths from where it began. Unrecorded.
-        piece: Iterations between two looks at the budget: some milliseconds.
+        piece: Iterations between two checks of the deadline: some milliseconds.
         most_iterations: Samples at most, no limit but for safety.
         shortcuts: Detours that are looked at. Unrecorded.
     """

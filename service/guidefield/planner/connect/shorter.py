@@ -6,8 +6,6 @@ shorter. Rounds are counted, not timed: the same seed gives the same path whatev
 
 from __future__ import annotations
 
-import dataclasses
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,7 +14,6 @@ import numpy as np
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import ROUNDS
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
@@ -63,7 +60,7 @@ def shorter(
     """Look for shorter paths from where a path begins to one of several goals.
 
     Args:
-        problem: Robot, world and budget.
+        problem: Robot, world and deadline.
         path: Chart points, shape (n, nv).
         goals: Chart points, shape (m, nv), free.
         rounds: How many, and how finely they look.
@@ -71,15 +68,15 @@ def shorter(
         accepted: Whether a path (n, nv) that is shorter may be taken.
     """
     units = problem.group.units
-    budget, before, done = _part_of(problem.budget), length_of(path, units), 0
+    deadline, before, done = problem.deadline.share(ROUNDS.share), length_of(path, units), 0
     lanes, clearance, start = problem.lanes, problem.min_clearance, path[:1]
-    while done < rounds.number and not budget.spent():
+    while done < rounds.number and not deadline.expired():
         bound = (1.0 - ROUNDS.least) * length_of(path, units)
         within = goals[np.linalg.norm((goals - start) / units, axis=1) < bound]
         if len(within) == 0:
             break
         found = tree_search.grow(
-            lanes, start, within, rounds.resolution, clearance, rng, budget, within=bound, most_motions=ROUNDS.motions
+            lanes, start, within, rounds.resolution, clearance, rng, deadline, within=bound, most_motions=ROUNDS.motions
         )
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
@@ -90,11 +87,6 @@ def shorter(
         done += 1
     share = 1.0 - length_of(path, units) / before
     message = f"made {share:.1%} shorter in {done} rounds"
-    if budget.spent():
+    if deadline.expired():
         message += f" of {rounds.number}: time ended them"
     return Shorter(path, done, message)
-
-
-def _part_of(budget: Budget) -> Budget:
-    left = budget.deadline - time.monotonic()
-    return dataclasses.replace(budget, deadline=time.monotonic() + ROUNDS.share * max(left, 0.0))

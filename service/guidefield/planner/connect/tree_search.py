@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
+from guidefield.deadline import Deadline
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
@@ -22,7 +23,6 @@ from guidefield.kernels.tree.sphere_rejection import SIEVE
 from guidefield.planner.connect.escape import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
 from guidefield.planner.connect.settings import CONSTRAINED, TREE
-from guidefield.planner.task.conditions import Budget
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
@@ -81,7 +81,7 @@ def grow(
     resolution: float,
     clearance: float,
     rng: np.random.Generator,
-    budget: Budget,
+    deadline: Deadline,
     *,
     within: float = math.inf,
     most_motions: int = TREE.most_motions,
@@ -97,7 +97,7 @@ def grow(
         resolution: Samples of a motion per length in the chart [1/rad or 1/m].
         clearance: What to keep from obstacles [m].
         rng: Shifts the sequence of samples.
-        budget: How long.
+        deadline: How long.
         within: Samples come from where a path of at most this length by the group's metric [rad] may lead.
         most_motions: After so many motions it ends.
         most_iterations: After so many samples it ends; with 0 it walks straight to each goal, if there are `frames`.
@@ -126,7 +126,7 @@ def grow(
         resolution, clearance,
     )  # fmt: skip
     while True:
-        piece = 0 if budget.spent() else min(TREE.piece if frames is None else CONSTRAINED.piece, most_iterations)
+        piece = 0 if deadline.expired() else min(TREE.piece if frames is None else CONSTRAINED.piece, most_iterations)
         words = lanes.words, sources.words, room.words
         if frames is None:
             ended = kernel.grow(*words, first, second, clearance, resolution, piece, begins)

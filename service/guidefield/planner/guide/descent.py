@@ -105,7 +105,7 @@ def descend(
                     answer = ENDED
             else:
                 longest = 0.5 * float(trial[SHARE])
-        if answer == ENDED or len(path) >= most_steps or problem.budget.spent():
+        if answer == ENDED or len(path) >= most_steps or problem.deadline.expired():
             break
     problem.counters.iterations += len(path)
     return Descent(tuple(path), tuple(potentials))

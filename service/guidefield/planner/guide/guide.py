@@ -61,7 +61,7 @@ def cross(
     """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
 
     Args:
-        problem: Robot, scene, field and budget.
+        problem: Robot, scene, field and deadline.
         q: Where to start, shape (nq,).
         plane: The plane.
         index: Which one of the request's it is, for reports.
@@ -95,8 +95,8 @@ def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, 
     problem.tell(Step(StepKind.START, q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))
     creeping = 0
     while True:
-        if (spent := problem.budget.spent()) is not None:
-            return _given_up(spent, stopped_before(spent, plane.name, aim.distance(guided.tip)), guided, aim, index)
+        if (status := problem.deadline.status()) is not None:
+            return _given_up(status, stopped_before(status, plane.name, aim.distance(guided.tip)), guided, aim, index)
         for made in rounds(guided, aim, attempt):
             if made.ended is Round.BLOCKED:
                 return _blocked(guided, aim, index)

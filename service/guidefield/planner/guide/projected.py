@@ -71,7 +71,7 @@ class Projected:
             rotation = problem.kinematics.frame_placement(group.expand(guided.q), group.tip_id).rotation
             self._descend(guided, sliding(point, normal, rotation), guard, StepKind.SLIDE)
             after = self._descend(guided, reorienting(guided.tip), guard, StepKind.REORIENT)
-            if before - after < SETTLING.negligible * before or problem.budget.spent():
+            if before - after < SETTLING.negligible * before or problem.deadline.expired():
                 return
             before = after
 

@@ -26,7 +26,7 @@ class DescentSettings:
             blocked passage keeps 15 mm with it, 11.6 without.
         fine: .. with this tolerance: there the last thousandth of U is millimetres of clearance.
         most_steps: It ends after so many steps. Unrecorded.
-        at_once: Steps between two looks at the budget. Unrecorded.
+        at_once: Steps between two checks of the deadline. Unrecorded.
     """
 
     regularization: float = 1e-2
@@ -68,7 +68,7 @@ class ApproachSettings:
         guard: Share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded.
         on_plane: How near the plane counts as on it [m]: the tip's accuracy that the pages promise.
         short: An advance of this length is not made again with shorter ones [m]. Scenes, with `WaySettings.dips`.
-        at_once: Rounds between two looks at the budget, in one kernel. Unrecorded.
+        at_once: Rounds between two checks of the deadline, in one kernel. Unrecorded.
         creeping: A round gains little if it brings less than this share of what an advance may bring. Unrecorded.
         creeping_rounds: So many such rounds in a row are a standstill. Unrecorded.
     """

@@ -92,7 +92,7 @@ class Univariate:
             for q in taken:
                 guided.take(q, StepKind.SWEEP, f"U = {after:.4g}", after)
             fallen, before = before - after, after
-            if fallen < self.negligible * (before + fallen) or problem.budget.spent():
+            if fallen < self.negligible * (before + fallen) or problem.deadline.expired():
                 return
 
     def _swept(self, guided: GuidedPath, normal: np.ndarray, guard: TipGuard) -> Configurations:

@@ -94,7 +94,7 @@ def optimize(
     leave_by: float = 0.0,
     arrive_from: float = -math.inf,
 ) -> Optimized:
-    """Optimise a motion that goes along a path that was found, within the problem's budget and its number of steps.
+    """Optimise a motion that goes along a path that was found, within the problem's deadline and its number of steps.
 
     Among obstacles that move each is where it is at the time. A motion that begins later than at time 0 may then begin
     at another time, but one that begins at 0 begins there.
@@ -103,7 +103,7 @@ def optimize(
     it is, and the outcome says so. So does one that can't be brought exactly to where it has to pass.
 
     Args:
-        problem: Robot, world, limits, budget and most steps.
+        problem: Robot, world, limits, deadline and most steps.
         motion: With the problem's velocities at its ends, not a single point, within position limits.
         settings: Weights and bounds.
         others: Others from the same start, made when they are asked for. They are optimised coarsely, one after the
@@ -248,8 +248,8 @@ class _Descending:
 
     def _ended(self) -> Outcome | None:
         """Why no further step is taken; None where one may be."""
-        if (spent := self._problem.budget.spent()) is not None:
-            return _ENDINGS[spent]
+        if (status := self._problem.deadline.status()) is not None:
+            return _ENDINGS[status]
         most = self._problem.optimization_iterations
         return Outcome.OUT_OF_ITERATIONS if most is not None and self.steps >= most else None
 

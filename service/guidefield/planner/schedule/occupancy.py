@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from guidefield.aside import Spent
+from guidefield.deadline import Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.schedule.slices import Slices
@@ -55,17 +55,17 @@ class Occupancy:
         cells: np.ndarray = np.round(np.interp(times, self._times, self._cells)).astype(np.int64)
         return cells
 
-    def free(self, first: int, last: int, spent: Spent) -> np.ndarray | None:
+    def free(self, first: int, last: int, deadline: Deadline) -> np.ndarray | None:
         """Which cells are free in slices from one up to another, shape (last - first, cells), uint8.
 
         Args:
             first: The first slice.
             last: The first that isn't asked about.
-            spent: Whether time is up, asked before each slice that isn't known; then there is no answer, None.
+            deadline: Checked before each slice that isn't known; there is no answer, None, if it has passed.
         """
         more: list[np.ndarray] = []
         for index in range(len(self._rows), last):
-            if spent():
+            if deadline.expired():
                 break
             more.append(self._row(index))
         if more:

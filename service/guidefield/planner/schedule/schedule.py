@@ -101,7 +101,7 @@ def at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> S
     """The earliest schedule that waits at the start and then goes along the path at one rate.
 
     Args:
-        problem: Limits, budget.
+        problem: Limits, deadline.
         motion: The motion along the path, within the limits.
         occupancy: Where it can be when.
     """
@@ -116,7 +116,7 @@ def at_any_rate(
     """The earliest schedule that changes its rate within the limits of acceleration and jerk.
 
     Args:
-        problem: Limits, budget.
+        problem: Limits, deadline.
         motion: The motion along the path, within the limits.
         room: Share of the limits' rates that it uses as stretched in time; the rest is for changes of rate.
         occupancy: Where the motion can be when.
@@ -190,8 +190,8 @@ def _searched(
     scratch, arrival, parents = np.empty_like(costs), np.array([-1, 0, 0, 0]), []
     most = min(SCHEDULE.most_steps, SCHEDULE.most_states // costs.size)
     for begin in range(0, min(math.ceil(horizon / step), most), SCHEDULE.steps_at_once):
-        slices, spent = (begin * per_step, (begin + SCHEDULE.steps_at_once) * per_step), problem.budget.spent
-        free = None if spent() else occupancy.free(*slices, spent)
+        slices, deadline = (begin * per_step, (begin + SCHEDULE.steps_at_once) * per_step), problem.deadline
+        free = None if deadline.expired() else occupancy.free(*slices, deadline)
         if free is None:
             return Stuck(int(cells[arrival[3]]), spent=True)
         parents.append(np.zeros((SCHEDULE.steps_at_once, *costs.shape), np.int8))

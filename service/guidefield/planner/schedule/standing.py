@@ -28,7 +28,7 @@ def met(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
     if verdict.free or verdict.free_until is None or verdict.parameter is None:
         return math.inf, None
     first, last = verdict.free_until[1] * end, verdict.parameter * end
-    while last - first > KNOWN_TO and not problem.budget.spent():
+    while last - first > KNOWN_TO and not problem.deadline.expired():
         middle = 0.5 * (first + last)
         if _stands(problem, z, first, middle).free:
             first = middle
@@ -46,7 +46,7 @@ def free_from(problem: Problem, z: ChartPoint) -> float:
     if last <= 0.0 or _stands(problem, z, 0.0, last).free:
         return 0.0
     first = 0.0
-    while last - first > KNOWN_TO and not problem.budget.spent():
+    while last - first > KNOWN_TO and not problem.deadline.expired():
         middle = 0.5 * (first + last)
         if _stands(problem, z, middle, problem.scene.end).free:
             last = middle
@@ -67,7 +67,7 @@ def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdic
         np.repeat(z[None, None], 4, axis=1),
         np.array([begin, end]),
         problem.min_clearance,
-        stopped=problem.budget.spent,
+        deadline=problem.deadline,
     )
     problem.counters.collision_checks += verdict.evaluations
     return verdict

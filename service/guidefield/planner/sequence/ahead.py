@@ -104,7 +104,7 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
         if kept:
             chosen = ConfigurationGoal(tuple(problem.group.from_chart(z) for z in kept))
             return dataclasses.replace(problem, goal=chosen)
-        if not isinstance(problem.goal, TipGoal) or problem.budget.spent():
+        if not isinstance(problem.goal, TipGoal) or problem.deadline.expired():
             break
     assert search.refused is not None, "something was refused"
     return search.refused
@@ -147,7 +147,7 @@ def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
     if motion is None:
         return _possible(course, index + 1, course.after(index, at, at.q), search)
     search.looks += 1
-    if search.looks > AHEAD.looks or motion.problem.budget.spent():
+    if search.looks > AHEAD.looks or motion.problem.deadline.expired():
         return True
     ends = _ends(motion, index, search)
     if ends is None:
@@ -200,7 +200,7 @@ def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
         count=AHEAD.branches,
         rng=np.random.default_rng([problem.seed, 1]),
         accept=lambda zs: ~_touch(problem, zs),
-        stopped=lambda: problem.budget.spent() is not None,
+        deadline=problem.deadline,
     )
     if found.solutions:
         return list(found.solutions)

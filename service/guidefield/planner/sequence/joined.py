@@ -118,7 +118,7 @@ def _judged(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tu
         return verdict
     pieces = _between(motion, *straight).bezier()
     turns = problem.world.bodies.turns
-    kept = certify_straight(one.way, problem.group, turns, pieces, problem.budget.spent)
+    kept = certify_straight(one.way, problem.group, turns, pieces, problem.deadline)
     return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -30,7 +29,6 @@ from guidefield.planner.optimize.settings import (
 from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.conditions import Budget
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.robot.group.path_constraints import ConstrainedFrames, EvenTurn, PathConstraint, line, point
@@ -68,7 +66,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
         stages: Where time is counted.
     """
     problem = _hurried(slowest(parts))
-    if not _may_be(parts) or problem.budget.spent():
+    if not _may_be(parts) or problem.deadline.expired():
         return None
     goals = [one.goal for one in parts if one.goal is not None]
     passages = tuple(
@@ -86,7 +84,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
                 return joined
-        if problem.budget.spent():
+        if problem.deadline.expired():
             break
         pieces = 2 * settings.least_pieces
         settings = dataclasses.replace(closer(settings), least_pieces=pieces, most_pieces=2 * settings.most_pieces)
@@ -95,9 +93,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
 
 def _hurried(problem: Problem) -> Problem:
     """With a share of the time that is left: later steps need some, too."""
-    budget, now = problem.budget, time.monotonic()
-    until = now + PASSING.time * (budget.deadline - now)
-    return dataclasses.replace(problem, budget=Budget(until, budget.cancelled))
+    return dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
 
 
 def _may_be(parts: Sequence[Part]) -> bool:

@@ -66,7 +66,7 @@ def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Round
             stage.outcome = "free" if fault is None else fault[1].reason.value
         if fault is None:
             return joined, path
-        if problem.budget.spent():
+        if problem.deadline.expired():
             break
         at, verdict = fault
         coarse = verdict.reason in (Reason.PATH_CONSTRAINT, Reason.FREE) and density < ROUNDING.densest

@@ -14,8 +14,8 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
-from guidefield.aside import StoppedError
 from guidefield.collision.certify.verdict import Verdict
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.errors import Status
 from guidefield.planner.finish import LAST_JUDGEMENT
 from guidefield.planner.motion.trajectory import Trajectory
@@ -31,7 +31,7 @@ from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
 from guidefield.planner.sequence.told import Translated
-from guidefield.planner.task.conditions import Budget, Conditions
+from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
@@ -125,7 +125,7 @@ class SequencePlan(ReadOnly, Generic[S]):
 
 
 def plan_sequence(
-    course: Course[S], start: S, whole: PlanningGroup, budget: Budget, observer: Observer
+    course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
 ) -> SequencePlan[S]:
     """Plan a sequence.
 
@@ -133,18 +133,20 @@ def plan_sequence(
         course: The steps.
         start: Where everything is at first.
         whole: All joints that any step moves, at the start.
-        budget: How long planning may go on.
+        deadline: How long planning may go on.
         observer: Who watches; hears of all joints.
     """
-    return _Planning(course, start, whole, budget, observer).done()
+    return _Planning(course, start, whole, deadline, observer).done()
 
 
 class _Planning(Generic[S]):
     """A sequence that is being planned."""
 
-    def __init__(self, course: Course[S], start: S, whole: PlanningGroup, budget: Budget, observer: Observer) -> None:
+    def __init__(
+        self, course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
+    ) -> None:
         self._course, self._at, self._whole = course, start, whole
-        self._budget, self._observer = budget, observer
+        self._deadline, self._observer = deadline, observer
         self._composition = Composition(whole.chart(whole.q_origin))
         self._legs: list[Leg[S]] = []
         self._moved: list[_Moved] = []
@@ -157,7 +159,10 @@ class _Planning(Generic[S]):
         """Plan all steps and judge what came of them."""
         for index in range(len(self._course)):
             self._observer.observe(Note(f"step {index} begins"))
-            failed = self._step(index)
+            try:
+                failed = self._step(index)
+            except DeadlineExpired as late:
+                failed = self._refused(_late(index, late), index, self._at)
             if failed is not None:
                 return failed
         return self._certified()
@@ -165,15 +170,12 @@ class _Planning(Generic[S]):
     def _step(self, index: int) -> SequencePlan[S] | None:
         """Plan a step; the end of it all where it fails."""
         course, at = self._course, self._at
-        if index and (spent := self._budget.spent()) is not None:
-            why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
-            ending = Ending(spent, f"{why} before it was planned", {"stage": "ends"})
+        if index and (status := self._deadline.status()) is not None:
+            why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+            ending = Ending(status, f"{why} before it was planned", {"stage": "ends"})
             return self._refused(Refused(index, ending), index, at)
         began = time.perf_counter()
-        try:
-            conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
-        except StoppedError as stopped:
-            return self._refused(self._stopped(index, stopped), index, at)
+        conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
         self._spend("load", began)
         path, q = self._z[None], at.q
         if motion is not None:
@@ -243,19 +245,11 @@ class _Planning(Generic[S]):
         """The plan of a step's motion, to an end that leaves the later steps possible."""
         watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
         began = time.perf_counter()
-        try:
-            problem = with_future(self._course, index, self._at, motion)
-        except StoppedError as stopped:
-            return self._stopped(index, stopped)
+        problem = with_future(self._course, index, self._at, motion)
         self._spend("ends", began)
         if isinstance(problem, Refused):
             return problem
         return motion.plan(dataclasses.replace(problem, observer=watched))
-
-    def _stopped(self, index: int, stopped: StoppedError) -> Refused:
-        """Why a step can't be done that was not even read in time."""
-        status = self._budget.spent() or Status.TIMED_OUT
-        return Refused(index, Ending(status, f"time was up before {stopped}", {"stage": "load"}))
 
     def _certified(self) -> SequencePlan[S]:
         """The sequence with its trajectory judged stretch by stretch."""
@@ -264,9 +258,9 @@ class _Planning(Generic[S]):
         stages = Stages(self._legs[0].conditions)
         with stages.entered("certify", "all steps as one motion, each with what is held then") as stage:
             trajectory, stretches, permissions = self._parts()
-            stopped = self._budget.with_at_least(LAST_JUDGEMENT)
+            deadline = self._deadline.at_least(LAST_JUDGEMENT)
             for stretch in stretches:
-                verdicts.append(certify_stretch(stretch, stopped))
+                verdicts.append(certify_stretch(stretch, deadline))
                 if not verdicts[-1].free:
                     ended = _in_step(stretch.index, refusal(stretch, verdicts[-1]))
                     break
@@ -357,6 +351,13 @@ class _Planning(Generic[S]):
             "seconds": self._seconds,
             "warnings": tuple(dict.fromkeys(self._warnings)),
         }
+
+
+def _late(index: int, late: DeadlineExpired) -> Refused:
+    """The refusal of a step that the deadline passed before, or while it was prepared."""
+    why = "the run was cancelled" if late.status is Status.PREEMPTED else "time was up"
+    message = f"{why} before {late.step}; what is prepared is kept"
+    return Refused(index, Ending(late.status, message, {"stage": "load", "preparing": late.step}))
 
 
 def _in_step(index: int, ending: Ending) -> Ending:

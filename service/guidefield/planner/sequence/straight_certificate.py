@@ -16,7 +16,7 @@ does, costs nothing. Where the sum can't exceed a tolerance the curve keeps it; 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -25,6 +25,7 @@ import pinocchio as pin
 from guidefield.collision.certify.curve_segments import halved
 from guidefield.collision.certify.settings import CERTIFICATE
 from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
@@ -57,7 +58,7 @@ def certify_straight(
     group: PlanningGroup,
     turns: np.ndarray,
     pieces: ChartCurves,
-    stopped: Callable[[], object] = lambda: None,
+    deadline: Deadline = UNLIMITED,
 ) -> Verdict:
     """Judge whether a frame keeps to its straight way along a motion.
 
@@ -66,14 +67,14 @@ def certify_straight(
         group: The joints that move, of one coordinate each.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
-        stopped: Asked now and then; anything true ends the judgement.
+        deadline: Ends the judgement.
     """
     frame = _Frame(way, group, turns)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
     while waiting:
         batch = [waiting.popleft() for _ in range(min(AT_ONCE, len(waiting)))]
-        if stopped():
+        if deadline.expired():
             index, start, _, control = batch[0]
             return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
         evaluations += len(batch)

@@ -58,7 +58,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
             verdict = _judged(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
-        last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.budget.spent() is not None
+        last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.deadline.expired()
         if verdict.free or verdict.reason is not Reason.PATH_CONSTRAINT or last:
             break
         places *= 2
@@ -102,11 +102,11 @@ def followed(problem: Problem, way: StraightWay, places: int | None = None) -> t
         while share < there:
             onward = there if step >= there - share else share + step
             near = STRAIGHT.reached if onward == there and step * count > 0.9 else STRAIGHT.closely
-            reached = None if problem.budget.spent() else bring(problem, z, way.at(onward), near)
+            reached = None if problem.deadline.expired() else bring(problem, z, way.at(onward), near)
             if reached is not None and np.abs(reached - z).max() <= STRAIGHT.jump:
                 share, z = onward, reached
                 path.append(z)
-            elif step > STRAIGHT.finest and not problem.budget.spent():
+            elif step > STRAIGHT.finest and not problem.deadline.expired():
                 step *= 0.5
             else:
                 return np.array(path), StraightStop(share, there, z)
@@ -122,27 +122,27 @@ def _places(way: StraightWay) -> int:
 def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
     """Whether a motion is free, keeps the path constraints and keeps to the way."""
     inside = enclosed_start(problem, pieces[0, 0])
-    verdict = inside or certify(problem.world, pieces, problem.min_clearance, stopped=problem.budget.spent)
+    verdict = inside or certify(problem.world, pieces, problem.min_clearance, deadline=problem.deadline)
     turns = problem.world.bodies.turns
     if verdict.free:
         verdict = _kept_straight(problem, way, pieces)
     if verdict.free and problem.path_constraints:
-        verdict = certify_constraints(problem.constrained_frames, turns, pieces, problem.budget.spent)
+        verdict = certify_constraints(problem.constrained_frames, turns, pieces, problem.deadline)
     return verdict
 
 
 def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
     """Whether a motion, pieces (m, 4, nv), keeps to the way."""
-    return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.budget.spent)
+    return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
 def _stopped(problem: Problem, where: str) -> Ending | None:
     """The ending of a way along which time was up, or the run was cancelled; None where there is time."""
-    spent = problem.budget.spent()
-    if spent is None:
+    status = problem.deadline.status()
+    if status is None:
         return None
-    why = "the run was cancelled" if spent is Status.PREEMPTED else "time was up"
-    return Ending(spent, f"{why} along the straight way: {where}", {"stage": "connect"})
+    why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+    return Ending(status, f"{why} along the straight way: {where}", {"stage": "connect"})
 
 
 def _failed(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:

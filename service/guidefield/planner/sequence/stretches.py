@@ -7,7 +7,7 @@ joints of the sequence count as moving, those that wait, too: their links are ju
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +16,7 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.sequence.composed import part
 from guidefield.planner.sequence.permissions import Allowed
@@ -79,23 +80,23 @@ def stretches_of(
     return stretches
 
 
-def certify_stretch(stretch: Stretch, stopped: Callable[[], object] = lambda: None) -> Verdict:
+def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict:
     """Judge a stretch: free, and keeping what the step has to keep.
 
     Args:
         stretch: The part of the trajectory.
-        stopped: Asked now and then; anything true ends the judgement.
+        deadline: Ends the judgement.
     """
     pieces, times = stretch.motion.bezier(), stretch.motion.piece_times()
     verdict = enclosed_start(stretch, pieces[0, 0], float(times[0]))
     if verdict is None and stretch.scene.moves:
-        verdict = certify_timed(stretch.timed_world, pieces, times, stretch.min_clearance, stopped=stopped)
-    verdict = verdict or certify(stretch.world, pieces, stretch.min_clearance, stopped=stopped)
+        verdict = certify_timed(stretch.timed_world, pieces, times, stretch.min_clearance, deadline=deadline)
+    verdict = verdict or certify(stretch.world, pieces, stretch.min_clearance, deadline=deadline)
     evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
     if verdict.free and stretch.path_constraints:
-        verdict = certify_constraints(stretch.constrained_frames, turns, pieces, stopped)
+        verdict = certify_constraints(stretch.constrained_frames, turns, pieces, deadline)
         evaluations += verdict.evaluations
     if verdict.free and stretch.way is not None:
-        verdict = certify_straight(stretch.way, stretch.group, turns, pieces, stopped)
+        verdict = certify_straight(stretch.way, stretch.group, turns, pieces, deadline)
         evaluations += verdict.evaluations
     return dataclasses.replace(verdict, evaluations=evaluations)

@@ -2,44 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.world import World
-from guidefield.errors import Status
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.task.trace import Event, Observer, Silent
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
 from guidefield.robot.model.spaces import ChartRate
 from guidefield.scene.scene import Scene
-
-
-@dataclass
-class Budget:
-    """How long planning, or a judgement, may go on.
-
-    Attributes:
-        deadline: Time on the clock of `time.monotonic` [s].
-        cancelled: Whether somebody asked to stop.
-    """
-
-    deadline: float = float("inf")
-    cancelled: Callable[[], bool] = field(default=lambda: False)
-
-    def spent(self) -> Status | None:
-        """PREEMPTED, TIMED_OUT, or None while there is time."""
-        if self.cancelled():
-            return Status.PREEMPTED
-        return Status.TIMED_OUT if time.monotonic() >= self.deadline else None
-
-    def with_at_least(self, seconds: float) -> Callable[[], Status | None]:
-        """Whether it is spent, asked by what begins now and may go on for so long [s] wherever the deadline is."""
-        until = time.monotonic() + seconds
-        return lambda: self.spent() if time.monotonic() >= until else None
 
 
 @dataclass
@@ -63,7 +37,7 @@ class Conditions(ReadOnly):
         leave_start_contact: Whether the start may be in slight contact, which is left first.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
         path_constraints: What frames have to keep all along the motion.
-        budget: How long it may take.
+        deadline: How long it may take.
         observer: Who watches.
         counters: What is counted on the way.
     """
@@ -76,7 +50,7 @@ class Conditions(ReadOnly):
     leave_start_contact: bool = False
     jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
-    budget: Budget = field(default_factory=Budget)
+    deadline: Deadline = UNLIMITED
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
 

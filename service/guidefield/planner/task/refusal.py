@@ -48,7 +48,7 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
         conditions: What the motion was judged by.
         verdict: Of the motion; not free.
     """
-    status = conditions.budget.spent() or Status.INVALID_MOTION_PLAN
+    status = conditions.deadline.status() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""
     message = f"the certificate refused the motion: {verdict.reason.value}{between}"

@@ -10,10 +10,10 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from guidefield.aside import spread
 from guidefield.geometry.cache import name_of, recalled, remembered
 from guidefield.geometry.entries import Arrays
 from guidefield.kernels.jit.compilers import load_imported
+from guidefield.parallel import run_queue
 from guidefield.robot.model.model import RobotModel
 from guidefield.system import usable_processors
 
@@ -74,7 +74,7 @@ def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
     if any(piece.extent > 0.0 for piece in pieces):
         load_imported("cover.", "distance.", "linalg.")
         at_once = min(usable_processors(), len(pieces))
-    spread(begun(), at_once)
+    run_queue(begun(), at_once)
 
 
 class ByShape(Generic[Found]):

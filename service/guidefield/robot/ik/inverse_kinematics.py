@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.kinematics.solution_choice import distinct, farthest_apart
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -64,7 +65,7 @@ def solve(
     accept: Accept | None = None,
     fault: str = "in collision",
     most: int = SEARCH.most_rejected,
-    stopped: Callable[[], bool] = lambda: False,
+    deadline: Deadline = UNLIMITED,
 ) -> IkResult:
     """Distinct configurations of a group that bring its tip to a pose.
 
@@ -83,7 +84,7 @@ def solve(
         accept: Which configurations may be a solution; None: all may.
         fault: What is wrong with those that may not, for the reason.
         most: Random starts after which a pose counts as reachable only by what isn't accepted.
-        stopped: Whether to look no further; asked between rounds.
+        deadline: Ends the search between rounds.
 
     Returns:
         The solutions, and a reason where there are fewer than `count`.
@@ -97,7 +98,7 @@ def solve(
     found.add(search.descend(given))
     from_starts = len(found.accepted)
     drawn = 0
-    while not (_enough(found, count, drawn, most) or stopped()):
+    while not (_enough(found, count, drawn, most) or deadline.expired()):
         size = (
             SEARCH.first_round
             if count == 1 and drawn < SEARCH.round

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from guidefield.aside import spread
 from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
@@ -23,6 +22,7 @@ from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.kernels.jit.compilers import load_imported
+from guidefield.parallel import run_queue
 from guidefield.robot.mesh_files.reading import unit_of
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.system import usable_processors
@@ -112,7 +112,7 @@ def _all_settled(geometry: Any) -> dict[tuple[str, bytes], _Settled]:
             settled[name] = _settled(mesh, known)
     if works:
         load_imported("cover.", "distance.", "linalg.")
-        spread(iter(works), min(usable_processors(), len(works)))
+        run_queue(iter(works), min(usable_processors(), len(works)))
     return settled
 
 

@@ -1,0 +1,80 @@
+"""The time by which work must end, and the request that ends it early."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from guidefield.errors import Status
+
+
+def _never() -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """The time by which work must end, and the request that ends it early.
+
+    Loops ask `expired` and return the best that they have; a stage without any result calls `check`.
+
+    Attributes:
+        at: On the clock of `time.monotonic` [s].
+        is_cancelled: Asks whether the work is to end early.
+    """
+
+    at: float = math.inf
+    is_cancelled: Callable[[], bool] = _never
+
+    def remaining(self) -> float:
+        """Return the time that is left [s], at least 0."""
+        return max(0.0, self.at - time.monotonic())
+
+    def expired(self) -> bool:
+        """Return whether the work must end."""
+        return self.is_cancelled() or time.monotonic() >= self.at
+
+    def status(self) -> Status | None:
+        """Return PREEMPTED or TIMED_OUT if the work must end, else None."""
+        if self.is_cancelled():
+            return Status.PREEMPTED
+        return Status.TIMED_OUT if time.monotonic() >= self.at else None
+
+    def check(self, step: str) -> None:
+        """Raise DeadlineExpired if the work must end before a step, such as "scene hall was built"."""
+        if (status := self.status()) is not None:
+            raise DeadlineExpired(status, step)
+
+    def share(self, fraction: float) -> Deadline:
+        """Return the deadline of a part that may take a fraction of the remaining time."""
+        return replace(self, at=time.monotonic() + fraction * self.remaining())
+
+    def at_least(self, seconds: float) -> Deadline:
+        """Return the deadline of work that begins now and may always take some time [s], even if cancelled."""
+        begun = time.monotonic() + seconds
+        return Deadline(max(self.at, begun), lambda: time.monotonic() >= begun and self.is_cancelled())
+
+    def or_if(self, is_cancelled: Callable[[], bool]) -> Deadline:
+        """Return a deadline that another reason ends early, too."""
+        return replace(self, is_cancelled=lambda: is_cancelled() or self.is_cancelled())
+
+
+UNLIMITED = Deadline()
+"""The deadline of work that may take as long as it does."""
+
+
+class DeadlineExpired(Exception):
+    """The deadline passed, or the work was cancelled, before a step.
+
+    Args:
+        status: TIMED_OUT or PREEMPTED.
+        step: The step that was not begun, such as "scene hall was built".
+        details: Values to tell about it.
+    """
+
+    def __init__(self, status: Status, step: str, **details: Any) -> None:
+        super().__init__(step)
+        self.status, self.step, self.details = status, step, details

@@ -1,0 +1,134 @@
+"""Preparation of a robot and a scene for their first plan: each part is kept, and the next request goes on from it."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+
+from guidefield.collision.enclosure import closed_bodies
+from guidefield.collision.lanes.lanes import prepare_robot
+from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
+from guidefield.collision.minimum.tables import prepare_obstacles, robot_parts
+from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.world import World
+from guidefield.deadline import Deadline
+from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
+from guidefield.parallel import run_parallel
+from guidefield.planner.task.problem import Problem
+from guidefield.robot.model.model import RobotModel
+from guidefield.scene.distance_tables import distance_tables
+from guidefield.scene.placed import unplaced
+from guidefield.scene.points import are_many
+from guidefield.scene.scene import Scene
+
+MANY_HELD = 10_000
+"""Obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds."""
+
+
+def prepare_plan(
+    robot: RobotModel | None, scene: Scene, deadline: Deadline, told: Told = lambda _: None, *, field: bool = False
+) -> None:
+    """Prepare a robot and a scene for a plan.
+
+    Args:
+        robot: The robot; None if it needn't connect anything.
+        scene: The scene.
+        deadline: Checked before each part.
+        told: Told what is prepared.
+        field: Whether the scene's field is needed, too.
+
+    Raises:
+        DeadlineExpired: if the deadline passed before all is prepared.
+    """
+    if robot is not None and not is_prepared(robot):
+        deadline.check("the meshes of the robot")
+        prepare(robot, deadline, told)
+    if scene not in _prepared and unplaced(scene):
+        for some in _scenes_asked(scene):
+            deadline.check(f"the obstacles of scene {scene.name}")
+            _prepare_obstacles(some, deadline, told)
+    _prepared.add(scene)
+    if field:
+        prepare_field(scene, deadline)
+
+
+def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
+    """Prepare the scene of a problem, and its robot if a plan certainly connects.
+
+    Args:
+        request: What is asked.
+        problem: The same for the planner.
+        told: Told what is prepared.
+
+    Raises:
+        DeadlineExpired: if the deadline passed before all is prepared.
+    """
+    if problem.scene.moves and not connects(request):
+        return
+    robot = problem.group.robot if connects(request) else None
+    field = bool(problem.guide_planes) or request.guide_planes == "auto"
+    prepare_plan(robot, problem.scene, problem.deadline, told, field=field)
+    if robot is not None:
+        prepare_links(problem.world, problem.deadline)
+
+
+def connects(request: PlanRequest) -> bool:
+    """Return whether a plan certainly needs a connection by lanes."""
+    return not isinstance(request.goal, GuidePlaneGoal)
+
+
+def _scenes_asked(scene: Scene) -> Iterator[Scene]:
+    """Yield a scene as a plan asks about it; among large obstacles that move, with these held still, too."""
+    yield scene
+    if scene.moves and are_many([scene.message.obstacles[k] for k in scene.others], MANY_HELD):
+        yield scene.resting
+        for time in (0.0, scene.end):
+            yield scene.at(time)
+
+
+def _prepare_obstacles(scene: Scene, deadline: Deadline, told: Told) -> None:
+    if scene.convex:
+        prepare_scene(scene, deadline, told)
+        return
+    run_parallel(lambda: distance_tables(scene), lambda: prepare_scene(scene, deadline, told))
+    for lay_out in (lane_scene, prepare_obstacles, obstacle_boxes):
+        deadline.check(f"the surfaces of scene {scene.name}")
+        lay_out(scene)
+
+
+def prepare_links(world: World, deadline: Deadline) -> None:
+    """Make the tables of a robot's links, unless they are there.
+
+    Raises:
+        DeadlineExpired: if the deadline passed before.
+    """
+    robot = world.group.robot
+    if is_laid_out(robot):
+        return
+    deadline.check(f"the links of {robot.name} were laid out")
+    prepare_robot(world)
+    closed_bodies(world.group)
+    robot_parts(world.group)
+    _laid_out.add(robot)
+
+
+def is_laid_out(robot: RobotModel) -> bool:
+    """Return whether the tables of a robot's links were made in this process."""
+    return robot in _laid_out
+
+
+def prepare_field(scene: Scene, deadline: Deadline) -> None:
+    """Make the field of a scene, unless it is there.
+
+    Raises:
+        DeadlineExpired: if the deadline passed before.
+    """
+    if "tables" not in vars(scene):
+        deadline.check(f"the field of scene {scene.name}")
+        _ = scene.tables
+
+
+_prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
+
+_laid_out: weakref.WeakSet[RobotModel] = weakref.WeakSet()

@@ -1,0 +1,135 @@
+"""A large scene in a file of its own that the recordings of many runs share: its obstacles, drawn, and its message.
+
+A file is named by its content. Each recording holds on to the file by a hard link beside itself, so that a file goes
+with the last recording that needs it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import hashlib
+import os
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import rerun as rr
+from rerun.chunk import Chunk
+
+from guidefield.kept import kept_with
+from guidefield.messages.requests import MotionRequest
+from guidefield.recorder import bodies, scene_entities, surface
+from guidefield.recorder.chunks import still
+from guidefield.recorder.packing import LARGE_BYTES, MESSAGE_COMPONENT, SCENE, encoded, large_scene, packed
+from guidefield.recorder.whole import LINK
+from guidefield.recorder.writing import encode_recording
+from guidefield.scene.scene import Scene, declared_with
+from guidefield.whole_file import write_whole
+
+FOLDER = "runs-scenes"
+"""Name of the folder of these files, beside that of the robots."""
+
+UNUSED_S = 3600.0
+"""Age from which a file without a link goes [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SharedScene:
+    """The part of a recording that is the same for many runs.
+
+    Attributes:
+        digest: Hash of all that it is made of.
+        is_large: Whether it has a file of its own.
+        chunks: Makes its chunks.
+    """
+
+    digest: str
+    is_large: bool
+    chunks: Callable[[], Sequence[Chunk]]
+
+    def link(self, recording: Path, bodies: Path) -> bool:
+        """Link a recording to the file, which is made if it isn't there; False where the disk has no such links.
+
+        Args:
+            recording: The recording, which need not be there yet.
+            bodies: Folder of the robots of its store.
+
+        Raises:
+            OSError: if the disk refuses.
+        """
+        folder, link = bodies.with_name(FOLDER), recording.with_suffix(LINK)
+        file = folder / f"{self.digest}.rrd"
+        folder.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        for _ in range(2):
+            try:
+                link.hardlink_to(file)
+                os.utime(file)
+                return True
+            except FileNotFoundError:
+                _remove_unused(folder)
+                write_whole(file, encode_recording(self.digest, self.chunks(), None), durable=False)
+            except OSError as error:
+                if error.errno in (errno.EMLINK, errno.EPERM, errno.EOPNOTSUPP, errno.EXDEV):
+                    return False
+                raise
+        return False
+
+
+def shared_scene(
+    scene: Scene, request: MotionRequest, see_through: Collection[str], at_fault: Collection[str]
+) -> SharedScene:
+    """Return the scene of a run as its recording shows it.
+
+    Args:
+        scene: As it is drawn.
+        request: The request; its scene, if it holds one, goes in too where it is large.
+        see_through: Names of obstacles that hide the motion.
+        at_fault: Names of obstacles in collision.
+    """
+    seen, hit = (scene.names.intersection(names) for names in (see_through, at_fault))
+    size, content = _content(scene)
+    message = large_scene(request)
+    names = f"{sorted(seen)} {sorted(hit)}".encode()
+    digest = hashlib.sha256(_readers())
+    for part in (content, b"" if message is None else encoded(message), names):
+        digest.update(hashlib.sha256(part).digest())
+
+    def chunks() -> list[Chunk]:
+        drawn = list(scene_entities.obstacles(scene.obstacles, seen, hit))
+        if message is not None:
+            drawn.append(still(SCENE, rr.AnyValues(**{MESSAGE_COMPONENT: packed(message)})))
+        return drawn
+
+    return SharedScene(digest.hexdigest()[:32], message is not None or size >= LARGE_BYTES, chunks)
+
+
+@kept_with
+def _content(scene: Scene) -> tuple[int, bytes]:
+    """Size of a scene's obstacles [bytes] and a hash of all that they are drawn by, which motions are not."""
+    moving = [index for index in scene.others if scene.obstacles[index].motion is not None]
+    declared = list(scene.message.obstacles)
+    for index in moving:
+        declared[index] = msgspec.structs.replace(declared[index], trajectory=None)
+    content = encoded(declared_with(scene.message, declared))
+    return len(content), hashlib.sha256(content + f"{moving}".encode()).digest()
+
+
+@functools.cache
+def _readers() -> bytes:
+    """What draws: files that another version has drawn aren't taken for its own."""
+    files = (__file__, bodies.__file__, scene_entities.__file__, surface.__file__)
+    return b"".join([rr.__version__.encode(), *(Path(file).read_bytes() for file in files)])
+
+
+def _remove_unused(folder: Path) -> None:
+    """Delete files that no recording is linked to."""
+    for file in folder.iterdir():
+        with contextlib.suppress(OSError):
+            state = file.stat()
+            if state.st_nlink == 1 and time.time() - state.st_mtime > UNUSED_S:
+                file.unlink()
