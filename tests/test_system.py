@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -14,7 +13,6 @@ from pathlib import Path
 import pytest
 
 from guidefield import system
-from guidefield.pool.slot import LONGEST_TELLING, SENDING_ROOM
 
 GONE = 2**22 + 1
 """No process has that id: it is above Linux's largest."""
@@ -53,16 +51,3 @@ def test_a_worker_ends_with_its_parent_where_the_system_does_not_see_to_it() -> 
         assert child.poll() is None
         child.stdin.close()
         assert child.wait(60.0) == -signal.SIGKILL
-
-
-def test_whole_packets_go_as_datagrams_too() -> None:
-    heard, told = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
-    with heard, told:
-        heard.setblocking(False)
-        told.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING_ROOM)
-        sent = [b"a" * LONGEST_TELLING, b"b"]
-        for packet in sent:
-            told.send(packet)
-        assert [heard.recv(LONGEST_TELLING) for _ in sent] == sent
-        with pytest.raises(BlockingIOError):
-            heard.recv(LONGEST_TELLING)

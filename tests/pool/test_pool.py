@@ -14,7 +14,7 @@ import pytest
 
 from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.messages.identities import Asker
-from guidefield.pool.pool import DEFAULT_LIMITS, QUEUE_CHECK, Pool
+from guidefield.pool.pool import DEFAULT_LIMITS, LOOKED_AFTER, Pool
 from guidefield.pool.waiting import Answer, Deadline, Limits, Task
 from tests import worker_setups
 
@@ -137,7 +137,7 @@ def test_a_deadline_does_not_touch_what_has_begun(pool: Pool, tmp_path: Path) ->
             time.sleep(0.01)
         if begun.exists():
             break
-    time.sleep(max(0.0, soon.at - time.monotonic()) + 4 * QUEUE_CHECK)
+    time.sleep(max(0.0, soon.at - time.monotonic()) + 4 * LOOKED_AFTER)
     assert not running.done()
     pool.cancel(running, _never)
     assert running.result(PATIENCE) == (True, b"cancelled")

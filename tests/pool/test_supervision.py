@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from concurrent.futures import wait
 from pathlib import Path
 
-import pebble.pool.process
 import pytest
 
 from guidefield.errors import WorkerCrashed
@@ -167,21 +166,42 @@ def test_a_worker_that_is_killed_while_it_starts_costs_no_request(pool: Pool, pa
     assert _echoes(pool)
 
 
-def test_a_worker_that_is_killed_before_its_first_job_is_sent_is_noticed(
-    pool: Pool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scheduler = pebble.pool.process.task_scheduler_loop
-    late = threading.Event()
+def test_a_job_that_was_handed_over_and_never_begun_is_handed_to_the_next_worker(pool: Pool) -> None:
+    pid = int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
+    os.kill(pid, signal.SIGSTOP)
+    task = pool.submit(Task(("pid", ""), PATIENCE))
+    time.sleep(0.1)
+    assert not task.done()
+    os.kill(pid, signal.SIGKILL)
+    assert int(task.result(PATIENCE)[1]) != pid
 
-    def scheduler_that_comes_late(manager: object) -> None:
-        late.wait(1.0)
-        scheduler(manager)
 
-    monkeypatch.setattr(pebble.pool.process, "task_scheduler_loop", scheduler_that_comes_late)
-    before = _kill_idle_worker(pool)
-    _fresh_worker(before).kill()
+def test_a_job_and_an_answer_that_no_buffer_holds_come_whole(pool: Pool) -> None:
+    long = "guide" * 2**20
+    assert pool.submit(Task(("echo", long), PATIENCE)).result(PATIENCE) == (True, long.encode())
+
+
+def test_a_long_job_for_a_worker_that_does_not_read_holds_up_nobody() -> None:
+    pool = Pool(worker_setups.obedient, workers=2)
+    pool.start()
+    try:
+        assert pool.ready(PATIENCE)
+        pid = int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
+        os.kill(pid, signal.SIGSTOP)
+        long = pool.submit(Task(("echo", "guide" * 2**20), PATIENCE))
+        assert _echoes(pool)
+        os.kill(pid, signal.SIGCONT)
+        assert len(long.result(PATIENCE)[1]) == 5 * 2**20
+    finally:
+        pool.close(0.0)
+
+
+def test_a_job_that_does_not_pickle_is_told_and_costs_no_worker(pool: Pool) -> None:
+    crashes = pool.crashes
+    with pytest.raises(WorkerCrashed, match="pickle"):
+        pool.submit(Task(("echo", lambda: None), PATIENCE)).result(PATIENCE)
     assert _echoes(pool)
-    late.set()
+    assert pool.crashes == crashes
 
 
 def test_closing_ends_a_worker_in_a_native_call_that_keeps_the_interpreter(

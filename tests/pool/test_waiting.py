@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given, strategies as st
@@ -27,7 +26,7 @@ def _filled(clients: list[str]) -> Waiting:
 
 def _taken(waiting: Waiting) -> list[Task]:
     taken = []
-    while (task := waiting.take(0.0)) is not None:
+    while (task := waiting.take()) is not None:
         taken.append(task)
     return taken
 
@@ -101,7 +100,7 @@ def test_what_waits_is_bounded_in_bytes_too() -> None:
 def test_a_closed_queue_gives_back_what_waited_and_takes_no_more() -> None:
     waiting = _filled(["a", "b", "a"])
     assert sorted(task.job for task in waiting.close()) == [0, 1, 2]
-    assert waiting.take(0.0) is None
+    assert waiting.take() is None
     with pytest.raises(ServerBusy, match="shutting down"):
         waiting.put(Task(0, 1.0))
 
@@ -121,7 +120,7 @@ def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
     left, running, got = Counter(asker.user for asker in askers), Counter[str](), Counter[str]()
     held: list[Task] = []
     for spent in seconds[: len(askers)]:
-        task = waiting.take(0.0)
+        task = waiting.take()
         assert task is not None
         user = task.asker.user
         for other in (other for other in left if left[other]):
@@ -134,7 +133,7 @@ def test_a_worker_goes_to_the_user_who_has_the_fewest_and_got_the_least(
             waiting.done(done, spent, spent)
             running[done.asker.user] -= 1
             got[done.asker.user] += spent
-    assert waiting.take(0.0) is None
+    assert waiting.take() is None
     assert {user: waiting.running(user) for user in left} == {user: running[user] for user in left}
 
 
@@ -144,14 +143,14 @@ def test_whoever_asks_for_little_comes_first_however_much_others_have_waiting() 
         for _ in range(10):
             waiting.put(Task(user, 1.0, asker=Asker(user)))
     for _ in range(8):
-        task = waiting.take(0.0)
+        task = waiting.take()
         assert task is not None
         waiting.done(task, 1.0, 1.0)
-    busy = [waiting.take(0.0), waiting.take(0.0)]
+    busy = [waiting.take(), waiting.take()]
     waiting.put(Task("quiet", 1.0, asker=Asker("quiet")))
     assert busy[0] is not None
     waiting.done(busy[0], 1.0, 1.0)
-    quiet = waiting.take(0.0)
+    quiet = waiting.take()
     assert quiet is not None
     assert quiet.job == "quiet"
 
@@ -191,19 +190,19 @@ def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with
     waiting = Waiting(Limits(tasks=100))
     for _ in range(50):
         waiting.put(Task("steady", 1.0, asker=Asker("steady")))
-        task = waiting.take(0.0)
+        task = waiting.take()
         assert task is not None
         waiting.done(task, 1.0, 1.0)
     for user in ("new", "newer"):
         for _ in range(20):
             waiting.put(Task(user, 1.0, asker=Asker(user)))
     for round_ in range(5):
-        running = waiting.take(0.0)
+        running = waiting.take()
         waiting.put(Task("steady", 1.0, asker=Asker("steady")))
         assert running is not None
         waiting.done(running, 1.0, 1.0)
         before = 0
-        while (task := waiting.take(0.0)) is not None and task.job != "steady":
+        while (task := waiting.take()) is not None and task.job != "steady":
             waiting.done(task, 1.0, 1.0)
             before += 1
         assert before <= 2, round_
@@ -221,10 +220,10 @@ def test_who_stands_by_takes_only_what_waits_too_long_of_users_without_a_worker(
     for task in tasks:
         task.since -= data.draw(st.sampled_from([0.0, 2 * HELD_UP + 60.0]))
         waiting.put(task)
-    held = [task for _ in range(free) if (task := waiting.take(0.0)) is not None]
+    held = [task for _ in range(free) if (task := waiting.take()) is not None]
     for _ in askers:
         before, users = len(waiting), {task.asker.user for task in held}
-        task = waiting.take_held_up(0.0)
+        task = waiting.take_held_up(time.monotonic())
         if task is None:
             assert not waiting.is_held_up(math.inf)
             break
@@ -256,22 +255,26 @@ def test_whoever_gave_way_takes_anothers_place_after_twice_as_long_each_time_and
     assert [waiting.is_held_up(share * TRIAL) for share in (1.0, 7.9, 8.0)] == [False, False, True]
     waiting.put(fresh)
     assert [waiting.is_held_up(share * TRIAL) for share in (0.9, 1.0)] == [False, True]
-    assert [waiting.take_held_up(0.0) for _ in range(2)] == [fresh, often]
+    assert [waiting.take_held_up(time.monotonic()) for _ in range(2)] == [fresh, often]
 
 
-def test_nobody_is_held_up_while_a_worker_is_free_and_what_was_cancelled_is_not_put_back() -> None:
+def test_what_was_cancelled_is_not_put_back() -> None:
     waiting = Waiting(Limits())
-    with ThreadPoolExecutor(1) as thread:
-        taken = thread.submit(waiting.take, 60.0)
-        while not waiting._free:
-            time.sleep(0.001)
-        assert waiting.take_held_up(0.0) is None
-        waiting.put(Task("first", 1.0, asker=Asker("a")))
-        task = taken.result()
+    waiting.put(Task("first", 1.0, asker=Asker("a")))
+    task = waiting.take()
     assert task is not None
     task.cancelled_by_client.set()
     assert not waiting.put_back(task)
     waiting.close()
     with pytest.raises(ServerBusy, match="shutting down"):
         waiting.put_back(task)
-    assert waiting.take_held_up(60.0) is None
+    assert waiting.take_held_up(math.inf) is None
+
+
+def test_what_was_never_begun_comes_first_again_and_gave_way_to_nobody() -> None:
+    waiting = _filled(["a", "a"])
+    task = waiting.take()
+    assert task is not None
+    assert waiting.put_back(task, gave_way=False)
+    assert task.set_back == 0
+    assert waiting.take() is task

@@ -27,7 +27,6 @@ from guidefield.endpoint.asked import Asked
 from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.kept_answers import keep_answer
 from guidefield.endpoint.meter import Meter
-from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.promised import Promised, Settled
 from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
@@ -116,7 +115,6 @@ class Endpoint:
         self._data = data
         self._rules = rules or Rules()
         self._under_way = UnderWay(pool)
-        self._outbox = Outbox()
         self._readers = Readers()
         self._quotas, self._access_control = quotas, access_control
         self._allowances = Allowances(quotas, pool.waiting)
@@ -129,7 +127,7 @@ class Endpoint:
         key = str(query.key_expr)
         end = self._trace(_kind(key), key)
         count = partial(self._count_answer, _kind(key), received, end)
-        asked = Asked(query, self._instance, count, self._outbox.post)
+        asked = Asked(query, self._instance, count, self._pool.outbox.post)
         self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read(self._let_in)
@@ -225,7 +223,7 @@ class Endpoint:
     def close(self) -> None:
         """Answer what is being read, refuse what waits to be, and send what waits to be sent."""
         self._readers.close()
-        self._outbox.close(LAST_ANSWERS)
+        self._pool.outbox.close(LAST_ANSWERS)
 
     def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
         end(what)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from guidefield.endpoint.outbox import MOST_THREADS
 from guidefield.messages import codec
+from guidefield.pool.outbox import MOST_THREADS
 
 READ_WITHIN = 15.0
 """How long an answer may take to be read, beside what the system keeps of it, before its link is ended [s]."""

@@ -25,6 +25,7 @@ class Readers:
 
     def __init__(self) -> None:
         self._waiting = Waiting(Limits(tasks=MOST_READS, tasks_of_client=MOST_READS))
+        self._come = threading.Semaphore(0)
         self._threads = [
             threading.Thread(target=self._read_all, name="guidefield-reader", daemon=True) for _ in range(THREADS)
         ]
@@ -41,18 +42,21 @@ class Readers:
         for pushed in self._waiting.put(task):
             told = "too many queries wait for the disk, and most of them are yours; ask again later"
             pushed.set_exception(ServerBusy(told, retry_after=self._waiting.retry_after(pushed.asker.user)))
+        self._come.release()
         return task
 
     def close(self) -> None:
         """Answer what is being read, and refuse what waits to be."""
         for task in self._waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
+        self._come.release(THREADS)
         for thread in self._threads:
             thread.join()
 
     def _read_all(self) -> None:
-        while (task := self._waiting.take(None)) is not None:
-            self._settle(task)
+        while self._come.acquire() and not self._waiting.closed:
+            if (task := self._waiting.take()) is not None:  # else it was pushed out
+                self._settle(task)
 
     def _settle(self, task: Task) -> None:
         began = time.monotonic()

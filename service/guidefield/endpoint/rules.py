@@ -8,7 +8,6 @@ from guidefield.endpoint.clients import GRACE
 from guidefield.endpoint.endpoint import LATE, LATE_SHARE
 from guidefield.endpoint.link import LEASE, LONGEST_MESSAGE, READ_WITHIN
 from guidefield.endpoint.open_stream import OPENED_WITHIN, SILENCE
-from guidefield.endpoint.outbox import MOST_BYTES, MOST_BYTES_OF_CLIENT, MOST_LETTERS, OF_USER
 from guidefield.endpoint.readers import MOST_READS
 from guidefield.endpoint.under_way import MOST_REMEMBERED, REMEMBERED
 from guidefield.messages import codec
@@ -21,6 +20,7 @@ from guidefield.messages.streams import MOST_OBSTACLES, MOST_UPDATE_BYTES
 from guidefield.messages.triples import MAX_VERTICES
 from guidefield.messages.values import LARGEST, LONGEST_TIME, MAX_URDF_CHARACTERS
 from guidefield.pool.companion import MOST_WAITING, STUCK
+from guidefield.pool.outbox import MOST_BYTES, MOST_BYTES_OF_CLIENT, MOST_LETTERS, OF_USER
 from guidefield.pool.waiting import BACKSTOP, HELD_UP, TRIAL, Limits
 from guidefield.robot.catalog.sent_meshes import MAX_MESH_BYTES, MAX_MESHES
 from guidefield.run import LARGEST_RECORDING

@@ -17,11 +17,12 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from guidefield.errors import GuidefieldError, WorkerCrashed
 from guidefield.pool.process import end_with_parent, limit_memory
-from guidefield.pool.watch import Watch
+from guidefield.system import resident
 
 LOOK_EVERY = 0.1
 """How often it is looked after a process [s]."""
@@ -71,7 +72,7 @@ class Companion:
     ) -> None:
         self._conversation, self._memory = conversation, memory
         self._hear, self._over, self._ended = hear, over, ended
-        self._watch: Watch | None = None
+        self._pid: int | None = None
         self._waiting: deque[tuple[Any, int]] = deque()
         self._size = self._unfinished = 0
         self._got_on = time.monotonic()
@@ -86,14 +87,12 @@ class Companion:
     @property
     def memory(self) -> int:
         """Its resident memory [bytes]; 0 where there is none."""
-        watch = self._watch
-        return 0 if watch is None else watch.memory()
+        return 0 if self._pid is None else resident(self._pid)
 
     @property
     def pid(self) -> int | None:
         """The process, once there is one."""
-        watch = self._watch
-        return None if watch is None else watch.pid
+        return self._pid
 
     def tell(self, what: Any, size: int) -> bool:
         """Have something told to the process; waits for nothing.
@@ -133,9 +132,9 @@ class Companion:
             process.start()
             there.close()
             assert process.pid is not None, "it is started"
-            self._watch = Watch(process.pid)
+            self._pid = process.pid
             sender.start()
-            error = self._listen(here, self._watch)
+            error = self._listen(here, process)
         except Exception as failure:  # whoever waits must hear of it
             _log.exception("a process for a conversation failed")
             error = WorkerCrashed(f"the process could not be started or heard: {failure}")
@@ -150,7 +149,7 @@ class Companion:
         here.close()
         self._ended(error)
 
-    def _listen(self, line: Connection, watch: Watch) -> GuidefieldError:
+    def _listen(self, line: Connection, process: BaseProcess) -> GuidefieldError:
         """Hear what the process tells, until the conversation is over; why it is."""
         looked = time.monotonic()
         while True:
@@ -166,12 +165,12 @@ class Companion:
             over = self._over()
             if over is not None:
                 return over
-            if watch.memory() > self._memory:
+            if self.memory > self._memory:
                 limit = self._memory // 2**20
                 return WorkerCrashed(f"it took more than {limit} MiB of memory and was ended", mebibytes=limit)
             if self._is_stuck(now):
                 return WorkerCrashed(f"it got on with nothing for {STUCK:g} s and was ended", seconds=STUCK)
-            if not watch.alive() and not line.poll(0.0):
+            if not process.is_alive() and not line.poll(0.0):
                 return WorkerCrashed("the process that worked on it died; the service lives on")
 
     def _heard(self, what: Any) -> None:

@@ -1,44 +1,66 @@
 """Worker processes behind a bounded queue: a crash costs one job, never the service.
 
-Theory of operation. Each slot is one thread here and one worker process, the only member of a pebble pool of its own:
-workers share no lock, so one that is killed at any instruction cannot block another. The slot's thread takes a job from
-the common queue, has it done, and settles the job's future: with the worker's answer, or with the error that stands in
-for it. After anything but an orderly answer the slot starts a fresh process. A worker that dies while it has nothing to
-do is replaced in the same way, and a job that it was handed but never began is handed to its successor; what a worker
-has begun, it writes as a number into memory that it shares with its slot; in the same way a slot tells it which job is
-to end early. What a worker tells while it works comes back as packets through a socket. Meanwhile its slot looks, every
-few hundredths of a second, whether it lives and how much memory it has. A job that waits beyond its deadline is
-answered by the one thread that watches the queue. Where there are several users, one more worker can stand by, for
-those whom the others' requests hold up.
+Theory of operation. Whoever submits a task hands its job to an idle worker itself; a task that finds none waits in the
+queue. One thread at a time attends to the workers: it waits for their sockets and for the clock, gives a worker that is
+done its next job, and settles the task with the worker's answer, or with the error that stands in for it. After
+anything but an orderly answer a fresh process is started. A worker that dies while it has nothing to do is replaced in
+the same way, and a job that it was handed but never began is handed to another one; what a worker has begun, it writes
+as a number into memory that it shares with the pool; in the same way it is told which job is to end early. Every few
+hundredths of a second it is looked whether workers that work live and how much memory they have, and whose time is up.
+Workers share no lock, so one that is killed at any instruction cannot block another. Where there are several users, one
+more worker can stand by, for those whom the others' requests hold up.
+
+The thread that attends is one of the outbox's: what it has settled it sends by itself, while another one attends.
 """
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import logging
+import math
+import selectors
+import socket
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
-from guidefield.errors import ServerBusy
-from guidefield.pool.process import Setup
-from guidefield.pool.slot import BUSY_CHECK, Slot
+from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
+from guidefield.pool.outbox import Outbox
+from guidefield.pool.process import FAILED, PROGRESS, READY, REPLY, SET_BACK, UNPREPARED, Setup
+from guidefield.pool.slot import Current, Frame, Slot, Worker, spawn
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
-QUEUE_CHECK = 0.05
-"""How often the queue is searched for jobs whose time is up [s]."""
+LOOKED_AFTER = 0.05
+"""How often workers that work and tasks that wait are looked after [s]."""
+ACTIVE = 1.0
+"""How long after a task was done the pool still looks up that often, so that nobody has to wake it [s]."""
+RESTART_PAUSE = 1.0
+"""How long after a worker that could not be prepared the next one is started [s]."""
+STARTS_TRIED = 3
+"""How often a worker may fail to start while a job waits for it, or end before it begins with a job."""
+REAPED_WITHIN = 1.0
+"""How long a process that tells no more may take to end once it is killed [s]."""
 LAST_WORD = 2.0
 """How much of a processor a job that is told to end early may use for it when the pool is closed [s]."""
 LAST_WORD_WITHIN = 10.0
 """How long it may take for that, however little of a busy machine it gets [s]."""
+OWED_WITHIN = 10.0
+"""How long a worker that is no longer needed may take for what it owes [s]."""
 STOPPED_WITHIN = 10.0
-"""How long slots may take to settle and leave when their workers are killed [s]."""
-JOINED_EVERY = 0.2
-"""How often a worker is killed until its slot has ended: one may just be starting [s]."""
+"""How long workers that are killed may take to end, and their tasks to be settled [s]."""
+CLOSING_CHECK = 0.01
+"""How often it is looked whether what is waited for at the end is done [s]."""
 DEFAULT_LIMITS = Limits()
 DEFAULT_MEMORY = 4 << 30
 """Memory that a worker may have [bytes]."""
 
 _log = logging.getLogger(__name__)
+
+_Given = list[tuple[Worker, Current]]
 
 
 class Pool:
@@ -49,16 +71,33 @@ class Pool:
         workers: How many.
         limits: How much may wait.
         memory: A worker that takes more is stopped [bytes].
+
+    Attributes:
+        outbox: Sends answers; its threads attend to the workers.
+        crashes: How many workers had to be replaced.
+        waiting: What waits: how much of whom, and who got how much lately.
     """
 
     def __init__(
         self, setup: Setup, *, workers: int, limits: Limits = DEFAULT_LIMITS, memory: int = DEFAULT_MEMORY
     ) -> None:
-        self._waiting = Waiting(limits)
-        self._slots = [Slot(setup, self._waiting, memory) for _ in range(workers)]
-        self._standing_by = Slot(setup, self._waiting, memory, stands_by=True)
-        self._standing_by_once = threading.Lock()
-        self._watch = threading.Thread(target=self._answer_expired, name="guidefield-queue", daemon=True)
+        self._setup, self._memory = setup, memory
+        self.waiting = Waiting(limits)
+        self._slots = [Slot() for _ in range(workers)]
+        self._standing_by = Slot()
+        self._listened = spawn.Value("B", 0, lock=False)
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
+        self._first_tried, self._reason = threading.Event(), ""
+        self._starter = ThreadPoolExecutor(1, "guidefield-starter")  # one thread: workers end with it
+        self._selector = selectors.DefaultSelector()
+        self._woken, self._waking = socket.socketpair()
+        self._woken.setblocking(False)
+        self._selector.register(self._woken, selectors.EVENT_READ, self._be_woken)
+        self._calls: deque[Callable[[], None]] = deque()
+        self._sleeps_until = self._look_at = self._active_until = 0.0
+        self.outbox = Outbox(self._attend)
+        self.crashes = 0
 
     @property
     def workers(self) -> int:
@@ -68,32 +107,22 @@ class Pool:
     @property
     def queue(self) -> int:
         """How many jobs wait."""
-        return len(self._waiting)
-
-    @property
-    def waiting(self) -> Waiting:
-        """What waits: how much of whom, and who got how much lately."""
-        return self._waiting
+        return len(self.waiting)
 
     @property
     def busy(self) -> int:
         """How many of them work."""
-        return sum(slot.busy for slot in self._slots)
+        return sum(slot.is_busy for slot in self._slots)
 
     @property
     def memory(self) -> int:
         """Resident memory of all workers [bytes]."""
-        return sum(slot.memory for slot in self._all())
-
-    @property
-    def crashes(self) -> int:
-        """How many workers had to be replaced."""
-        return sum(slot.replaced for slot in self._all())
+        return sum(worker.memory for worker in self._all_workers())
 
     def start(self) -> None:
         """Begin to start the workers: the others after the first, so that they find its caches."""
-        self._slots[0].start()
-        self._watch.start()
+        self.outbox.begin_polling()
+        self._start(self._slots[0])
 
     def ready(self, timeout: float) -> bool:
         """Whether the first worker is ready within a time [s].
@@ -101,17 +130,22 @@ class Pool:
         Raises:
             RuntimeError: if it cannot be prepared; its log says why.
         """
-        first, *others = self._slots
-        if not first.ready(timeout):
+        if not self._first_tried.wait(timeout):
             return False
-        for slot in others:
-            slot.start()
+        if self._reason:
+            raise RuntimeError(f"a worker process could not be prepared{self._reason}")
+        for slot in self._slots[1:]:
+            self._start(slot)
         return True
 
     def stand_by(self) -> None:
         """Have one more worker for users whom others hold up; once is enough, and a pool that is closed has none."""
-        if self._standing_by_once.acquire(blocking=False):
-            self._standing_by.start()
+        if self._standing_by.is_empty and self._standing_by.start_at is None:
+            self._start(self._standing_by)
+
+    def listen(self, listened: bool) -> None:
+        """Let workers know whether anybody hears how far they are."""
+        self._listened.value = listened
 
     def submit(self, task: Task) -> Task:
         """Have a task done; its job must pickle.
@@ -123,70 +157,325 @@ class Pool:
         Raises:
             ServerBusy: if too much waits already, or the pool is closed.
         """
-        for pushed in self._waiting.put(task):
+        with self._lock:
+            pushed_out = self.waiting.put(task)
+            given = self._assign()
+            now = time.monotonic()
+            soon = now + 2.0 * LOOKED_AFTER if task.late is None else min(task.late.at, now + 2.0 * LOOKED_AFTER)
+            is_asleep = self._sleeps_until > soon
+        for pushed in pushed_out:
             told = "the queue is full, and of you the most waits; ask again later"
-            pushed.set_exception(ServerBusy(told, retry_after=self._waiting.retry_after(pushed.asker.user)))
+            pushed.set_exception(ServerBusy(told, retry_after=self.waiting.retry_after(pushed.asker.user)))
+        self._give(given)
+        if is_asleep:
+            self._wake()
         return task
 
     def cancel(self, task: Task, answer: Callable[[], Answer]) -> None:
         """End a task early: answer it so if it still waits; if it is worked on, tell the worker to come to an end."""
         task.if_cancelled = answer
         task.cancelled_by_client.set()
-        if self._waiting.withdraw(task):
+        if self.waiting.withdraw(task):
             task.set_result(answer())
             return
-        for slot in self._all():
-            slot.pass_on_cancel()
+        for worker in self._all_workers():
+            worker.pass_on_cancel()
 
     def close(self, grace: float) -> None:
         """Refuse what waits, let workers finish for a while [s], have them come to an end, then kill them.
 
         What they owe after their answers they do before. Without any grace nobody is waited for.
         Every future is settled on return, which comes `LAST_WORD_WITHIN`, `OWED_WITHIN` and `STOPPED_WITHIN` after that
-        while at the latest; unless who hears of a job doesn't come back from it: then the log says that its slot is
+        while at the latest; unless who hears of a job doesn't come back from it: then the log says that its worker is
         left behind.
         """
-        for task in self._waiting.close():
+        for task in self.waiting.close():
             task.set_exception(ServerBusy("the service is shutting down"))
-        self._standing_by_once.acquire(blocking=False)
-        self._join_for(grace)
-        for slot in self._all():
-            slot.cancel()
+        _await(lambda: not any(worker.current for worker in self._all_workers()), grace)
+        for worker in self._all_workers():
+            if worker.current is not None:
+                worker.current.task.cancelled_by_client.set()
+                worker.pass_on_cancel()
         if grace > 0.0:
-            self._await_last_words()
-        while any(slot.owes for slot in self._all()):  # for `OWED_WITHIN` at most
-            self._join_for(JOINED_EVERY)
-        deadline = time.monotonic() + STOPPED_WITHIN
-        while any(slot.alive for slot in self._all()):
-            if time.monotonic() > deadline:
-                _log.error("a slot still answers or stops its worker after %g s; it is left behind", STOPPED_WITHIN)
-                return
-            for slot in self._all():
-                slot.kill_worker()
-            self._join_for(JOINED_EVERY)
+            may_use = {worker: worker.processor + LAST_WORD for worker in self._all_workers() if worker.current}
+            _await(
+                lambda: not any(one.current and one.processor < most for one, most in may_use.items()),
+                LAST_WORD_WITHIN,
+            )
+        _await(lambda: not any(worker.owes for worker in self._all_workers()), OWED_WITHIN)
 
-    def _await_last_words(self) -> None:
-        """Wait for jobs that are told to end early, by what their workers use of a processor since."""
-        deadline = time.monotonic() + LAST_WORD_WITHIN
-        may_use = {slot: slot.processor + LAST_WORD for slot in self._all()}
+        def have_ended() -> bool:
+            for worker in self._all_workers():
+                worker.kill()
+            return all(slot.is_empty for slot in self._all_slots())
 
-        def is_waited_for(slot: Slot) -> bool:
-            return slot.alive and not slot.owes and slot.processor < may_use[slot]
+        if _await(have_ended, STOPPED_WITHIN):
+            self.outbox.end_polling(self._wake)
+        else:
+            _log.error("a worker can't be stopped or its task settled in %g s; it is left behind", STOPPED_WITHIN)
+        self._starter.shutdown(wait=False)
 
-        while time.monotonic() < deadline and (awaited := [slot for slot in self._all() if is_waited_for(slot)]):
-            awaited[0].join(BUSY_CHECK)
-
-    def _all(self) -> tuple[Slot, ...]:
+    def _all_slots(self) -> tuple[Slot, ...]:
         return (*self._slots, self._standing_by)
 
-    def _join_for(self, seconds: float) -> None:
-        deadline = time.monotonic() + seconds
-        for slot in self._all():
-            slot.join(deadline - time.monotonic())
+    def _all_workers(self) -> list[Worker]:
+        return [slot.worker for slot in self._all_slots() if slot.worker is not None]
 
-    def _answer_expired(self) -> None:
-        while not self._waiting.closed:
-            for task in self._waiting.take_expired(time.monotonic()):
-                assert task.deadline is not None, "only tasks with a deadline expire"
-                task.set_result(task.deadline.answer())
-            time.sleep(QUEUE_CHECK)
+    def _start(self, slot: Slot) -> None:
+        """Have a worker started in a slot, unless there is one, or one comes, or the pool is closed."""
+        with self._lock:
+            if self.waiting.closed or not slot.is_empty:
+                return
+            slot.is_starting, slot.start_at = True, None
+        self._starter.submit(self._start_worker, slot)
+
+    def _start_worker(self, slot: Slot) -> None:
+        worker = Worker(self._setup, self._memory, self._listened)
+        try:
+            worker.start()
+        except Exception as error:  # out of processes or of memory: the next attempt may do
+            _log.exception("a worker process could not be started")
+            worker.reason = str(error)
+        self._call(partial(self._welcome, slot, worker))
+
+    def _welcome(self, slot: Slot, worker: Worker) -> None:
+        """Attend to a worker that was started."""
+        with self._lock:
+            slot.worker, slot.is_starting = worker, False
+        if worker.process.pid is None:
+            self._bury(slot, worker)
+            return
+        self._selector.register(worker.socket, selectors.EVENT_READ, partial(self._hear, slot, worker))
+        self._selector.register(worker.process.sentinel, selectors.EVENT_READ, partial(self._bury, slot, worker))
+
+    def _call(self, what: Callable[[], None]) -> None:
+        """Have something called by the thread that attends."""
+        self._calls.append(what)
+        self._wake()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._waking.send(b".")
+
+    def _be_woken(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            self._woken.recv(1 << 10)
+        while self._calls:
+            self._calls.popleft()()
+
+    def _attend(self) -> None:
+        """Wait for the workers or the clock, and do what is due; called by one thread at a time."""
+        for key, _ in self._selector.select(self._pause()):
+            try:
+                key.data()
+            except Exception:  # the thread must outlive its own bugs
+                _log.exception("the pool failed")
+        if (now := time.monotonic()) >= self._look_at:
+            try:
+                self._look_after(now)
+            except Exception:
+                _log.exception("the pool failed")
+
+    def _pause(self) -> float | None:
+        """How long to wait [s]; None: until something comes."""
+        with self._lock:
+            now, slots = time.monotonic(), self._all_slots()
+            is_active = now < self._active_until or len(self.waiting) or any(slot.is_busy for slot in slots)
+            due_at = min(slot.due_at for slot in slots)
+            self._look_at = min(due_at, now + LOOKED_AFTER)
+            self._sleeps_until = self._look_at if is_active else due_at
+            return None if self._sleeps_until == math.inf else max(0.0, self._sleeps_until - now)
+
+    def _hear(self, slot: Slot, worker: Worker) -> None:
+        """Take what a worker told, and send it what it has room for."""
+        awaits_room = not worker.send_rest()
+        if awaits_room != worker.awaits_room:
+            worker.awaits_room = awaits_room
+            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if awaits_room else 0)
+            self._selector.modify(worker.socket, events, partial(self._hear, slot, worker))
+        try:
+            for frame in worker.read():
+                self._take(slot, worker, frame)
+        except EOFError:
+            worker.kill()
+            self._bury(slot, worker)
+
+    def _take(self, slot: Slot, worker: Worker, frame: Frame) -> None:
+        if frame.kind == READY:
+            with self._lock:
+                worker.is_ready, slot.failed = True, 0
+                given = self._assign()
+            self._first_tried.set()
+            self._give(given)
+        elif frame.kind == UNPREPARED:
+            worker.reason = frame.what.decode()
+        elif frame.kind == PROGRESS:
+            if worker.current is not None and worker.current.number == frame.number:
+                worker.current.task.hear(frame.what)
+        else:
+            self._end(worker, frame)
+
+    def _end(self, worker: Worker, frame: Frame) -> None:
+        """Settle the task that a worker is done with, after giving it the next one."""
+        with self._lock:
+            current, now = worker.current, time.monotonic()
+            if current is None or current.number != frame.number:
+                return
+            worker.current = None
+            self._active_until = now + ACTIVE
+            self.waiting.done(current.task, now - current.since, frame.processor)
+            waits = frame.kind == SET_BACK and not current.task.done() and self.waiting.put_back(current.task)
+            given = self._assign()
+        self._give(given)
+        task = current.task
+        if waits or task.done():  # it was answered while the worker still prepared for it
+            return
+        if frame.kind == FAILED:
+            task.set_exception(WorkerCrashed(f"the work failed: {frame.what.decode()}"))
+        elif frame.kind != SET_BACK:
+            task.set_result((frame.kind == REPLY, frame.what))
+        elif task.if_cancelled is not None:
+            task.set_result(task.if_cancelled())
+        else:
+            task.set_exception(ServerBusy("the service is shutting down"))
+
+    def _assign(self) -> _Given:
+        """Choose tasks for the workers that idle; under the lock. `_give` hands them over, without it."""
+        given: _Given = []
+        for slot in self._slots:
+            worker = slot.idle_worker
+            if worker is None:
+                continue
+            task = self.waiting.take()
+            if task is None:
+                break
+            given.append((worker, self._occupy(worker, task)))
+        return given
+
+    def _occupy(self, worker: Worker, task: Task) -> Current:
+        worker.current = Current(task, next(self._numbers), time.monotonic())
+        worker.pass_on_cancel()
+        return worker.current
+
+    def _give(self, given: _Given) -> None:
+        for worker, current in given:
+            try:
+                current.task.begin()
+                if not worker.give(current):
+                    self._call(partial(self._send_rest, worker))
+            except Exception as error:  # it doesn't pickle, or its listener failed
+                _log.exception("a job could not be handed over")
+                self._end(worker, Frame(FAILED, current.number, 0.0, str(error).encode()))
+
+    def _send_rest(self, worker: Worker) -> None:
+        for slot in self._all_slots():
+            if slot.worker is worker:
+                self._hear(slot, worker)
+
+    def _bury(self, slot: Slot, worker: Worker) -> None:
+        """Settle the task of a worker that has ended, or put it back if it was never begun; start the next worker."""
+        if slot.worker is not worker:
+            return
+        for end in (worker.socket, worker.process.sentinel) if worker.process.pid is not None else ():
+            self._selector.unregister(end)
+        code = worker.end(REAPED_WITHIN)
+        with self._lock:
+            slot.worker, current = None, worker.current
+            now = time.monotonic()
+            is_begun = current is not None and worker.line.begun.value == current.number
+            waits = False
+            if current is not None:
+                self.waiting.done(current.task, now - current.since, now - current.since if is_begun else 0.0)
+                current.task.handed += 1
+                if not is_begun and worker.reason is None and current.task.handed < STARTS_TRIED:
+                    waits = current.task.done() or self._wait_again(current.task)
+            slot.failed += not worker.is_ready
+            slot.start_at = now + RESTART_PAUSE * (not worker.is_ready)
+            given = self._assign()
+        self._give(given)
+        if current is not None and not waits and not current.task.done():
+            current.task.set_exception(self._fault_of(worker, code, is_begun))
+        if self.waiting.closed:
+            return
+        if worker.is_ready:
+            self.crashes += 1
+            _log.warning("worker process %s is replaced", worker.process.pid)
+        else:
+            self._tell_unprepared(slot, worker)
+
+    def _wait_again(self, task: Task) -> bool:
+        with contextlib.suppress(ServerBusy):
+            return self.waiting.put_back(task, gave_way=False)
+        return False
+
+    def _tell_unprepared(self, slot: Slot, worker: Worker) -> None:
+        """Say that a worker could not be prepared; refuse what waits where no worker ever can."""
+        why = f": {worker.reason}" if worker.reason else "; its log says why"
+        _log.error("a worker process could not be prepared%s", why)
+        if slot is self._slots[0] and not self._first_tried.is_set():
+            self._reason = why
+            self._first_tried.set()
+        if all(one.failed >= STARTS_TRIED or (one.is_empty and one.start_at is None) for one in self._slots):
+            while (task := self.waiting.take()) is not None:
+                self.waiting.done(task, 0.0, 0.0)
+                task.set_exception(WorkerCrashed("no worker process could be started; the service keeps trying"))
+
+    def _fault_of(self, worker: Worker, code: int | None, is_begun: bool) -> GuidefieldError:
+        if isinstance(worker.reason, WorkerCrashed):
+            return worker.reason
+        if self.waiting.closed:
+            if not is_begun:
+                return ServerBusy("the service is shutting down")
+            return WorkerCrashed("the service is shutting down and could not wait for this request")
+        how = "" if not code else f" of signal {-code}" if code < 0 else f" with exit code {code}"
+        return WorkerCrashed(f"the process that worked on this request died{how}; the service lives on")
+
+    def _look_after(self, now: float) -> None:
+        """Do what is due by the clock."""
+        for task in self.waiting.take_expired(now):
+            assert task.deadline is not None, "only tasks with a deadline expire"
+            task.set_result(task.deadline.answer())
+        for slot in self._all_slots():
+            if slot.worker is not None and slot.worker.current is not None:
+                self._look_after_worker(slot, slot.worker, slot.worker.current, now)
+            if slot.start_at is not None and now >= slot.start_at:
+                slot.start_at = None
+                self._start(slot)
+        with self._lock:
+            given = []
+            worker = self._standing_by.idle_worker
+            if worker is not None and not any(slot.idle_worker for slot in self._slots):
+                held_up = self.waiting.take_held_up(now)
+                given = [] if held_up is None else [(worker, self._occupy(worker, held_up))]
+        self._give(given)
+
+    def _look_after_worker(self, slot: Slot, worker: Worker, current: Current, now: float) -> None:
+        task = current.task
+        if now >= worker.late_at and task.late is not None:
+            task.set_result(task.late.answer())
+        if slot is self._standing_by and self.waiting.is_held_up(now - current.since):
+            worker.set_back()
+        if worker.memory > self._memory:
+            limit = self._memory // 2**20
+            worker.reason = WorkerCrashed(
+                f"the request took more than {limit} MiB of memory and was stopped", mebibytes=limit
+            )
+        elif now - current.since > task.seconds:
+            worker.reason = WorkerCrashed(
+                f"the request took longer than {task.seconds:g} s and was stopped", seconds=task.seconds
+            )
+        if worker.reason is not None:
+            worker.kill()
+        if not worker.process.is_alive():
+            self._hear(slot, worker)  # it may have answered before
+            self._bury(slot, worker)
+
+
+def _await(is_done: Callable[[], bool], within: float) -> bool:
+    """Whether something comes true within a time [s]."""
+    until = time.monotonic() + within
+    while not is_done():
+        if time.monotonic() >= until:
+            return False
+        time.sleep(CLOSING_CHECK)
+    return True

@@ -1,4 +1,9 @@
-"""What runs in a worker process: it is prepared once, says what it begins, and ends with its parent."""
+"""A worker process: it is prepared once, answers one job after the other, and ends with its parent.
+
+Theory of operation. Jobs and answers go through one pair of sockets, each as a frame: a head of fixed size, and bytes.
+What has to be known while a worker works, or after it died, is a few numbers in shared memory: which job it began last,
+which one is to end early.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,14 @@ import ctypes
 import logging
 import multiprocessing
 import os
+import pickle
 import resource
 import signal
 import socket
+import struct
 import sys
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -25,6 +33,13 @@ DATA_ROOM = 2
 
 LONGEST_REASON = 4096
 """Longest reason that is told of a worker that can't be prepared [characters]."""
+
+JOB = struct.Struct("<QQ")
+"""Head of a job's frame: its number, and how many bytes follow."""
+TOLD = struct.Struct("<BQdQ")
+"""Head of what a worker sends: kind, number of the job, processor time that it took [s], how many bytes follow."""
+READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
+"""Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
 
 _PR_SET_PDEATHSIG = 1
 """Of Linux's `prctl`: which signal a process gets when the thread that started it ends."""
@@ -40,7 +55,8 @@ class Line:
         set_back: Number of the job that is to be ended early because it will be begun anew, in shared memory.
         prepared: Number of the job that a worker is done preparing for, in shared memory.
         owed: How much a worker still has to do after its answers, in shared memory.
-        told: Where a worker sends what it tells, one packet each: a process that is killed leaves no half of one.
+        listened: Whether anybody listens to progress, in shared memory of all workers.
+        socket: The worker's end of its pair of sockets.
     """
 
     begun: Any
@@ -48,7 +64,23 @@ class Line:
     set_back: Any
     prepared: Any
     owed: Any
-    told: socket.socket
+    listened: Any
+    socket: socket.socket
+
+
+class Mouth:
+    """A worker's side of its socket: several threads may tell something, each frame goes whole."""
+
+    def __init__(self, told: socket.socket) -> None:
+        self._told = told
+        self._lock = threading.Lock()
+
+    def tell(self, kind: int, number: int = 0, processor: float = 0.0, what: bytes = b"") -> None:
+        """Send one frame; returns once it is on its way."""
+        with self._lock:
+            sent = self._told.sendmsg([TOLD.pack(kind, number, processor, len(what)), what])
+            if sent < TOLD.size + len(what):  # not the head alone: it is shorter than any buffer's room
+                self._told.sendall(memoryview(what)[sent - TOLD.size :])
 
 
 @dataclass(frozen=True)
@@ -57,6 +89,7 @@ class Call:
 
     number: int
     line: Line
+    mouth: Mouth
 
     def cancelled(self) -> bool:
         """Whether the job is to be ended early, whatever for."""
@@ -74,10 +107,14 @@ class Call:
         """Say how much is owed, after answers that were given: the worker lives until that is done, if it can."""
         self.line.owed.value = count
 
+    def is_listened_to(self) -> bool:
+        """Whether anybody hears what is told."""
+        return bool(self.line.listened.value)
+
     def tell(self, what: bytes) -> None:
-        """Tell something; it is lost if nobody listens, and never waits."""
+        """Tell something; it is lost if nobody listens."""
         with contextlib.suppress(OSError):
-            self.line.told.send(what)
+            self.mouth.tell(PROGRESS, self.number, what=what)
 
 
 Work = Callable[[Any, Call], Answer | None]
@@ -86,24 +123,57 @@ Work = Callable[[Any, Call], Answer | None]
 Setup = Callable[[], Work]
 """Prepares a worker process and returns what answers there; it is sent there, so it must pickle."""
 
-_answers: Work | None = None
-"""In a worker process: what answers there."""
-_line: Line | None = None
-"""In a worker process: what it shares with its slot."""
 
+def be_worker(setup: Setup, line: Line, memory: int) -> None:
+    """Make this process a worker that may have some memory [bytes], and answer jobs until its parent ends it.
 
-def prepare(setup: Setup, line: Line, memory: int) -> None:
-    """Make this process a worker that may have some memory [bytes]; where that is refused, tell why and end."""
-    global _answers, _line
+    Where it can't be prepared, it tells why and ends.
+    """
     end_with_parent()
-    line.told.setblocking(False)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; the parent ends its workers
+    mouth = Mouth(line.socket)
     try:
-        _answers, _line = setup(), line
+        answer = setup()
     except GuidefieldError as error:
-        line.told.send(error.message[:LONGEST_REASON].encode())
-        logging.disable()  # the reason is told: pebble would log where in our source it was found
-        raise
+        mouth.tell(UNPREPARED, what=error.message[:LONGEST_REASON].encode())
+        sys.exit(1)
     limit_memory(memory)
+    mouth.tell(READY)
+    with contextlib.suppress(EOFError, ConnectionError):  # the parent has ended
+        while True:
+            number, size = JOB.unpack(_read(line.socket, JOB.size))
+            line.begun.value = number
+            began = time.process_time()
+            kind, what = _outcome(answer, _read(line.socket, size), Call(number, line, mouth))
+            mouth.tell(kind, number, time.process_time() - began, what)
+
+
+def _outcome(answer: Work, job: bytearray, call: Call) -> tuple[int, bytes]:
+    try:
+        found = answer(pickle.loads(job), call)  # noqa: S301 - our own parent's
+    except Exception as error:
+        logging.getLogger(__name__).exception("a job failed in its worker")
+        return FAILED, f"{type(error).__name__}: {error}"[:LONGEST_REASON].encode()
+    if found is None:
+        return SET_BACK, b""
+    is_reply, what = found
+    return REPLY if is_reply else REFUSAL, what
+
+
+def _read(told: socket.socket, size: int) -> bytearray:
+    """The next so many bytes.
+
+    Raises:
+        EOFError: if no more come.
+    """
+    read = bytearray(size)
+    left = memoryview(read)
+    while left:
+        count = told.recv_into(left)
+        if not count:
+            raise EOFError
+        left = left[count:]
+    return read
 
 
 def limit_memory(memory: int) -> None:
@@ -136,11 +206,3 @@ def end_after(sentinel: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     threading.Thread(target=wait, name="guidefield-parent", daemon=True).start()
-
-
-def work(number: int, job: Any) -> Answer | None:
-    """Answer one job, after saying that it is begun; None if it was set back."""
-    assert _answers is not None, "a worker is prepared before it works"
-    assert _line is not None, "a worker is prepared before it works"
-    _line.begun.value = number
-    return _answers(job, Call(number, _line))

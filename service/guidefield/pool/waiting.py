@@ -39,8 +39,6 @@ HELD_UP = 0.4
 """How long a task of a user who has no worker waits before the worker that stands by takes it [s]."""
 TRIAL = 0.4
 """How long that works on a task before another user's may take its place [s]."""
-LOOKED_AFTER = 0.05
-"""How often it is looked for tasks that wait too long [s]."""
 SOONEST, LATEST = 0.1, 30.0
 """When somebody may be told to ask again at the earliest and latest [s]."""
 
@@ -77,6 +75,7 @@ class Task(Future[Answer]):
     Attributes:
         since: When it began to wait, by `time.monotonic()` [s].
         set_back: How often it was begun and gave way to another one.
+        handed: How often it was handed to a worker that ended.
     """
 
     def __init__(
@@ -104,6 +103,7 @@ class Task(Future[Answer]):
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()
         self.set_back = 0
+        self.handed = 0
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class _Line:
 
 
 class Waiting:
-    """The queue; all slots take from it, and say when they are done.
+    """The queue; whoever takes a task from it says when it is done. Safe for threads, and nobody waits in it.
 
     Args:
         limits: How much may wait.
@@ -183,37 +183,36 @@ class Waiting:
         self._usage = Usage()
         self._turns: dict[str, float] = {}
         self._turn = 0.0
-        self._free = 0
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self.closed = False
 
     def __len__(self) -> int:
-        with self._changed:
+        with self._lock:
             return sum(line.count for line in self._lines.values())
 
     def of_user(self, user: str) -> int:
         """How many tasks of a user wait."""
-        with self._changed:
+        with self._lock:
             return self._lines[user].count if user in self._lines else 0
 
     def running(self, user: str) -> int:
         """How many tasks of a user are worked on."""
-        with self._changed:
+        with self._lock:
             return self._running[user]
 
     def users(self) -> set[str]:
         """Who has tasks that wait or are worked on, or had some lately."""
-        with self._changed:
+        with self._lock:
             return {*self._lines, *self._running, *self._usage.users(time.monotonic())}
 
     def used(self, user: str) -> float:
         """Processor seconds that a user got lately, those of longer ago counting less."""
-        with self._changed:
+        with self._lock:
             return self._usage.of(user, time.monotonic())
 
     def retry_after(self, user: str) -> float:
         """When half of what a user has waiting will be done, as far as can be told [s]."""
-        with self._changed:
+        with self._lock:
             return self._retry_after(user)
 
     def put(self, task: Task) -> list[Task]:
@@ -225,7 +224,7 @@ class Waiting:
         Raises:
             ServerBusy: if too much waits already, of all clients or of this one, or the queue is closed.
         """
-        with self._changed:
+        with self._lock:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
             line = self._lines.get(task.asker.user, _Line())
@@ -239,52 +238,44 @@ class Waiting:
                 pushed.append(longest.last())
                 self._remove(pushed[-1])
             self._put(task)
-            self._changed.notify_all()
             return pushed
 
-    def take(self, timeout: float | None) -> Task | None:
-        """The next task; None if there is none within the time [s], or no more at all. `done` says when it is done."""
-        with self._changed:
-            self._free += 1
-            self._changed.wait_for(lambda: self._lines or self.closed, timeout)
-            self._free -= 1
+    def take(self) -> Task | None:
+        """The next task, if there is one. `done` says when it is done."""
+        with self._lock:
             return self._taken_of(min(self._lines, key=self._order)) if self._lines else None
 
-    def take_held_up(self, timeout: float) -> Task | None:
-        """The next task of a user who has no worker, that has waited for `HELD_UP` while none was free.
+    def take_held_up(self, now: float) -> Task | None:
+        """The next task of a user who has no worker, that has waited for `HELD_UP` at a time [s]; if there is one.
 
-        None if there is none within the time [s], or no more at all.
+        To be asked while no other worker is free.
         """
-        until = time.monotonic() + timeout
-        with self._changed:
-            while not self.closed:
-                now = time.monotonic()
-                if (user := self._held_up(now)) is not None:
-                    return self._taken_of(user)
-                if now >= until:
-                    break
-                self._changed.wait(min(LOOKED_AFTER, until - now) if self._lines else until - now)
-            return None
+        with self._lock:
+            user = self._held_up(now)
+            return None if user is None else self._taken_of(user)
 
     def is_held_up(self, worked: float) -> bool:
         """Whether somebody is held up who may take the place of what the worker standing by worked on so long [s]."""
-        with self._changed:
+        with self._lock:
             return self._held_up(time.monotonic(), worked) is not None
 
-    def put_back(self, task: Task) -> bool:
+    def put_back(self, task: Task, *, gave_way: bool = True) -> bool:
         """Let a task that was taken wait again, before all others of its user; False if it was cancelled meanwhile.
+
+        Args:
+            task: It.
+            gave_way: Whether it was begun, and made room for another one.
 
         Raises:
             ServerBusy: if the queue is closed.
         """
-        with self._changed:
+        with self._lock:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
             if task.cancelled_by_client.is_set():
                 return False
-            task.set_back += 1
+            task.set_back += gave_way
             self._come(task.asker.user).put_first(task)
-            self._changed.notify_all()
             return True
 
     def done(self, task: Task, seconds: float, processor: float) -> None:
@@ -295,7 +286,7 @@ class Waiting:
             seconds: How long it took [s].
             processor: How much of the processors it took [s].
         """
-        with self._changed:
+        with self._lock:
             user = task.asker.user
             self._running[user] -= 1
             if not self._running[user]:
@@ -310,7 +301,7 @@ class Waiting:
 
     def take_expired(self, now: float) -> list[Task]:
         """Those tasks whose deadline has passed."""
-        with self._changed:
+        with self._lock:
             expired = [task for task in self._all() if task.deadline is not None and task.deadline.at < now]
             for task in expired:
                 self._remove(task)
@@ -318,7 +309,7 @@ class Waiting:
 
     def withdraw(self, task: Task) -> bool:
         """Whether the task was waiting; it isn't any more."""
-        with self._changed:
+        with self._lock:
             line = self._lines.get(task.asker.user)
             waiting = line is not None and task in line.rows.get(task.asker.client, ())
             if waiting:
@@ -327,11 +318,10 @@ class Waiting:
 
     def close(self) -> list[Task]:
         """Take no more; returns what waited."""
-        with self._changed:
+        with self._lock:
             self.closed = True
             left = list(self._all())
             self._lines.clear()
-            self._changed.notify_all()
             return left
 
     def _require_room_for_client(self, row: deque[Task], task: Task) -> None:
@@ -395,8 +385,6 @@ class Waiting:
 
     def _held_up(self, now: float, worked: float = math.inf) -> str | None:
         """The first user who has no worker and waits for too long, beside what was worked on for so long [s]."""
-        if self._free:
-            return None
         heads = {user: line.next() for user, line in self._lines.items() if not self._running[user]}
         held = [
             user

@@ -23,7 +23,6 @@ from typing import Any
 import zenoh
 import zenoh.ext
 
-from guidefield.endpoint.outbox import Outbox
 from guidefield.endpoint.ros.attachment import Attachment
 from guidefield.endpoint.ros.cdr import Types, Unreadable
 from guidefield.endpoint.ros.engine_door import EngineDoor
@@ -36,6 +35,7 @@ from guidefield.endpoint.ros.services import Answered, Service, Services
 from guidefield.endpoint.ros.strangers import Strangers
 from guidefield.errors import GuidefieldError, unforeseen
 from guidefield.messages.identities import Asker
+from guidefield.pool.outbox import Outbox
 
 _log = logging.getLogger(__name__)
 

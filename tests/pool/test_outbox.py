@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from guidefield.endpoint import outbox as rooms
-from guidefield.endpoint.outbox import Outbox
 from guidefield.messages.identities import Asker
+from guidefield.pool import outbox as rooms
+from guidefield.pool.outbox import Outbox
 from tests.journeys.service import await_that
 
 PATIENCE = 60.0

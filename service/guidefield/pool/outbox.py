@@ -5,6 +5,9 @@ takes nothing more. So answers are given by threads that do nothing else. Those 
 other; a client that doesn't read keeps one thread, until Zenoh ends its link. Of a client without a name each answer
 counts as one's. What waits is bounded, for each client, each user and all.
 One user has at most half of the threads and of the room.
+
+The same threads attend to where answers come from, one at a time: what comes to be sent meanwhile, that one sends, and
+another one takes its place.
 """
 
 from __future__ import annotations
@@ -40,6 +43,10 @@ class _Letter:
     send: Callable[[], None]
 
 
+_POLL = object(), _Letter(0, lambda: None)
+"""In place of an answer to send: that it is a thread's turn to poll."""
+
+
 @dataclass
 class _Lane:
     """What waits for one client; whether one of it is being sent."""
@@ -64,9 +71,16 @@ class _Share:
 
 
 class Outbox:
-    """Sends answers in threads of its own."""
+    """Sends answers in threads of its own.
 
-    def __init__(self) -> None:
+    Args:
+        poll: Waits until some answers have come, and posts them; called again and again, by one thread at a time.
+    """
+
+    def __init__(self, poll: Callable[[], None] | None = None) -> None:
+        self._poll = poll
+        self._polls = False
+        self._polling: int | None = None
         self._lanes: dict[object, _Lane] = {}
         self._shares: dict[str, _Share] = {}
         self._ready: OrderedDict[str, deque[object]] = OrderedDict()
@@ -108,6 +122,19 @@ class Outbox:
                 self._be_ready(asker.user, key)
             return True
 
+    def begin_polling(self) -> None:
+        """Have a thread poll, from now on."""
+        with self._lock:
+            if self._poll is not None and not self._polls:
+                self._polls = True
+                self._have_taken()
+
+    def end_polling(self, wake: Callable[[], None]) -> None:
+        """Have no thread poll any more; `wake` ends the wait of the one that does."""
+        with self._lock:
+            self._polls = False
+        wake()
+
     def close(self, within: float) -> None:
         """Send what waits, for so long [s]; then leave it."""
         deadline = time.monotonic() + within
@@ -124,6 +151,10 @@ class Outbox:
         One is woken, not all: where a hundred idled, they took longer to find nothing than an answer took.
         """
         self._ready.setdefault(user, deque()).append(key)
+        if self._polling != threading.get_ident():  # that one looks when it has polled
+            self._have_taken()
+
+    def _have_taken(self) -> None:
         if self._idle:
             self._sendable_now.notify()
         else:
@@ -136,6 +167,9 @@ class Outbox:
 
     def _send_all(self) -> None:
         while (taken := self._next()) is not None:
+            if taken is _POLL:
+                self._poll_once()
+                continue
             key, letter = taken
             try:
                 letter.send()
@@ -143,16 +177,28 @@ class Outbox:
                 _log.exception("an answer could not be sent")
             self._sent(key, letter)
 
+    def _poll_once(self) -> None:
+        assert self._poll is not None, "there is something to poll"
+        try:
+            self._poll()
+        except Exception:
+            _log.exception("answers could not be taken")
+        with self._lock:
+            self._polling = None
+
     def _next(self) -> tuple[object, _Letter] | None:
-        """The next answer to send; None where there was none for a while, or nothing more is to be sent."""
+        """The next answer to send, or `_POLL`; None where there was neither for a while, or nothing is to be sent."""
         with self._lock:
             self._idle += 1
-            found = self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
+            found = self._sendable_now.wait_for(self._has_work, IDLE)
             self._idle -= 1
             user = self._sendable()
-            if not found or self._closed or user is None:
+            if not found or self._closed or (user is None and not self._is_unpolled()):
                 self._threads -= 1
                 return None
+            if user is None:
+                self._polling = threading.get_ident()
+                return _POLL
             keys = self._ready.pop(user)
             key = keys.popleft()
             if keys:
@@ -160,9 +206,15 @@ class Outbox:
             self._shares[user].threads += 1
             lane = self._lanes[key]
             lane.busy = True
-            if not self._idle and self._sendable() is not None:
-                self._start_thread()  # it was told of more than it takes, and may be kept by whoever doesn't read
+            if self._is_unpolled() or (not self._idle and self._sendable() is not None):
+                self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
             return key, lane.letters.popleft()
+
+    def _has_work(self) -> bool:
+        return self._closed or self._sendable() is not None or self._is_unpolled()
+
+    def _is_unpolled(self) -> bool:
+        return self._polls and self._polling is None
 
     def _sendable(self) -> str | None:
         """The first user to whose clients something may be sent: one that doesn't have too many threads."""
