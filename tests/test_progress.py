@@ -12,6 +12,7 @@ from guidefield.collision.world import World
 from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.messages.replies import PlanReply, Progress
+from guidefield.progress import ProgressTold
 
 REQUEST = msgspec.structs.replace(REQUESTS["demo-guide-planes"][1], run_id="watched")
 
@@ -19,10 +20,13 @@ REQUEST = msgspec.structs.replace(REQUESTS["demo-guide-planes"][1], run_id="watc
 class _Watcher:
     """Keeps what it hears; ends the run at a stage."""
 
-    def __init__(self, end_at: str | None = None) -> None:
+    def __init__(self, end_at: str | None = None, *, listens: bool = True) -> None:
         self.heard: list[Progress] = []
-        self._end_at = end_at
+        self._end_at, self._listens = end_at, listens
         self.prepared = False
+
+    def is_listened_to(self) -> bool:
+        return self._listens
 
     def tell(self, what: bytes) -> None:
         self.heard.append(msgspec.json.decode(what, type=Progress))
@@ -55,6 +59,16 @@ def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:
     assert told == list(dict.fromkeys(stage.name for stage in watched.stages))
     assert [progress.elapsed for progress in watcher.heard] == sorted(progress.elapsed for progress in watcher.heard)
     assert watcher.heard[-1].elapsed <= watched.timing.total
+
+
+def test_nothing_is_measured_for_progress_that_nobody_hears(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[object] = []
+    monkeypatch.setattr(ProgressTold, "_measure", measured.append)
+    watcher = _Watcher(listens=False)
+    _planned(engine, watcher)
+    assert watcher.prepared
+    assert not watcher.heard
+    assert not measured
 
 
 def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:

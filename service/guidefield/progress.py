@@ -26,6 +26,9 @@ class Watcher(Protocol):
     def cancelled(self) -> bool:
         """Whether it is to end early."""
 
+    def is_listened_to(self) -> bool:
+        """Whether anybody hears how far it is; else nothing is measured for that."""
+
     def tell(self, what: bytes) -> None:
         """Hear how far it is: a Progress message as JSON."""
 
@@ -92,8 +95,10 @@ class ProgressTold:
             self._tell()
 
     def _tell(self) -> None:
-        self._measure()
         self._told = time.monotonic()
+        if not self._watcher.is_listened_to():
+            return
+        self._measure()
         told = Progress(
             run_id=self._run_id,
             stage=self._stage,

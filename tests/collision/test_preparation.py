@@ -33,6 +33,9 @@ class Heard:
     def be_prepared(self) -> None:
         """Nothing hangs on it."""
 
+    def is_listened_to(self) -> bool:
+        return True
+
     def cancelled(self) -> bool:
         return False
 

@@ -153,7 +153,14 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         _prepare(runs, announce)
         engines = setup.engines(runs)
         limits = limits_of(settings.queue_limit)
-        pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
+        progress = session.declare_publisher(f"guidefield/{settings.instance}/**/runs/*/progress")
+        pool = Pool(
+            setup,
+            workers=settings.workers,
+            limits=limits,
+            memory=settings.memory,
+            is_listened_to=lambda: progress.matching_status.matching,
+        )
         publish = partial(_publish, session)
         rules = Rules(
             limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY

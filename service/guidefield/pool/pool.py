@@ -71,6 +71,7 @@ class Pool:
         workers: How many.
         limits: How much may wait.
         memory: A worker that takes more is stopped [bytes].
+        is_listened_to: Whether anybody hears what workers tell while they work; quick to ask.
 
     Attributes:
         outbox: Sends answers; its threads attend to the workers.
@@ -79,9 +80,16 @@ class Pool:
     """
 
     def __init__(
-        self, setup: Setup, *, workers: int, limits: Limits = DEFAULT_LIMITS, memory: int = DEFAULT_MEMORY
+        self,
+        setup: Setup,
+        *,
+        workers: int,
+        limits: Limits = DEFAULT_LIMITS,
+        memory: int = DEFAULT_MEMORY,
+        is_listened_to: Callable[[], bool] = lambda: False,
     ) -> None:
         self._setup, self._memory = setup, memory
+        self._is_listened_to = is_listened_to
         self.waiting = Waiting(limits)
         self._slots = [Slot() for _ in range(workers)]
         self._standing_by = Slot()
@@ -142,10 +150,6 @@ class Pool:
         """Have one more worker for users whom others hold up; once is enough, and a pool that is closed has none."""
         if self._standing_by.is_empty and self._standing_by.start_at is None:
             self._start(self._standing_by)
-
-    def listen(self, listened: bool) -> None:
-        """Let workers know whether anybody hears how far they are."""
-        self._listened.value = listened
 
     def submit(self, task: Task) -> Task:
         """Have a task done; its job must pickle.
@@ -358,6 +362,8 @@ class Pool:
         return worker.current
 
     def _give(self, given: _Given) -> None:
+        if given:
+            self._listened.value = self._is_listened_to()
         for worker, current in given:
             try:
                 current.task.begin()
@@ -432,6 +438,7 @@ class Pool:
 
     def _look_after(self, now: float) -> None:
         """Do what is due by the clock."""
+        self._listened.value = self._is_listened_to()
         for task in self.waiting.take_expired(now):
             assert task.deadline is not None, "only tasks with a deadline expire"
             task.set_result(task.deadline.answer())
