@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -135,3 +137,53 @@ def test_an_end_waits_for_answers_and_not_for_ever() -> None:
     assert quick.post(Asker(client="quick"), 1, sent.set)
     quick.close(PATIENCE)
     assert sent.is_set()
+
+
+class _Source:
+    """Where answers come from: posts what it is given, in the thread that polls."""
+
+    def __init__(self) -> None:
+        self.box = Outbox(self._poll)
+        self.threads: list[int] = []
+        self._come: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.box.begin_polling()
+
+    def have_posted(self, asker: Asker, send: Callable[[], None]) -> None:
+        self._come.put(lambda: self._post(asker, send))
+
+    def _post(self, asker: Asker, send: Callable[[], None]) -> None:
+        self.threads.append(threading.get_ident())
+        assert self.box.post(asker, 1, send)
+
+    def _poll(self) -> None:
+        with contextlib.suppress(queue.Empty):
+            self._come.get(timeout=0.05)()
+
+    def close(self) -> None:
+        self.box.end_polling(lambda: None)
+        self.box.close(PATIENCE)
+
+
+def test_who_polls_sends_what_has_come() -> None:
+    source, senders = _Source(), queue.SimpleQueue[int]()
+    for _ in range(20):
+        source.have_posted(Asker(client="a"), lambda: senders.put(threading.get_ident()))
+    sent = [senders.get(timeout=PATIENCE) for _ in range(20)]
+    assert sent == source.threads
+    source.close()
+
+
+@pytest.mark.parametrize("name", ["greedy", ""])
+def test_answers_come_while_who_polled_is_kept_by_one_that_does_not_read(name: str) -> None:
+    source, stopped, healthy = _Source(), _Reader(), _Reader()
+    healthy.reads.set()
+    for number in range(3):
+        source.have_posted(Asker(client=name), lambda number=number: stopped.take(number))
+    for number in range(20):
+        source.have_posted(Asker(client="healthy"), lambda number=number: healthy.take(number))
+    healthy.await_all(20)
+    assert not stopped.taken
+    assert len(set(source.threads)) > 1
+    stopped.reads.set()
+    stopped.await_all(3)
+    source.close()

@@ -38,6 +38,8 @@ class Quota(Message):
                 raise ValueError(f"`{name}` must be a finite number, got {value}")
 
 
+OF_ALL = Quota(per_second=5_000.0)
+"""Of whoever asks on keys without a user, which may be everybody: more than a service on two processors answers."""
 OF_USERS = Quota(payload_per_second=16 * 2**20, bytes=4 * 2**30)
 
 
@@ -50,7 +52,7 @@ class Quotas(Message):
         users: Of those that are.
     """
 
-    plain: Quota = Quota()
+    plain: Quota = OF_ALL
     default: Quota = OF_USERS
     users: dict[str, Quota] = {}
     schema: int = 1

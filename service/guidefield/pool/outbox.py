@@ -6,8 +6,9 @@ other; a client that doesn't read keeps one thread, until Zenoh ends its link. O
 counts as one's. What waits is bounded, for each client, each user and all.
 One user has at most half of the threads and of the room.
 
-The same threads attend to where answers come from, one at a time: what comes to be sent meanwhile, that one sends, and
-another one takes its place.
+The same threads attend to where answers come from, one at a time. That one sends what has come by itself: to wake
+another thread for it takes longer than to send it. Where sending takes long after all, another one takes its place, and
+for a while nothing is sent to that user by whoever attends.
 """
 
 from __future__ import annotations
@@ -31,6 +32,12 @@ MOST_LETTERS = 10_000
 """How many answers may wait."""
 OF_USER = 0.5
 """Which share of the threads, bytes and answers one user may have."""
+STALLED = 0.02
+"""An answer that takes longer to send is no longer waited for by whoever attends to others [s]."""
+SLOW_FOR = 5.0
+"""How long answers to a user are left to other threads after that [s]."""
+WATCHED_FOR = 1.0
+"""How long after an answer it is still watched whether another one takes long [s]: nobody has to be woken for it."""
 IDLE = 10.0
 """A thread that has had nothing to send for so long ends [s]."""
 
@@ -81,6 +88,10 @@ class Outbox:
         self._poll = poll
         self._polls = False
         self._polling: int | None = None
+        self._sending: tuple[str, float] | None = None
+        self._slow: dict[str, float] = {}
+        self._sent_at = 0.0
+        self._watched = threading.Event()
         self._lanes: dict[object, _Lane] = {}
         self._shares: dict[str, _Share] = {}
         self._ready: OrderedDict[str, deque[object]] = OrderedDict()
@@ -128,6 +139,7 @@ class Outbox:
             if self._poll is not None and not self._polls:
                 self._polls = True
                 self._have_taken()
+                threading.Thread(target=self._watch, name="guidefield-outbox-watch", daemon=True).start()
 
     def end_polling(self, wake: Callable[[], None]) -> None:
         """Have no thread poll any more; `wake` ends the wait of the one that does."""
@@ -144,6 +156,7 @@ class Outbox:
                 _log.warning("%d answers were not read and are left behind", self._count)
             self._closed = True
             self._sendable_now.notify_all()
+        self._watched.set()
 
     def _be_ready(self, user: str, key: object) -> None:
         """Something may be sent to a client: have a thread do it, one that idles or a new one.
@@ -183,32 +196,63 @@ class Outbox:
             self._poll()
         except Exception:
             _log.exception("answers could not be taken")
-        with self._lock:
-            self._polling = None
 
     def _next(self) -> tuple[object, _Letter] | None:
         """The next answer to send, or `_POLL`; None where there was neither for a while, or nothing is to be sent."""
         with self._lock:
-            self._idle += 1
-            found = self._sendable_now.wait_for(self._has_work, IDLE)
-            self._idle -= 1
+            polls = self._polling == threading.get_ident()
+            if polls and not self._polls:
+                self._polling, polls = None, False
+            if not polls:
+                self._idle += 1
+                found = self._sendable_now.wait_for(self._has_work, IDLE)
+                self._idle -= 1
+                if not found:
+                    self._threads -= 1
+                    return None
             user = self._sendable()
-            if not found or self._closed or (user is None and not self._is_unpolled()):
+            if self._closed or (user is None and not polls and not self._is_unpolled()):
                 self._threads -= 1
                 return None
             if user is None:
                 self._polling = threading.get_ident()
                 return _POLL
-            keys = self._ready.pop(user)
-            key = keys.popleft()
-            if keys:
-                self._ready[user] = keys  # at the end: every other user comes first
-            self._shares[user].threads += 1
-            lane = self._lanes[key]
-            lane.busy = True
-            if self._is_unpolled() or (not self._idle and self._sendable() is not None):
-                self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
+            return self._taken_of(user, polls=polls)
+
+    def _taken_of(self, user: str, *, polls: bool) -> tuple[object, _Letter]:
+        """An answer to a user, which this thread will send; whether that one also `polls`."""
+        keys = self._ready.pop(user)
+        key = keys.popleft()
+        if keys:
+            self._ready[user] = keys  # at the end: every other user comes first
+        self._shares[user].threads += 1
+        lane = self._lanes[key]
+        lane.busy = True
+        if polls and self._slow.get(user, 0.0) < (now := time.monotonic()):
+            self._sending, self._sent_at = (user, now), now
+            if not self._watched.is_set():
+                self._watched.set()
             return key, lane.letters.popleft()
+        if polls:
+            self._polling = None
+        if self._is_unpolled() or (not self._idle and self._sendable() is not None):
+            self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
+        return key, lane.letters.popleft()
+
+    def _watch(self) -> None:
+        """Have another thread poll where the one that does takes long to send something."""
+        while not self._closed:
+            self._watched.wait()
+            time.sleep(STALLED)
+            with self._lock:
+                now = time.monotonic()
+                if self._sending is not None and now - self._sending[1] > STALLED:
+                    user, self._sending, self._polling = self._sending[0], None, None
+                    self._slow = {name: until for name, until in self._slow.items() if until > now}
+                    self._slow[user] = now + SLOW_FOR
+                    self._have_taken()
+                elif self._sending is None and now - self._sent_at > WATCHED_FOR and not self._closed:
+                    self._watched.clear()
 
     def _has_work(self) -> bool:
         return self._closed or self._sendable() is not None or self._is_unpolled()
@@ -223,6 +267,8 @@ class Outbox:
 
     def _sent(self, key: object, letter: _Letter) -> None:
         with self._lock:
+            if self._polling == threading.get_ident():
+                self._sending = None
             lane = self._lanes[key]
             lane.busy = False
             lane.size -= letter.size
