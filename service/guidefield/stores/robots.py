@@ -94,7 +94,8 @@ class RobotStore:
             MalformedRequest: if the name can't be a file's.
             RobotInvalid: if a file of it is damaged.
         """
-        content = read_if_any(self._path(name))
+        path = self._path(name)
+        content = None if name in library.entries() else read_if_any(path)  # what comes with the package isn't stored
         return None if content is None else self._read(name, content.decode(errors="replace"))
 
     def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
