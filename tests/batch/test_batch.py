@@ -12,11 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 import guidefield
 from guidefield.batch.cluster import _why
 from guidefield.batch.request_file import Item
 from guidefield.batch.results import RESULTS
+from guidefield.cli import app
+from guidefield.recorder.reading import read_recording
+from guidefield.stores.recordings import Recordings
 
 BALL = {"name": "ball", "obstacles": [{"type": "sphere", "name": "s", "radius": 0.1}]}
 PLAN = {
@@ -38,8 +42,8 @@ def _written(path: Path, requests: list[dict[str, Any]]) -> Path:
     return path
 
 
-def _command(requests: Path, folder: Path) -> list[str]:
-    return [sys.executable, "-m", "guidefield", "batch", str(requests), "-o", str(folder), "--workers", "1"]
+def _command(requests: Path, folder: Path, *options: str) -> list[str]:
+    return [sys.executable, "-m", "guidefield", "batch", str(requests), "-o", str(folder), "--workers", "1", *options]
 
 
 def _results(folder: Path) -> dict[int, dict[str, Any]]:
@@ -72,10 +76,28 @@ def test_a_batch_is_killed_taken_up_and_finished(tmp_path: Path) -> None:
     for number in (0, 7, 399):
         reply = guidefield.answer(_potential(number))
         assert found[number + 2]["reply"]["potential"] == reply.potential  # type: ignore[attr-defined]
+    assert {path.name for path in folder.iterdir()} == {RESULTS, "recordings"}
     before = (folder / RESULTS).read_bytes()
     third = subprocess.run(_command(requests, folder), check=False, capture_output=True, timeout=PATIENCE)
     assert third.returncode == 2
     assert (folder / RESULTS).read_bytes() == before, "there was nothing left to do"
+
+
+def test_recordings_of_a_batch_are_rendered_when_it_is_asked_for(tmp_path: Path) -> None:
+    requests, folder = _written(tmp_path / "requests.jsonl", [PLAN, PLAN]), tmp_path / "out"
+    recordings = Recordings(folder / "recordings")
+    first = subprocess.run(_command(requests, folder, "--no-render"), check=True, capture_output=True, timeout=PATIENCE)
+    assert b"2 SUCCESS" in first.stderr
+    assert sorted(recordings.owed()) == ["1", "2"]
+    (folder / "recordings" / "2.log").write_bytes(b"damaged")
+    said = CliRunner().invoke(app, ["runs", "render", str(folder)])
+    assert (said.exit_code, said.stdout) == (1, "1 rendered, 1 lost\n")
+    assert {path.name for path in recordings.folder.iterdir()} == {"1.rrd", "2.lost"}
+    assert read_recording(recordings.path("1")).reply.recording == str(recordings.path("1"))
+    recordings.owe("1", b"damaged", ())
+    again = subprocess.run(_command(requests, folder), check=True, capture_output=True, timeout=PATIENCE)
+    assert b"recorded" in again.stderr
+    assert {path.name for path in recordings.folder.iterdir()} == {"1.lost", "2.lost"}, "a finished batch renders, too"
 
 
 def test_a_cluster_that_loses_a_node_answers_all(tmp_path: Path) -> None:

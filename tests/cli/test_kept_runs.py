@@ -15,14 +15,16 @@ from typer.testing import CliRunner
 from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
 from guidefield.cli.comparison import differing, largest_step, motion_hash
-from guidefield.cli.found_run import find_plan
+from guidefield.cli.found_run import find_plan, find_run
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Scene, Sphere
+from guidefield.recorder.reading import read_recording
 from guidefield.stores.runs import RunDatabase
+from guidefield.versions import versions
 from tests.kept_runs import begin, keep
 from tests.replies import plan_reply
 
@@ -33,6 +35,7 @@ REQUEST = PlanRequest(
     allowed_planning_time=60.0,
     recording="off",
 )
+RECORDED = msgspec.structs.replace(REQUEST, recording="summary")
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +100,31 @@ def test_a_long_list_is_printed_page_by_page(data: Path, monkeypatch: pytest.Mon
     assert sum("panda" in line for line in lines) == 5
     lines = _said(0, "runs", "list", "--data", str(data), "--limit", "3").splitlines()
     assert sum("panda" in line for line in lines) == 3
+
+
+def test_recordings_that_are_owed_are_rendered_when_they_are_asked_for(tmp_path: Path) -> None:
+    database = RunDatabase(tmp_path)
+    for owner, run_id in ((PLAIN, "r1"), (PLAIN, "r2"), ("alice", "a1")):
+        engine = Engine(recordings=database.recordings(owner))
+        keep(database, run_id, engine.answer(msgspec.structs.replace(RECORDED, run_id=run_id)), RECORDED, owner=owner)
+    database.close()
+    given = ("--data", str(tmp_path))
+    assert _said(0, "runs", "list", *given).count(" owed") == 3
+    assert find_run("r1", tmp_path, "local").versions == versions()
+    _said(0, "runs", "export", "r1", str(tmp_path / "r1.rrd"), *given)
+    assert read_recording(tmp_path / "r1.rrd").reply.run_id == "r1"
+    assert {
+        run["run_id"]: run["recording"] for run in json.loads(_said(0, "runs", "list", "--json", *given))["runs"]
+    } == {
+        "alice:a1": "owed",
+        "r2": "owed",
+        "r1": "rendered",
+    }
+    assert _said(0, "runs", "render", *given) == "2 rendered\n"
+    assert _said(0, "runs", "render", *given) == "0 rendered\n"
+    assert " owed" not in _said(0, "runs", "list", *given)
+    assert (tmp_path / "users" / "alice" / "recordings" / "a1.rrd").is_file()
+    assert "no service has kept runs" in _said(2, "runs", "render", "--data", str(tmp_path / "none"))
 
 
 def test_another_users_run_is_named_with_its_owner(data: Path, tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.system import usable_processors
 
 GIB = 2**30
-SERVICE_TAKES = 256 * 2**20
-"""The service's own process: 90 MiB were measured, and answers that wait take some [bytes]."""
+SERVICE_TAKES = 704 * 2**20
+"""The service's own process, and the one that renders recordings: 110 and 410 MiB were measured [bytes]."""
 WORKER_TAKES = 768 * 2**20
 """A worker: 420 MiB were measured of a fresh one, 500 MiB after plans for two arms of meshes [bytes]."""
 

@@ -1,0 +1,133 @@
+"""The process that renders recordings: the newest first, again when it dies, given up where that doesn't help."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from guidefield import renderer as module
+from guidefield.engine import Engine
+from guidefield.engines import Engines
+from guidefield.messages.identities import PLAIN
+from guidefield.messages.requests import JointsGoal, PlanRequest
+from guidefield.pool.pool import DEFAULT_MEMORY
+from guidefield.renderer import MAX_ATTEMPTS, Renderer
+from guidefield.stores.recordings import Recordings
+from guidefield.stores.runs import RunDatabase
+from guidefield.worker import EngineSetup
+
+PATIENCE = 300.0
+PLAN = PlanRequest("ur5", "table", JointsGoal({"elbow_joint": 1.2}), guide_planes=[], recording="summary")
+
+
+class Dying(EngineSetup):
+    """Prepares no engines."""
+
+    def engines(self, _database: RunDatabase | None = None) -> Engines:
+        os._exit(3)
+
+
+class Refusing(EngineSetup):
+    """Prepares engines that can't write until there is room."""
+
+    def engines(self, database: RunDatabase | None = None) -> Engines:
+        engines, render, data = super().engines(database), Engines.render, self.data
+
+        def refuse(owner: str, run_id: str) -> None:
+            if not (data / "room").exists():
+                raise OSError(28, "No space left on device")
+            render(engines, owner, run_id)
+
+        engines.render = refuse  # type: ignore[method-assign]
+        return engines
+
+
+@dataclass
+class Rendering:
+    """A renderer of three runs, the newest of which is `r2`, and those that it is done with."""
+
+    renderer: Renderer
+    recordings: Recordings
+    done: list[str] = field(default_factory=list)
+
+    def await_that(self, so: Callable[[], bool]) -> None:
+        until = time.monotonic() + PATIENCE
+        while not so():
+            assert time.monotonic() < until
+            process = self.renderer._process
+            if process is not None and process.pid is not None:  # a busy machine leaves it no processor
+                with contextlib.suppress(OSError):
+                    os.sched_setscheduler(process.pid, os.SCHED_OTHER, os.sched_param(0))
+            time.sleep(0.01)
+
+    def kinds(self) -> set[str]:
+        return {self.recordings.kept(f"r{number}").kind for number in range(3)}
+
+
+@pytest.fixture
+def rendering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Rendering]]:
+    monkeypatch.setattr(module, "RETRY_INTERVAL_S", 0.1)
+    database, made = RunDatabase(tmp_path), list[Rendering]()
+
+    def make(setup: type[EngineSetup], memory: int = DEFAULT_MEMORY) -> Rendering:
+        engine = Engine(recordings=database.recordings(PLAIN))
+        done: list[str] = []
+        renderer = Renderer(
+            setup("local", tmp_path), memory, database.recordings, lambda _, run_id: done.append(run_id)
+        )
+        made.append(Rendering(renderer, database.recordings(PLAIN), done))
+        for number in range(3):
+            engine.answer(msgspec.structs.replace(PLAN, run_id=f"r{number}"))
+            renderer.add(PLAIN, f"r{number}")
+        renderer.start()
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.renderer.close()
+    database.close()
+
+
+def test_the_newest_come_first_and_a_killed_process_is_started_again(rendering: Callable[..., Rendering]) -> None:
+    asked = rendering(EngineSetup)
+    asked.await_that(lambda: asked.done == ["r2"])
+    assert asked.renderer._process is not None
+    assert asked.renderer._process.pid is not None
+    os.kill(asked.renderer._process.pid, signal.SIGKILL)
+    asked.await_that(lambda: len(asked.done) == 3)
+    assert asked.kinds() == {"rendered"}
+    assert asked.renderer.memory > 0
+    asked.renderer.close()
+    assert asked.renderer.memory == 0
+
+
+def test_what_ends_its_process_again_and_again_is_given_up(rendering: Callable[..., Rendering]) -> None:
+    asked = rendering(Dying)
+    asked.await_that(lambda: len(asked.done) == 3)
+    assert asked.kinds() == {"lost"}
+    told = (asked.recordings.folder / "r0.lost").read_text()
+    assert told == f"it can't be rendered: the process that rendered it died with code 3, {MAX_ATTEMPTS} times"
+
+
+def test_what_takes_too_much_memory_is_given_up(rendering: Callable[..., Rendering]) -> None:
+    asked = rendering(EngineSetup, memory=1 << 20)
+    asked.await_that(lambda: len(asked.done) == 3)
+    assert asked.kinds() == {"lost"}
+    assert "takes more than 1 MiB of memory" in (asked.recordings.folder / "r2.lost").read_text()
+
+
+def test_a_disk_that_refuses_is_asked_again(rendering: Callable[..., Rendering], tmp_path: Path, caplog) -> None:
+    asked = rendering(Refusing)
+    asked.await_that(lambda: caplog.text.count("is tried again: No space left on device") > 3)
+    assert asked.kinds() == {"owed"}
+    (tmp_path / "room").touch()
+    asked.await_that(lambda: len(asked.done) == 3)
+    assert asked.kinds() == {"rendered"}
