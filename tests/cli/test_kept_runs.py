@@ -120,11 +120,10 @@ def test_recordings_that_are_owed_are_rendered_when_they_are_asked_for(tmp_path:
         "r2": "owed",
         "r1": "rendered",
     }
-    assert _said(0, "runs", "render", *given) == "2 rendered\n"
-    assert _said(0, "runs", "render", *given) == "0 rendered\n"
+    assert _said(0, "runs", "render", *given).endswith("2 rendered\n")
+    assert _said(0, "runs", "render", *given).endswith("0 rendered\n")
     assert " owed" not in _said(0, "runs", "list", *given)
     assert (tmp_path / "users" / "alice" / "recordings" / "a1.rrd").is_file()
-    assert "no service has kept runs" in _said(2, "runs", "render", "--data", str(tmp_path / "none"))
 
 
 def test_another_users_run_is_named_with_its_owner(data: Path, tmp_path: Path) -> None:

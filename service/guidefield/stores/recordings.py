@@ -141,7 +141,7 @@ class Recordings:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            for ending in (RECORDING, LOST, SCENE, ROBOT):  # of an earlier run of that name
+            for ending in (RECORDING, LOST, SCENE, ROBOT, SCENE_LINK):  # of an earlier run of that name
                 self.file(run_id, ending).unlink(missing_ok=True)
             for one in shared:
                 self._hold(self.file(run_id, one.ending), one)
@@ -197,6 +197,9 @@ class Recordings:
             for link in self.folder.glob(f"*{ending}"):
                 if not link.with_suffix(LOG).exists():
                     link.unlink(missing_ok=True)
+        for link in self.folder.glob(f"*{SCENE_LINK}"):
+            if not link.with_suffix(RECORDING).exists():
+                link.unlink(missing_ok=True)
         self.sweep_shared(unused=0.0)
         with contextlib.suppress(OSError):  # it isn't empty, or there is none
             self.shared_folder.rmdir()
