@@ -18,15 +18,19 @@ from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
-from guidefield.scene.field_in_time import Origin, field_of_movers, single_tables
+from guidefield.scene.field_in_time import Origin, coarse_tables, field_of_movers, single_tables
 from guidefield.scene.scene import Scene
 
 
 class Precision(Enum):
-    """Of the field on a robot: single takes half the time, and is good to about 1e-5 a few millimetres from a wall."""
+    """Of the field on a robot: single takes half the time, and is good to about 1e-5 a few millimetres from a wall.
+
+    Coarse is single precision with expansions for all that is far away, good to a few thousandths: for pictures.
+    """
 
     DOUBLE = "double"
     SINGLE = "single"
+    COARSE = "coarse"
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +155,7 @@ class RobotField:
 
 
 def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | None, qs: Configurations) -> np.ndarray:
-    """Return U at configurations of several times, in single precision.
+    """Return U at configurations of several times, good to a few thousandths.
 
     Args:
         group: The robot, reduced to what moves.
@@ -162,7 +166,7 @@ def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | N
     Returns:
         Shape (n,) [m].
     """
-    values = RobotField(group, scene.resting, Precision.SINGLE).potentials(qs)
+    values = RobotField(group, scene.resting, Precision.COARSE).potentials(qs)
     if scene.moves:
         charges = moving_charges(group)
         values += field_of_movers(scene, charges.placed(qs), times)[0] @ charges.weights
@@ -209,14 +213,10 @@ def origin_of(group: PlanningGroup) -> Origin:
     return x, y, z
 
 
-def _single(group: PlanningGroup, scene: Scene) -> FieldTables:
-    """The scene's field in single precision about the robot's first joint."""
-    return single_tables(scene, origin_of(group))
-
-
 _TABLES: dict[Precision, Callable[[PlanningGroup, Scene], FieldTables]] = {
     Precision.DOUBLE: lambda _, scene: scene.tables,
-    Precision.SINGLE: _single,
+    Precision.SINGLE: lambda group, scene: single_tables(scene, origin_of(group)),
+    Precision.COARSE: lambda group, scene: coarse_tables(scene, origin_of(group)),
 }
 
 

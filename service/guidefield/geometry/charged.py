@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,18 +12,25 @@ from guidefield.geometry.surfaces import Integers
 from guidefield.kernels.field.box import FAR
 from guidefield.kernels.field.faces import (
     AFTER,
+    BOXES,
+    CAPSULES,
     EDGES,
     FIRST_QUAD,
     FIRST_TRIANGLE,
     FIRST_VERTEX,
     FLATTENED,
+    FORM,
     HALF_ROWS,
     LENGTH,
     LINK_COLUMNS,
     LONGEST,
     ORDINARY,
+    PAST_ROW,
     PAST_VERTEX,
+    PLANES,
+    POINTS,
     QUADRUPLE,
+    SPHERES,
     SQUARED,
     TAU,
     THIRD,
@@ -106,6 +114,8 @@ def field_tables(
             raise ValueError(f"`{name}` must have unit normals")
     points[:, SOFTENING] **= 2
     faces = _faces(corners, charge, owners, fours, four_charge, opening)
+    counts = {BOXES: len(crates), SPHERES: len(balls), CAPSULES: len(pills), PLANES: len(walls), POINTS: len(points)}
+    faces = faces | with_leaves(faces["nodes"], faces["links"], faces["reach"], counts)
     return FieldTables(
         origin=frozen(np.zeros(3)),
         boxes=frozen(_box_rows(crates)),
@@ -115,6 +125,19 @@ def field_tables(
         cloud=frozen(points),
         **{name: frozen(array) for name, array in faces.items()},
     )
+
+
+def with_leaves(nodes: Floats, links: Integers, reach: Floats, counts: Mapping[int, int]) -> dict[str, np.ndarray]:
+    """Return nodes, links and reach of trees and, behind them, of a leaf for all closed forms of each kind."""
+    kinds = [(form, count) for form, count in counts.items() if count]
+    added = np.zeros((len(kinds), LINK_COLUMNS), np.int64)
+    added[:, AFTER] = len(links) + 1 + np.arange(len(kinds))
+    added[:, [FORM, PAST_ROW]] = np.array(kinds, np.int64).reshape(-1, 2)
+    return {
+        "nodes": np.concatenate([nodes, np.zeros((len(kinds), NODE_COLUMNS))]),
+        "links": np.concatenate([links, added]),
+        "reach": np.concatenate([reach, np.full(len(kinds), np.inf)]),
+    }
 
 
 def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:

@@ -151,7 +151,7 @@ def _fields(message: msgspec.Struct) -> dict[str, Any]:
 
 def _readable_list(values: list[Any], indent: int) -> str:
     inner = " " * (indent + 2)
-    if not any(isinstance(one, dict | list | tuple) for one in values) or len(values) <= 2:
+    if len(values) <= 2 or not any(isinstance(one, dict | list | tuple | msgspec.Struct) for one in values):
         line = "[" + ", ".join(readable(one, indent + 2) for one in values) + "]"
         if len(line) <= WIDTH and "\n" not in line:
             return line

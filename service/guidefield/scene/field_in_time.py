@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from guidefield.geometry.far_tree import with_far_trees
 from guidefield.kept import kept_with
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import FieldTables, single_precision
@@ -20,10 +21,16 @@ def single_tables(scene: Scene, origin: Origin) -> FieldTables:
     return single_precision(scene.tables, np.array(origin))
 
 
+@kept_with
+def coarse_tables(scene: Scene, origin: Origin) -> FieldTables:
+    """Return the same with expansions for all that is far away, for pictures: see `with_far_trees`."""
+    return single_precision(with_far_trees(scene.tables), np.array(origin))
+
+
 def field_in_time(
     scene: Scene, points: np.ndarray, times: np.ndarray | None, origin: Origin
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the field at points of several times, in single precision.
+    """Return the field at points of several times, good to a few thousandths.
 
     Args:
         scene: What is charged.
@@ -34,7 +41,7 @@ def field_in_time(
     Returns:
         Potential [1/m], shape (n, p), and its gradient [1/m^2], shape (n, p, 3).
     """
-    field = field_at_points(single_tables(scene.resting, origin), points.reshape(-1, 3))
+    field = field_at_points(coarse_tables(scene.resting, origin), points.reshape(-1, 3))
     potential, gradient = field.potential.reshape(points.shape[:2]), field.gradient.reshape(points.shape)
     if scene.moves:
         for_movers = field_of_movers(scene, points, times)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.kernels.field.field import Field, field_at_points
-from guidefield.scene.field_in_time import Origin, single_tables
+from guidefield.scene.field_in_time import Origin, coarse_tables
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import SlicePlane
 
@@ -88,7 +88,7 @@ def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: 
     """
     rows, columns = plane.pixels(resolution)
     x, y, z = plane.pose.translation.tolist()
-    tables = single_tables(scene, origin or (x, y, z))  # half the time, and far finer than colours are
+    tables = coarse_tables(scene, origin or (x, y, z))  # far finer than colours are
     field = field_at_points(tables, plane.points(rows, columns).reshape(-1, 3))
     with np.errstate(divide="ignore"):
         log_potential = np.log10(field.potential)

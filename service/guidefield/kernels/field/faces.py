@@ -29,7 +29,7 @@ QUADRUPLE, SQUARED, FLATTENED, EDGES, LONGEST, LENGTH, TAU, THIRD, HALF_ROWS = 0
 """Numbers of a triangle: a, a^2, a `FLAT`, L_i^2 (3); t, along the longest edge (3), its length, tau, e (3); then how
 many there are."""
 
-AFTER, FIRST_VERTEX, PAST_VERTEX, LINK_COLUMNS = 0, 1, 2, 9
+AFTER, FIRST_VERTEX, PAST_VERTEX, LINK_COLUMNS = 0, 1, 2, 12
 """Columns of a node's links: the node after all below it, a leaf's vertices; then how many columns there are."""
 
 FIRST_TRIANGLE, FIRST_SLIVER, PAST_TRIANGLE = 3, 4, 5
@@ -37,6 +37,12 @@ FIRST_TRIANGLE, FIRST_SLIVER, PAST_TRIANGLE = 3, 4, 5
 
 FIRST_QUAD, FIRST_SLIVER_QUAD, PAST_QUAD = 6, 7, 8
 """A leaf's quadrilaterals: the ordinary ones, then those with a sliver."""
+
+FORM, FIRST_ROW, PAST_ROW = 9, 10, 11
+"""A leaf's closed forms: their kind, and the rows of its table."""
+
+BOXES, SPHERES, CAPSULES, PLANES, POINTS = range(1, 6)
+"""Kinds of closed forms; 0 is none."""
 
 ORDINARY = 0.25
 """A triangle whose altitude on the longest edge is less than this part of the edge counts as a sliver."""

@@ -9,7 +9,21 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.field.box import CHARGE as BOX_CHARGE, box_at
-from guidefield.kernels.field.faces import AFTER, FIRST_VERTEX, PAST_VERTEX, block_at, block_potential_at
+from guidefield.kernels.field.faces import (
+    AFTER,
+    BOXES,
+    CAPSULES,
+    FIRST_ROW,
+    FIRST_VERTEX,
+    FORM,
+    PAST_ROW,
+    PAST_VERTEX,
+    PLANES,
+    POINTS,
+    SPHERES,
+    block_at,
+    block_potential_at,
+)
 from guidefield.kernels.field.field_tables import (
     AREA,
     CAPSULE_CHARGE,
@@ -153,61 +167,6 @@ def _aligned(array: Any) -> Any:
 
 
 @inlined
-def _add_faces(t: Any, p: Any, f: Any, scratch: Any, step: int) -> Any:
-    """Down the trees: a node's expansion where all points are beyond its reach, the faces of a leaf elsewhere."""
-    phi, gx, gy, gz, curvature, angle = f
-    m = 0
-    while m < t.links.shape[0]:
-        node, link = t.nodes[m], t.links[m]
-        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
-        square = dx * dx + dy * dy + dz * dz
-        if every(square > t.reach[m] * t.reach[m]):
-            term, along, across, q, i3 = _expansion(dx, dy, dz, square, node)
-            phi = phi + term
-            gx = gx + along * dx + across * q[0]
-            gy = gy + along * dy + across * q[1]
-            gz = gz + along * dz + across * q[2]
-            angle = angle + (dx * node[AREA] + dy * node[AREA + 1] + dz * node[AREA + 2]) * i3
-            m = link[AFTER]
-            continue
-        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
-            b = block_at(
-                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
-                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
-            )  # fmt: skip
-            charge = node[CHARGE_PER_AREA]
-            phi = phi + charge * b[0]
-            gx = gx + charge * b[1]
-            gy = gy + charge * b[2]
-            gz = gz + charge * b[3]
-            curvature = curvature + charge * b[4]
-            angle = angle + b[5]
-        m += 1
-    return phi, gx, gy, gz, curvature, angle
-
-
-@inlined
-def _add_face_potentials(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
-    """`_add_faces` for the potential alone."""
-    m = 0
-    while m < t.links.shape[0]:
-        node, link = t.nodes[m], t.links[m]
-        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
-        square = dx * dx + dy * dy + dz * dz
-        if every(square > t.reach[m] * t.reach[m]):
-            phi = phi + _expansion(dx, dy, dz, square, node)[0]
-            m = link[AFTER]
-            continue
-        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
-            phi = phi + node[CHARGE_PER_AREA] * block_potential_at(
-                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
-                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
-            )  # fmt: skip
-        m += 1
-    return phi
-
-
-@inlined
 def _soft_point(p: Any, row: Any) -> Any:
     """Potential of a cloud's point, w (R^2 + eps^2)^(-3/2), and its slope over the offset, and the offset."""
     dx, dy, dz = p[0] - row[0], p[1] - row[1], p[2] - row[2]
@@ -238,26 +197,115 @@ def _plane_at(p: Any, row: Any) -> Any:
 
 
 @inlined
-def _closed_forms(t: Any, p: Any, f: Any) -> Any:
-    """Boxes, spheres, capsules, planes and clouds."""
-    for i in range(t.boxes.shape[0]):
-        f = _plus(f, t.boxes[i, BOX_CHARGE], box_at(p[0], p[1], p[2], t.boxes[i]))
-    for i in range(t.spheres.shape[0]):
-        f = _plus(f, t.spheres[i, SPHERE_CHARGE], _sphere_at(p, t.spheres[i]))
-    for i in range(t.capsules.shape[0]):
-        f = _plus(f, t.capsules[i, CAPSULE_CHARGE], _capsule_at(p, t.capsules[i]))
-    for i in range(t.planes.shape[0]):
-        f = _plus(f, t.planes[i, PLANE_CHARGE], _plane_at(p, t.planes[i]))
-    phi, gx, gy, gz, curvature, winding = f
-    for i in range(t.cloud.shape[0]):
-        potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
-        phi = phi + potential
-        gx = gx + slope * dx
-        gy = gy + slope * dy
-        gz = gz + slope * dz
-        # That of the law c/d with this potential and this slope.
-        curvature = curvature + 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
-    return phi, gx, gy, gz, curvature, winding
+def _with_forms(t: Any, p: Any, f: Any, link: Any) -> Any:
+    """The field with that of a leaf's closed forms added."""
+    form, first, past = link[FORM], link[FIRST_ROW], link[PAST_ROW]
+    if form == BOXES:
+        for i in range(first, past):
+            f = _plus(f, t.boxes[i, BOX_CHARGE], box_at(p[0], p[1], p[2], t.boxes[i]))
+    elif form == SPHERES:
+        for i in range(first, past):
+            f = _plus(f, t.spheres[i, SPHERE_CHARGE], _sphere_at(p, t.spheres[i]))
+    elif form == CAPSULES:
+        for i in range(first, past):
+            f = _plus(f, t.capsules[i, CAPSULE_CHARGE], _capsule_at(p, t.capsules[i]))
+    elif form == PLANES:
+        for i in range(first, past):
+            f = _plus(f, t.planes[i, PLANE_CHARGE], _plane_at(p, t.planes[i]))
+    elif form == POINTS:
+        phi, gx, gy, gz, curvature, winding = f
+        for i in range(first, past):
+            potential, slope, dx, dy, dz = _soft_point(p, t.cloud[i])
+            phi = phi + potential
+            gx = gx + slope * dx
+            gy = gy + slope * dy
+            gz = gz + slope * dz
+            # That of the law c/d with this potential and this slope.
+            curvature = curvature + 2.0 * (slope * slope) * (dx * dx + dy * dy + dz * dz) / potential
+        f = (phi, gx, gy, gz, curvature, winding)
+    return f
+
+
+@inlined
+def _with_form_potentials(t: Any, p: Any, phi: Any, link: Any) -> Any:
+    """`_with_forms` for the potential alone."""
+    form, first, past = link[FORM], link[FIRST_ROW], link[PAST_ROW]
+    if form == BOXES:
+        for k in range(first, past):
+            phi = phi + t.boxes[k, BOX_CHARGE] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
+    elif form == SPHERES:
+        for k in range(first, past):
+            phi = phi + t.spheres[k, SPHERE_CHARGE] * _sphere_at(p, t.spheres[k])[0]
+    elif form == CAPSULES:
+        for k in range(first, past):
+            phi = phi + t.capsules[k, CAPSULE_CHARGE] * _capsule_at(p, t.capsules[k])[0]
+    elif form == PLANES:
+        for k in range(first, past):
+            phi = phi + t.planes[k, PLANE_CHARGE] * _plane_at(p, t.planes[k])[0]
+    elif form == POINTS:
+        for k in range(first, past):
+            phi = phi + _soft_point(p, t.cloud[k])[0]
+    return phi
+
+
+@inlined
+def _field_of(t: Any, p: Any, scratch: Any, step: int) -> Any:
+    """Down the trees: a node's expansion where all points are beyond its reach, what a leaf holds elsewhere."""
+    zero = 0.0 * p[0]
+    phi, gx, gy, gz, curvature, angle, winding = zero, zero, zero, zero, zero, zero, zero
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if every(square > t.reach[m] * t.reach[m]):
+            term, along, across, q, i3 = _expansion(dx, dy, dz, square, node)
+            phi = phi + term
+            gx = gx + along * dx + across * q[0]
+            gy = gy + along * dy + across * q[1]
+            gz = gz + along * dz + across * q[2]
+            angle = angle + (dx * node[AREA] + dy * node[AREA + 1] + dz * node[AREA + 2]) * i3
+            m = link[AFTER]
+            continue
+        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
+            b = block_at(
+                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
+                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
+            )  # fmt: skip
+            charge = node[CHARGE_PER_AREA]
+            phi = phi + charge * b[0]
+            gx = gx + charge * b[1]
+            gy = gy + charge * b[2]
+            gz = gz + charge * b[3]
+            curvature = curvature + charge * b[4]
+            angle = angle + b[5]
+        if link[PAST_ROW] > link[FIRST_ROW]:
+            phi, gx, gy, gz, curvature, winding = _with_forms(t, p, (phi, gx, gy, gz, curvature, winding), link)
+        m += 1
+    return phi, gx, gy, gz, curvature, angle * (-0.25 / math.pi) + winding
+
+
+@inlined
+def _potential_of(t: Any, p: Any, phi: Any, scratch: Any, step: int) -> Any:
+    """`_field_of` for the potential alone, added to what there is."""
+    m = 0
+    while m < t.links.shape[0]:
+        node, link = t.nodes[m], t.links[m]
+        dx, dy, dz = p[0] - node[0], p[1] - node[1], p[2] - node[2]
+        square = dx * dx + dy * dy + dz * dz
+        if every(square > t.reach[m] * t.reach[m]):
+            phi = phi + _expansion(dx, dy, dz, square, node)[0]
+            m = link[AFTER]
+            continue
+        if link[PAST_VERTEX] > link[FIRST_VERTEX]:
+            phi = phi + node[CHARGE_PER_AREA] * block_potential_at(
+                p, scratch, step, t.vertices[link[FIRST_VERTEX] : link[PAST_VERTEX]], link,
+                t.triangle_corners, t.triangles, t.quad_corners, t.quads,
+            )  # fmt: skip
+        if link[PAST_ROW] > link[FIRST_ROW]:
+            phi = _with_form_potentials(t, p, phi, link)
+        m += 1
+    return phi
 
 
 @compiled([void(TABLES, MATRIX, types.intp, MATRIX_OUT), void(TABLES_32, MATRIX_32, types.intp, MATRIX_32_OUT)])
@@ -277,11 +325,7 @@ def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
     scratch = _aligned(np.empty((4 * _largest_block(t.links) + 1) * step, points.dtype))
     for i in range(first, points.shape[1] - step + 1, step):
         p = (load(x, i), load(y, i), load(z, i))
-        zero = 0.0 * p[0]
-        f = (zero, zero, zero, zero, zero, zero)
-        phi, gx, gy, gz, curvature, angle = _add_faces(t, p, f, scratch, step)
-        f = _closed_forms(t, p, (phi, gx, gy, gz, curvature, angle * (-0.25 / math.pi)))
-        for k, term in enumerate(f):
+        for k, term in enumerate(_field_of(t, p, scratch, step)):
             row = field_out[k]
             store(row, i, load(row, i) + term)
 
@@ -294,15 +338,4 @@ def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
     scratch = _aligned(np.empty((_largest_block(t.links) + 1) * step, points.dtype))
     for i in range(first, points.shape[1] - step + 1, step):
         p = (load(x, i), load(y, i), load(z, i))
-        phi = _add_face_potentials(t, p, load(potential_out, i), scratch, step)
-        for k in range(t.boxes.shape[0]):
-            phi = phi + t.boxes[k, BOX_CHARGE] * box_at(p[0], p[1], p[2], t.boxes[k])[0]
-        for k in range(t.spheres.shape[0]):
-            phi = phi + t.spheres[k, SPHERE_CHARGE] * _sphere_at(p, t.spheres[k])[0]
-        for k in range(t.capsules.shape[0]):
-            phi = phi + t.capsules[k, CAPSULE_CHARGE] * _capsule_at(p, t.capsules[k])[0]
-        for k in range(t.planes.shape[0]):
-            phi = phi + t.planes[k, PLANE_CHARGE] * _plane_at(p, t.planes[k])[0]
-        for k in range(t.cloud.shape[0]):
-            phi = phi + _soft_point(p, t.cloud[k])[0]
-        store(potential_out, i, phi)
+        store(potential_out, i, _potential_of(t, p, load(potential_out, i), scratch, step))
