@@ -224,9 +224,12 @@ def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_mo
         assert (profile.obstacle_pair[row], profile.self_pair[row]) == (there.obstacle_pair, there.self_pair)
         between = np.linalg.norm(profile.witness[row, 0] - profile.witness[row, 1])
         assert between == pytest.approx(abs(there.obstacle_distance), abs=1e-6)
-    samples = zip(profile.times.tolist(), profile.configurations, strict=True)
+    moments, values = profile.potential
+    rows = np.searchsorted(profile.times, moments)
+    assert (moments[0], moments[-1], np.diff(rows).max()) == (profile.times[0], profile.times[-1], 2)
+    samples = zip(moments.tolist(), profile.configurations[rows], strict=True)
     energies = [RobotField(planned, scene.at(there)).potential(q) for there, q in samples]
-    np.testing.assert_allclose(profile.potential, energies, rtol=1e-3)
+    np.testing.assert_allclose(values, energies, rtol=1e-3)
 
 
 @pytest.mark.parametrize("knots", [1, 2, 30, 300])

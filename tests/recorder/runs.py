@@ -148,7 +148,7 @@ def _profile(group: PlanningGroup, trajectory: Trajectory, rng: np.random.Genera
         witness=witness,
         self_distance=rng.uniform(0.0, 0.1, count),
         self_pair=(("panda_link5", "panda_link7"),) * count,
-        potentials=lambda: potential,
+        potentials=lambda: (times, potential),
     )
 
 

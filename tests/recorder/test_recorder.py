@@ -211,7 +211,7 @@ def test_plots_what_was_measured(run, recording):
     assert np.array_equal(shown[:, 1], run.profile.self_distance)
     assert (shown[:, 2] == MIN_CLEARANCE).all()
     potential = recording.values("/plots/potential", "Scalars:scalars", "path_time")
-    assert np.array_equal(np.ravel(potential), run.profile.potential)
+    assert np.array_equal(np.ravel(potential), run.profile.potential[1])
 
 
 def test_plots_the_trajectory_and_its_limits(run, recording):

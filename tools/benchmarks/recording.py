@@ -7,9 +7,9 @@ Without arguments: the demonstration's requests, some of tools/examples/requests
 16 n (links at 6 and 48). All times are CPU times of the process, the least of all rounds.
 
 For a request, plans with `recording` off, summary and full take turns, the first round not counted: the time of
-planning without writing, and of writing. What grows is planned in a scene that was never seen, and again: *first* and
-*then* are the times of writing. Sizes are of a run's recording in a store, and of the file that leaves the store; the
-robot's meshes are in neither.
+planning, what the log adds to it, and the time of rendering. What grows is planned in a scene that was never seen, and
+again: *first* and *then* are the times of rendering. Sizes are of a run's recording in a store, and of the file that
+leaves the store; the robot's meshes are in neither.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -32,7 +31,7 @@ from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.messages import codec
 from guidefield.messages.requests import PlanRequest
-from guidefield.recorder.recorder import Recorder
+from guidefield.rendering import Renderings
 from guidefield.run import whole_recording
 from guidefield.stores.recordings import Recordings
 
@@ -51,36 +50,35 @@ SUBJECTS: dict[str, tuple[tuple[int, int], Callable[[int, int], Made]]] = {
 }
 """Sizes, and the request of a size; another draw is another scene of the same kind."""
 
-_finish, _written = Recorder.finish, [0.0]
-"""How a recording is written, and how long that took last by the processor [s]."""
 
-
-def timed_finish(recorder: Recorder, *about: Any) -> None:
-    """Write a recording and see how long it takes."""
+def rendering_time(renderings: Renderings, recordings: Recordings, run_id: str) -> float:
+    """Render a recording; the time that it takes [s]."""
     began = time.process_time()
-    _finish(recorder, *about)
-    _written[0] += time.process_time() - began
+    renderings.render(recordings, run_id)
+    return time.process_time() - began
 
 
 def measure(name: str, request: PlanRequest, repeats: int) -> None:
     """Print a line about a request."""
     with tempfile.TemporaryDirectory() as folder:
-        recordings = Recordings(Path(folder) / "recordings")
-        engine, spent, written = Engine(recordings=recordings), defaultdict(list), defaultdict(list)
+        recordings, renderings = Recordings(Path(folder) / "recordings"), Renderings()
+        engine, spent, rendered = Engine(recordings=recordings), defaultdict(list), defaultdict(list)
         for turn in range(repeats + 1):
             for level in LEVELS:
-                _written[0], began = 0.0, time.process_time()
-                engine.answer(msgspec.structs.replace(request, recording=level, run_id=f"{level}-{turn}"))
+                run_id, began = f"{level}-{turn}", time.process_time()
+                engine.answer(msgspec.structs.replace(request, recording=level, run_id=run_id))
+                answered = time.process_time() - began
+                seconds = 0.0 if level == "off" else rendering_time(renderings, recordings, run_id)
                 if turn:
-                    spent[level].append(time.process_time() - began - _written[0])
-                    written[level].append(_written[0])
+                    spent[level].append(answered)
+                    rendered[level].append(seconds)
         base = min(spent["off"])
         shutil.rmtree(recordings.bodies_folder)  # what leaves the store does so without meshes then
         print(f"{name:18s} planning {1e3 * base:7.1f} ms", end="")
         for level in LEVELS[1:]:
             stored, left = sizes(recordings, f"{level}-{repeats}")
-            slower, writing = 100.0 * (min(spent[level]) / base - 1.0), 1e3 * min(written[level])
-            print(f" | {level}: {slower:+5.1f} %, writing {writing:5.1f} ms, {stored:6.0f} kB stored,", end="")
+            logged, rendering = 1e3 * (min(spent[level]) - base), 1e3 * min(rendered[level])
+            print(f" | {level}: {logged:+5.2f} ms, rendering {rendering:5.1f} ms, {stored:6.0f} kB stored,", end="")
             print(f" {left:6.0f} kB outside", end="")
         print(flush=True)
 
@@ -88,15 +86,14 @@ def measure(name: str, request: PlanRequest, repeats: int) -> None:
 def measure_growth(name: str, size: int, requests: Sequence[PlanRequest], repeats: int) -> None:
     """Print a line about a size of what grows; the first request prepares the robot."""
     with tempfile.TemporaryDirectory() as folder:
-        recordings = Recordings(Path(folder) / "recordings")
-        engine, written = Engine(recordings=recordings), []
+        recordings, renderings = Recordings(Path(folder) / "recordings"), Renderings()
+        engine, rendered = Engine(recordings=recordings), []
         for turn, request in enumerate([requests[0], *[requests[1]] * (repeats + 1)]):
-            _written[0] = 0.0
             reply = engine.answer(msgspec.structs.replace(request, recording="full", run_id=f"{turn}"))
-            written.append(1e3 * _written[0])
+            rendered.append(1e3 * rendering_time(renderings, recordings, f"{turn}"))
         shutil.rmtree(recordings.bodies_folder)
         stored, left = sizes(recordings, f"{repeats + 1}")
-        print(f"{name:>10}{size:>9} {written[1]:>10.1f}{min(written[2:]):>10.1f}", end="")
+        print(f"{name:>10}{size:>9} {rendered[1]:>10.1f}{min(rendered[2:]):>10.1f}", end="")
         print(f"{stored:>10.0f}{left:>10.0f}  {reply.status.name}", flush=True)
 
 
@@ -108,7 +105,6 @@ def sizes(recordings: Recordings, run_id: str) -> tuple[float, float]:
 
 def run(arguments: list[str]) -> None:
     """Measure and print a line for each request, and each size of what grows."""
-    Recorder.finish = timed_finish  # type: ignore[method-assign]
     logging.getLogger("guidefield.recorder").setLevel(logging.ERROR)  # it warns of meshes that are missing
     parser = argparse.ArgumentParser(prog="tools/bench recording", description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5)

@@ -115,7 +115,7 @@ def field_tables(
     points[:, SOFTENING] **= 2
     faces = _faces(corners, charge, owners, fours, four_charge, opening)
     counts = {BOXES: len(crates), SPHERES: len(balls), CAPSULES: len(pills), PLANES: len(walls), POINTS: len(points)}
-    faces = faces | with_leaves(faces["nodes"], faces["links"], faces["reach"], counts)
+    faces = faces | _with_leaves(faces["nodes"], faces["links"], faces["reach"], counts)
     return FieldTables(
         origin=frozen(np.zeros(3)),
         boxes=frozen(_box_rows(crates)),
@@ -127,7 +127,7 @@ def field_tables(
     )
 
 
-def with_leaves(nodes: Floats, links: Integers, reach: Floats, counts: Mapping[int, int]) -> dict[str, np.ndarray]:
+def _with_leaves(nodes: Floats, links: Integers, reach: Floats, counts: Mapping[int, int]) -> dict[str, np.ndarray]:
     """Return nodes, links and reach of trees and, behind them, of a leaf for all closed forms of each kind."""
     kinds = [(form, count) for form, count in counts.items() if count]
     added = np.zeros((len(kinds), LINK_COLUMNS), np.int64)

@@ -181,8 +181,17 @@ def profile_of(measured: Sequence[tuple[Stretch, Clearance]]) -> ClearanceProfil
         witness=joined("witness"),
         self_distance=joined("self_distance"),
         self_pair=listed("self_pair"),
-        potentials=lambda: joined("potential"),
+        potentials=lambda: _joined_potentials(parts, starts),
     )
+
+
+def _joined_potentials(parts: Sequence[ClearanceProfile], starts: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and values [m] of all parts, each from one of its samples on."""
+    rows = [
+        (times[first:], values[first:])
+        for (times, values), first in zip((p.potential for p in parts), starts, strict=True)
+    ]
+    return np.concatenate([times for times, _ in rows]), np.concatenate([values for _, values in rows])
 
 
 def _shown(one: messages.Obstacle) -> bool:

@@ -113,7 +113,7 @@ class ClearanceProfile(ReadOnly):
         witness: The closest points, shape (n, 2, 3) [m, world].
         self_distance: From the robot to itself, shape (n,) [m]; infinite without pairs.
         self_pair: Names of the closest links, or None.
-        potentials: Evaluates the potential U at the samples, shape (n,) [m].
+        potentials: Evaluates the potential U at every second sample, and the last: times (k,) [s] and values (k,) [m].
     """
 
     times: np.ndarray
@@ -124,11 +124,11 @@ class ClearanceProfile(ReadOnly):
     witness: np.ndarray
     self_distance: np.ndarray
     self_pair: tuple[tuple[str, str] | None, ...]
-    potentials: Callable[[], np.ndarray]
+    potentials: Callable[[], tuple[np.ndarray, np.ndarray]]
 
     @cached_property
-    def potential(self) -> np.ndarray:
-        """U along the motion, shape (n,) [m]: found when it is asked for, since only recordings hold it."""
+    def potential(self) -> tuple[np.ndarray, np.ndarray]:
+        """U along the motion: times (k,) [s] and values (k,) [m]; evaluated when asked for."""
         return self.potentials()
 
 
@@ -230,6 +230,7 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) 
     times = np.unique(np.concatenate([measured.times, smallest_at]))
     zs = surveyor.curve.at(times)[0]
     configurations = np.array([group.from_chart(z) for z in zs])
+    half = np.unique(np.r_[0 : len(times) : 2, len(times) - 1])
     found = list(ClosestPairs(among_resting(surveyor.worlds)).clearances(group.expand_each(zs)))
     profile = ClearanceProfile(
         times=times,
@@ -240,7 +241,7 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) 
         witness=np.array([np.full((2, 3), np.nan) if one.witness is None else one.witness for one in found]),
         self_distance=np.array([one.self_distance for one in found]),
         self_pair=tuple(one.self_pair for one in found),
-        potentials=lambda: potentials_in_time(group, charged, times, configurations),
+        potentials=lambda: (times[half], potentials_in_time(group, charged, times[half], configurations[half])),
     )
     return _with_movers(profile, surveyor) if problem.scene.moves else profile
 

@@ -50,8 +50,8 @@ class Shown:
         """A motion, and points (k, 3) [m, world] that are to be in the picture too; k may be 0."""
         at = poses(group, motion.configurations)
         drawn = bodies_file.prepared(group.robot, place.bodies)
-        ends = [robot_entities.extent(group, drawn, q) for q in motion.configurations[[0, -1]]]
-        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), *ends])
+        ends = robot_entities.extent(group, drawn, motion.configurations[[0, -1]])
+        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), ends])
         return cls(group, scene, motion, at, drawn, choose_eye(at.tip, robot, landmarks, scene.obstacles))
 
     def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:

@@ -109,5 +109,7 @@ def _hits(eyes: np.ndarray, points: np.ndarray, corners: np.ndarray) -> np.ndarr
 
 
 def _hiding(hits: np.ndarray, owners: np.ndarray, obstacles: Sequence[Obstacle]) -> frozenset[str]:
-    shares = [hits[:, owners == index].any(axis=1).mean() for index in range(len(obstacles))]
-    return frozenset(one.name for one, share in zip(obstacles, shares, strict=True) if share > HIDING_SHARE)
+    """Names of the obstacles some triangle of which, one of (t,), hides many of the points (n, t)."""
+    cutting = np.flatnonzero(hits.any(axis=0))
+    shares = {index: hits[:, owners == index].any(axis=1).mean() for index in np.unique(owners[cutting]).tolist()}
+    return frozenset(obstacles[index].name for index, share in shares.items() if share > HIDING_SHARE)

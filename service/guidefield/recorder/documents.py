@@ -126,6 +126,8 @@ def with_warning(chunks: Sequence[Chunk], text: str) -> list[Chunk]:
 
 def readable(value: Any, indent: int = 0) -> str:
     """A message or plain data as JSON for a person: six digits, short lists on one line, long ones cut and counted."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
     inner = " " * (indent + 2)
     if isinstance(value, msgspec.Struct):  # field by field: of a long list only what is shown becomes plain
         value = _fields(value)
@@ -138,8 +140,6 @@ def readable(value: Any, indent: int = 0) -> str:
         return _readable_list(list(value), indent)
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
         return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
-    if isinstance(value, float):
-        return f"{value:.6g}"
     return json.dumps(msgspec.to_builtins(value), ensure_ascii=False)
 
 

@@ -12,6 +12,7 @@ from guidefield.messages import scene as messages
 from guidefield.potential import RobotField, moving_charges, origin_of
 from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, rgba32, still, timed
 from guidefield.recorder.robot_entities import moved_frame
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_in_time import Origin, field_in_time
@@ -28,7 +29,7 @@ LONGEST_ARROW = 0.25
 FORCE_DECADES = 2.0
 """How many powers of ten of force the colours of points and the lengths of arrows tell apart."""
 
-RESOLUTION = 120
+RESOLUTION = 100
 """Pixels along the longer side of the picture: the field is smooth, and viewers interpolate."""
 
 NOTHING = build(messages.Scene(name="nothing"))
@@ -60,18 +61,27 @@ def charges(
     forces = -charged.weights[:, None] * field_in_time(scene, points, times, origin_of(group))[1]
     colors = _colors(_share(np.linalg.norm(forces, axis=2)))
     moved = np.unique(joints)
-    for joint in moved:
+    for joint, in_its_frame in zip(moved, _points_of_joints(group), strict=True):
+        yield in_its_frame
         own = joints == joint
-        path = entity("field", "charges", group.model.names[int(joint)])
-        at_rest = rr.Points3D(charged.points[own], radii=[POINT_RADIUS])
-        yield still(path, rr.CoordinateFrame(moved_frame(group, int(joint))), at_rest)
-        shown = rr.Points3D.columns(colors=colors[:, own].reshape(-1, 4)).partition([int(own.sum())] * len(points))
-        yield timed(path, [column], shown)
+        shown = rr.Points3D.columns(colors=colors[:, own].ravel()).partition([int(own.sum())] * len(points))
+        yield timed(in_its_frame.entity_path, [column], shown)
     of_links = RobotField(group, NOTHING)
     on_links = np.array([of_links.evaluate(q).wrenches[:, :3] for q in configurations])[:, moved]
     on_links += np.stack([forces[:, joints == joint].sum(axis=1) for joint in moved], axis=1)
     origins = np.stack([points[:, joints == joint].mean(axis=1) for joint in moved], axis=1)
     yield _arrows(on_links, origins, column)
+
+
+@kept_with_alike
+def _points_of_joints(group: PlanningGroup) -> list[Chunk]:
+    """The charged points of each joint that has some, in its frame."""
+    charged, chunks = moving_charges(group), []
+    for joint in np.unique(charged.joints).tolist():
+        points = rr.Points3D(charged.points[charged.joints == joint], radii=[POINT_RADIUS])
+        path = entity("field", "charges", group.model.names[joint])
+        chunks.append(still(path, rr.CoordinateFrame(moved_frame(group, joint)), points))
+    return chunks
 
 
 def picture_of_plane(scene: Scene, tip: np.ndarray, origin: Origin) -> Iterator[Chunk]:
@@ -107,9 +117,12 @@ def _share(strength: np.ndarray) -> np.ndarray:
 
 
 def _colors(share: np.ndarray) -> np.ndarray:
-    """RGBA of shares of any shape, uint8."""
-    rgb = WEAK + share[..., None] * (STRONG - WEAK)
-    return np.concatenate([rgb, np.full((*share.shape, 1), 255.0)], axis=-1).round().astype(np.uint8)
+    """Colours of shares of any shape, as Rerun packs them."""
+    red, green, blue = (
+        np.round(weak + share * (strong - weak)).astype(np.uint32) for weak, strong in zip(WEAK, STRONG, strict=True)
+    )
+    packed: np.ndarray = red << 24 | green << 16 | blue << 8 | np.uint32(255)
+    return packed
 
 
 def _arrows(forces: np.ndarray, origins: np.ndarray, column: rr.TimeColumn) -> Chunk:

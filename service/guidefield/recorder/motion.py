@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
-import pinocchio as pin
 
 from guidefield.errors import InvalidConfiguration
+from guidefield.geometry.placements import frames
+from guidefield.kernels.kinematics.frame_placements import FrameTable, place_frames
 from guidefield.messages import replies as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
+from guidefield.read_only import read_only
+from guidefield.robot.group.alike import kept_with_alike
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations, Tangents, WireColumns
@@ -31,6 +35,10 @@ SHOWN_RATE = 30.0
 """Frames a second of a trajectory [Hz], within `FRAMES`."""
 
 FRAMES = (60, 400)
+
+
+AT_ORIGIN = np.eye(4)[:3].copy()
+"""Placement of the model in the world, shape (3, 4) [m]: its first joints are placed there already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,21 +200,45 @@ def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Config
         group: The joints that were planned for.
         configurations: n configurations (nq,).
     """
-    model, data = group.model, group.model.createData()
-    joints = tuple(range(1, model.njoints))
-    tip_frame = model.frames[group.tip_id]
-    placements = np.empty((len(configurations), len(joints), 7))
-    tip = np.empty((len(configurations), 3))
-    for row, q in enumerate(configurations):
-        pin.forwardKinematics(model, data, group.expand(q))
-        for column, joint in enumerate(joints):
-            placements[row, column] = pin.SE3ToXYZQUAT(data.oMi[joint])
-        tip[row] = data.oMi[tip_frame.parentJoint].act(tip_frame.placement.translation)
-    return Poses(joints, placements, tip)
+    joints = tuple(range(1, group.model.njoints))
+    expanded = np.array([group.expand(q) for q in configurations], float).reshape(-1, group.model.nq)
+    placements = np.empty((len(expanded), len(joints) + 1, 7))
+    place_frames(joints_of(group), _joints_and_tip(group, group.tip_id), AT_ORIGIN, expanded, placements)
+    return Poses(joints, placements[:, :-1], placements[:, -1, :3])
 
 
-def link_placements(group: PlanningGroup, q: Configuration, links: Sequence[str]) -> dict[str, Any]:
-    """``T_world_link`` (pinocchio.SE3) of some links at a configuration of the group, shape (nq,)."""
-    data = group.model.createData()
-    pin.framesForwardKinematics(group.model, data, group.expand(q))
-    return {link: data.oMf[frame_index(group.model, link)].copy() for link in links}
+@kept_with_alike
+def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
+    """The frames of all joints, and the tip's, by Pinocchio's index."""
+    count = group.model.njoints
+    return _frame_table([*((joint, np.eye(4)[:3]) for joint in range(1, count)), _carried(group, tip)])
+
+
+def link_placements(group: PlanningGroup, configurations: Configurations, links: tuple[str, ...]) -> np.ndarray:
+    """Placements of some links at configurations (n, nq), shape (n, links, 3, 4) [m, world]."""
+    expanded = np.array([group.expand(q) for q in configurations], float).reshape(-1, group.model.nq)
+    placed = np.empty((len(expanded), len(links), 7))
+    place_frames(joints_of(group), _links(group, links), AT_ORIGIN, expanded, placed)
+    rows = placed.reshape(-1, 7)
+    return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
+
+
+@kept_with_alike
+def _links(group: PlanningGroup, links: tuple[str, ...]) -> FrameTable:
+    indices = [frame_index(group.model, link) for link in links]
+    return _frame_table([_carried(group, index) for index in indices if index is not None])
+
+
+def _carried(group: PlanningGroup, frame: int) -> tuple[int, np.ndarray]:
+    """The joint that carries a frame, and the frame's placement there, shape (3, 4) [m]."""
+    there = group.model.frames[frame]
+    return int(there.parentJoint), there.placement.homogeneous[:3]
+
+
+def _frame_table(carried: Sequence[tuple[int, np.ndarray]]) -> FrameTable:
+    table = FrameTable(
+        np.array([joint for joint, _ in carried], np.int64),
+        np.array([placement for _, placement in carried], float).reshape(-1, 3, 4),
+    )
+    read_only(*table)
+    return table

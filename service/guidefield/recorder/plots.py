@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import colorsys
+import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -47,7 +48,8 @@ def clearance(profile: ClearanceProfile, required: float) -> Iterator[Chunk]:
         names, colors = [*names, "asked for"], [*colors, REQUIRED_COLOR]
         rows.append(np.full(len(profile.times), required))
     yield from _curves("/plots/clearance", times, np.column_stack(rows), names, colors)
-    yield from _curves("/plots/potential", times, profile.potential, ["U, along the motion"], [POTENTIAL_COLOR])
+    moments, values = profile.potential
+    yield from _curves("/plots/potential", path_times(moments), values, ["U, along the motion"], [POTENTIAL_COLOR])
 
 
 def closest_pair(profile: ClearanceProfile) -> Chunk:
@@ -131,8 +133,14 @@ def _curves(
     """Values (n,) or (n, k) over n times, with the names of the k curves; what isn't finite is left open."""
     rows = np.asarray(values, float).reshape(len(values), -1)
     rows = np.where(np.isfinite(rows), rows, np.nan)
-    yield still(path, rr.SeriesLines(names=list(names), colors=list(colors)))
+    yield _lines(path, tuple(names), tuple(colors))
     yield timed(path, [times], _rows(rows))
+
+
+@functools.lru_cache(maxsize=256)
+def _lines(path: str, names: tuple[str, ...], colors: tuple[Color, ...]) -> Chunk:
+    """Names and colours of curves: those of the same joints are in many recordings."""
+    return still(path, rr.SeriesLines(names=names, colors=colors))
 
 
 def _rows(rows: np.ndarray) -> Any:

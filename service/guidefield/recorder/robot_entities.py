@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -13,9 +14,10 @@ from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
+from guidefield.recorder.surface import Surface
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.spaces import Configuration, Configurations
+from guidefield.robot.model.spaces import Configurations
 
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
@@ -32,7 +34,12 @@ WAYPOINT_COLOR = (120, 220, 160, 255)
 
 def tip_axes(group: PlanningGroup) -> Chunk:
     """The axes of the tip's frame."""
-    return still("/robot/tip", rr.CoordinateFrame(link_frame(group.tip)), rr.TransformAxes3D(AXES))
+    return _axes_of(group.tip)
+
+
+@functools.lru_cache(maxsize=64)
+def _axes_of(link: str) -> Chunk:
+    return still("/robot/tip", rr.CoordinateFrame(link_frame(link)), rr.TransformAxes3D(AXES))
 
 
 def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np.ndarray, timeline: str) -> Chunk:
@@ -82,27 +89,33 @@ def ghosts(group: PlanningGroup, drawn: Drawn, motion: Motion) -> Chunk | None:
     nothing to draw.
     """
     chosen = spread_along(motion.configurations, GHOSTS)
-    before: dict[int, np.ndarray] = {}
+    placed = link_placements(group, motion.configurations[chosen], drawn.links).astype(np.float32)
+    greys = np.linspace(240.0, 25.0, len(chosen)).round().astype(np.uint8)
     parts = []
-    for number, index in enumerate(chosen):
-        placements = link_placements(group, motion.configurations[index], drawn.links)
-        grey = round(240 - 215 * number / max(1, len(chosen) - 1))
-        for key, (link, sketch) in enumerate(drawn.sketch):
-            part = sketch.moved(placements[link])
-            if key not in before or np.abs(part.vertices - before[key]).max() > GHOST_STEP:
-                before[key] = part.vertices
-                parts.append(part.colored((grey, grey, grey, 255)))
+    for link, sketch in drawn.sketch:
+        there = placed[:, drawn.links.index(link)]
+        vertices = sketch.vertices @ there[:, :, :3].swapaxes(1, 2) + there[:, None, :, 3]
+        shown = [0]
+        for number in range(1, len(chosen)):
+            if np.abs(vertices[number] - vertices[shown[-1]]).max() > GHOST_STEP:
+                shown.append(number)
+        for number in shown:
+            colors = np.full((len(sketch.vertices), 4), greys[number])
+            colors[:, 3] = 255
+            normals = sketch.normals @ there[number, :, :3].T
+            parts.append(Surface(vertices[number], sketch.triangles, normals, colors))
     return still(GHOST_ENTITY, bodies.mesh(surface.joined(parts))) if parts else None
 
 
-def extent(group: PlanningGroup, drawn: Drawn, q: Configuration) -> np.ndarray:
-    """Corners (m, 3) [m, world] of the boxes about the links that move, at a configuration (nq,)."""
-    placements = link_placements(group, q, drawn.links)
+def extent(group: PlanningGroup, drawn: Drawn, configurations: Configurations) -> np.ndarray:
+    """Corners (m, 3) [m, world] of the boxes about the links that move, at configurations (n, nq)."""
+    placed = link_placements(group, configurations, drawn.links)
     corners = [np.empty((0, 3))]
     for link, sketch in drawn.sketch:
         if group.model.frames[frame_index(group.model, link)].parentJoint:
-            placed = sketch.moved(placements[link]).vertices
-            corners.append(np.array([placed.min(axis=0), placed.max(axis=0)]))
+            there = placed[:, drawn.links.index(link)]
+            vertices = sketch.vertices @ there[:, :, :3].swapaxes(1, 2) + there[:, None, :, 3]
+            corners += [vertices.min(axis=1), vertices.max(axis=1)]
     return np.concatenate(corners)
 
 

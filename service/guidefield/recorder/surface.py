@@ -71,7 +71,7 @@ class Surface:
 
     def colored(self, color: Sequence[int]) -> Surface:
         """The same in one colour (RGBA)."""
-        colors = np.tile(np.asarray(color, np.uint8), (len(self.vertices), 1))
+        colors = np.full((len(self.vertices), 4), color, np.uint8)
         return Surface(self.vertices, self.triangles, self.normals, colors)
 
 
