@@ -275,3 +275,78 @@ def test_what_the_worker_that_stands_by_works_on_can_be_cancelled(pool: Pool, tm
     assert second.result(PATIENCE) == (True, b"cancelled")
     awaited.touch()
     assert first.result(PATIENCE) == (True, b"came")
+
+
+def _brief(verb: str, value: str = "") -> Task:
+    return Task((verb, value), PATIENCE, is_brief=True)
+
+
+def test_a_worker_holds_the_next_brief_job_and_begins_it_by_itself(pool: Pool, tmp_path: Path) -> None:
+    """While the pool attends to nothing, because a listener keeps it, one that was held is begun all the same."""
+    kept, goes_on, begun = threading.Event(), threading.Event(), tmp_path / "begun"
+
+    def keep(_told: bytes) -> None:
+        kept.set()
+        goes_on.wait(PATIENCE)
+
+    first = Task(("tell", "something"), PATIENCE, is_brief=True, hear=keep)
+    sleeping = pool.submit(_brief("sleep", "0.02"))
+    pool.submit(first)
+    second = pool.submit(_brief("until_there", f"{begun} {begun}"))
+    assert kept.wait(PATIENCE)
+    if not begun.exists():  # it wasn't held where the machine is so busy that the first had ended before it came
+        goes_on.set()
+    await_begun(begun)
+    goes_on.set()
+    assert [task.result(PATIENCE)[1] for task in (sleeping, first, second)] == [b"slept", b"told", b"came"]
+
+
+def test_a_held_job_that_its_worker_does_not_come_to_goes_to_another_one(tmp_path: Path) -> None:
+    pool = _started(2)
+    try:
+        begun, awaited = tmp_path / "begun", tmp_path / "awaited"
+        _both_ready(pool)
+        long = [pool.submit(_brief("until_there", f"{begun}{k} {awaited}")) for k in range(2)]
+        held = [pool.submit(_brief("echo", str(k))) for k in range(4)]
+        await_begun(tmp_path / "begun0")
+        time.sleep(0.3)
+        assert not any(task.done() for task in held)
+        pid = await_begun(tmp_path / "begun1")
+        os.kill(pid, signal.SIGKILL)
+        with pytest.raises(WorkerCrashed, match="died"):
+            long[1].result(PATIENCE)
+        assert [task.result(PATIENCE)[1] for task in held] == [b"0", b"1", b"2", b"3"]
+        assert not long[0].done()
+        awaited.touch()
+        assert long[0].result(PATIENCE) == (True, b"came")
+    finally:
+        pool.close(0.0)
+
+
+def _both_ready(pool: Pool) -> None:
+    pids: set[int] = set()
+    deadline = time.monotonic() + PATIENCE
+    while len(pids) < 2 and time.monotonic() < deadline:
+        sleeping = pool.submit(Task(("sleep", "0.2"), PATIENCE))
+        pids.add(_pid(pool))
+        wait([sleeping], PATIENCE)
+
+
+def test_many_brief_jobs_are_answered_each_once_while_workers_die(tmp_path: Path) -> None:
+    pool = _started(2)
+    try:
+        tasks = []
+        for number in range(300):
+            tasks.append(pool.submit(_brief("echo", str(number))))
+            if number % 100 == 50:
+                tasks.append(pool.submit(_brief("exit", "3")))
+            while pool.queue > 20:
+                time.sleep(0.001)
+        wait(tasks, PATIENCE)
+        answers = [task.result(0)[1] for task in tasks if task.job[0] == "echo"]
+        assert answers == [str(number).encode() for number in range(300)]
+        assert sum(task.exception(0) is not None for task in tasks) == 3
+        assert not pool.queue
+        assert not pool.busy
+    finally:
+        pool.close(0.0)

@@ -68,6 +68,8 @@ KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams",
 """What queries are timed under, by the first chunk of their key."""
 LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
+BRIEF = 1 << 14
+"""A query of kinematics that is longer may take long [bytes]."""
 LAST_ANSWERS = 5.0
 """How long the last answers may take to be read at the end [s]."""
 
@@ -335,6 +337,7 @@ class Endpoint:
             late=None if keys.changes_store(read) else late,
             asker=read.asker,
             size=len(read.payload),
+            is_brief=read.key == ("kinematics",) and len(read.payload) <= BRIEF,
         )
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))

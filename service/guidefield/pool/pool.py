@@ -10,6 +10,9 @@ hundredths of a second it is looked whether workers that work live and how much 
 Workers share no lock, so one that is killed at any instruction cannot block another. Where there are several users, one
 more worker can stand by, for those whom the others' requests hold up.
 
+While brief jobs wait, a worker that works on one holds the next: it begins that without anybody's help. If it doesn't
+come to it soon, another worker gets it, too, and the first answer counts.
+
 The thread that attends is one of the outbox's: what it has settled it sends by itself, while another one attends.
 """
 
@@ -322,10 +325,10 @@ class Pool:
     def _end(self, worker: Worker, frame: Frame) -> None:
         """Settle the task that a worker is done with, after giving it the next one."""
         with self._lock:
-            current, now = worker.current, time.monotonic()
-            if current is None or current.number != frame.number:
+            now = time.monotonic()
+            current = worker.done_with(frame.number, now)
+            if current is None:
                 return
-            worker.current = None
             self._active_until = now + ACTIVE
             self.waiting.done(current.task, now - current.since, frame.processor)
             waits = frame.kind == SET_BACK and not current.task.done() and self.waiting.put_back(current.task)
@@ -338,10 +341,8 @@ class Pool:
             task.set_exception(WorkerCrashed(f"the work failed: {frame.what.decode()}"))
         elif frame.kind != SET_BACK:
             task.set_result((frame.kind == REPLY, frame.what))
-        elif task.if_cancelled is not None:
-            task.set_result(task.if_cancelled())
         else:
-            task.set_exception(ServerBusy("the service is shutting down"))
+            _end_early(task)
 
     def _assign(self) -> _Given:
         """Choose tasks for the workers that idle; under the lock. `_give` hands them over, without it."""
@@ -354,10 +355,19 @@ class Pool:
             if task is None:
                 break
             given.append((worker, self._occupy(worker, task)))
+        now = time.monotonic()
+        for slot in self._slots if len(self.waiting) else ():
+            holder = slot.worker
+            if holder is not None and holder.could_hold(now - LOOKED_AFTER):
+                task = self.waiting.take(brief=True)
+                if task is None:
+                    break
+                holder.held, holder.is_given = Current(task, next(self._numbers), now), True
+                given.append((holder, holder.held))
         return given
 
     def _occupy(self, worker: Worker, task: Task) -> Current:
-        worker.current = Current(task, next(self._numbers), time.monotonic())
+        worker.current, worker.is_given = Current(task, next(self._numbers), time.monotonic()), True
         worker.pass_on_cancel()
         return worker.current
 
@@ -371,7 +381,8 @@ class Pool:
                     self._call(partial(self._send_rest, worker))
             except Exception as error:  # it doesn't pickle, or its listener failed
                 _log.exception("a job could not be handed over")
-                self._end(worker, Frame(FAILED, current.number, 0.0, str(error).encode()))
+                self._call(partial(self._end, worker, Frame(FAILED, current.number, 0.0, str(error).encode())))
+            worker.is_given = False
 
     def _send_rest(self, worker: Worker) -> None:
         for slot in self._all_slots():
@@ -388,6 +399,7 @@ class Pool:
         with self._lock:
             slot.worker, current = None, worker.current
             now = time.monotonic()
+            self._take_back(worker)
             is_begun = current is not None and worker.line.begun.value == current.number
             waits = False
             if current is not None:
@@ -408,6 +420,14 @@ class Pool:
             _log.warning("worker process %s is replaced", worker.process.pid)
         else:
             self._tell_unprepared(slot, worker)
+
+    def _take_back(self, worker: Worker) -> None:
+        """Let the job that a worker holds wait again; under the lock. What it still answers to that isn't heard."""
+        if worker.held is not None:
+            task, worker.held = worker.held.task, None
+            self.waiting.done(task, 0.0, 0.0)
+            if not self._wait_again(task) and not task.done():
+                self._call(partial(_end_early, task))
 
     def _wait_again(self, task: Task) -> bool:
         with contextlib.suppress(ServerBusy):
@@ -449,11 +469,14 @@ class Pool:
                 slot.start_at = None
                 self._start(slot)
         with self._lock:
-            given = []
+            for holder in self._all_workers():
+                if holder.held is not None and now - holder.held.since > LOOKED_AFTER:
+                    self._take_back(holder)
+            given = self._assign()
             worker = self._standing_by.idle_worker
             if worker is not None and not any(slot.idle_worker for slot in self._slots):
                 held_up = self.waiting.take_held_up(now)
-                given = [] if held_up is None else [(worker, self._occupy(worker, held_up))]
+                given += [] if held_up is None else [(worker, self._occupy(worker, held_up))]
         self._give(given)
 
     def _look_after_worker(self, slot: Slot, worker: Worker, current: Current, now: float) -> None:
@@ -476,6 +499,14 @@ class Pool:
         if not worker.process.is_alive():
             self._hear(slot, worker)  # it may have answered before
             self._bury(slot, worker)
+
+
+def _end_early(task: Task) -> None:
+    """Settle a task that doesn't wait again, because it was cancelled or the pool is closed."""
+    if task.if_cancelled is not None:
+        task.set_result(task.if_cancelled())
+    else:
+        task.set_exception(ServerBusy("the service is shutting down"))
 
 
 def _await(is_done: Callable[[], bool], within: float) -> bool:

@@ -11,7 +11,7 @@ import multiprocessing
 import pickle
 import socket
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
@@ -55,6 +55,8 @@ class Worker:
 
     Attributes:
         current: What it works on.
+        held: A brief job that it has beside that, and will begin by itself.
+        is_given: Whether a job is being handed to it.
         is_ready: Whether it is prepared.
         reason: Why it could not be prepared, or why it was stopped.
         awaits_room: Whether the pool waits for room to send it more.
@@ -71,6 +73,8 @@ class Worker:
             target=be_worker, args=(setup, self.line, memory), name="guidefield-worker", daemon=True
         )
         self.current: Current | None = None
+        self.held: Current | None = None
+        self.is_given = False
         self.is_ready = False
         self.reason: WorkerCrashed | str | None = None
         self._held = bytearray()
@@ -93,6 +97,12 @@ class Worker:
     def is_idle(self) -> bool:
         """Whether it could be given a job."""
         return self.is_ready and self.current is None
+
+    def could_hold(self, since: float) -> bool:
+        """Whether it could be given a brief job beside the brief one that it works on, since a time [s] or later."""
+        if self.held is not None or self.is_given or self._rest or self.current is None:
+            return False
+        return self.current.task.is_brief and self.current.since >= since
 
     @property
     def owes(self) -> bool:
@@ -120,6 +130,19 @@ class Worker:
             self.process.join(within)
         self.socket.close()
         return self.process.exitcode
+
+    def done_with(self, number: int, now: float) -> Current | None:
+        """What it was given under a number, and is done with; from now on it works on what it holds."""
+        if self.held is not None and self.held.number == number:
+            held, self.held = self.held, None
+            return held
+        if self.current is None or self.current.number != number:
+            return None
+        done, self.current, self.held = self.current, self.held, None
+        if self.current is not None:
+            self.current = replace(self.current, since=now)
+            self.pass_on_cancel()
+        return done
 
     def pass_on_cancel(self) -> None:
         """Let it know if its job is to be ended early."""

@@ -71,6 +71,8 @@ class Task(Future[Answer]):
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
         begin: Is called when a worker begins with it, and again when one begins anew.
+        is_brief: Whether it will most likely take milliseconds, and may be done twice: a worker may hold it while it
+            works on another one.
 
     Attributes:
         since: When it began to wait, by `time.monotonic()` [s].
@@ -89,6 +91,7 @@ class Task(Future[Answer]):
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
         begin: Callable[[], None] = _begin_in_silence,
+        is_brief: bool = False,
     ) -> None:
         super().__init__()
         self.job = job
@@ -99,6 +102,7 @@ class Task(Future[Answer]):
         self.size = size
         self.hear = hear
         self.begin = begin
+        self.is_brief = is_brief
         self.cancelled_by_client = threading.Event()
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()
@@ -240,10 +244,13 @@ class Waiting:
             self._put(task)
             return pushed
 
-    def take(self) -> Task | None:
-        """The next task, if there is one. `done` says when it is done."""
+    def take(self, *, brief: bool = False) -> Task | None:
+        """The next task, if there is one, and it is a `brief` one where that is asked. `done` says when it is done."""
         with self._lock:
-            return self._taken_of(min(self._lines, key=self._order)) if self._lines else None
+            user = min(self._lines, key=self._order, default=None)
+            if user is None or (brief and not self._lines[user].next().is_brief):
+                return None
+            return self._taken_of(user)
 
     def take_held_up(self, now: float) -> Task | None:
         """The next task of a user who has no worker, that has waited for `HELD_UP` at a time [s]; if there is one.
