@@ -263,7 +263,7 @@ def test_what_was_cancelled_is_not_put_back() -> None:
     waiting.put(Task("first", 1.0, asker=Asker("a")))
     task = waiting.take()
     assert task is not None
-    task.cancelled_by_client.set()
+    task.cancelled_by_client = True
     assert not waiting.put_back(task)
     waiting.close()
     with pytest.raises(ServerBusy, match="shutting down"):

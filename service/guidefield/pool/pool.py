@@ -181,7 +181,7 @@ class Pool:
     def cancel(self, task: Task, answer: Callable[[], Answer]) -> None:
         """End a task early: answer it so if it still waits; if it is worked on, tell the worker to come to an end."""
         task.if_cancelled = answer
-        task.cancelled_by_client.set()
+        task.cancelled_by_client = True
         if self.waiting.withdraw(task):
             task.set_result(answer())
             return
@@ -201,7 +201,7 @@ class Pool:
         _await(lambda: not any(worker.current for worker in self._all_workers()), grace)
         for worker in self._all_workers():
             if worker.current is not None:
-                worker.current.task.cancelled_by_client.set()
+                worker.current.task.cancelled_by_client = True
                 worker.pass_on_cancel()
         if grace > 0.0:
             may_use = {worker: worker.processor + LAST_WORD for worker in self._all_workers() if worker.current}

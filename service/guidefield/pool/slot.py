@@ -147,7 +147,7 @@ class Worker:
     def pass_on_cancel(self) -> None:
         """Let it know if its job is to be ended early."""
         current = self.current
-        if current is not None and current.task.cancelled_by_client.is_set():
+        if current is not None and current.task.cancelled_by_client:
             self.line.cancelled.value = current.number
 
     def set_back(self) -> None:

@@ -103,7 +103,7 @@ class Task(Future[Answer]):
         self.hear = hear
         self.begin = begin
         self.is_brief = is_brief
-        self.cancelled_by_client = threading.Event()
+        self.cancelled_by_client = False
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()
         self.set_back = 0
@@ -279,7 +279,7 @@ class Waiting:
         with self._lock:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
-            if task.cancelled_by_client.is_set():
+            if task.cancelled_by_client:
                 return False
             task.set_back += gave_way
             self._come(task.asker.user).put_first(task)
