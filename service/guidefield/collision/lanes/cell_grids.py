@@ -89,8 +89,8 @@ def lane_grids(
     numbers = joints.numbers.reshape(-1, JOINT)
     every: list[list[_Side] | None] = []
     for (a, b), allowed in zip(meetings[:, :2].tolist(), most.tolist(), strict=True):
-        way = _way(joints.parents, int(carrying[a]), int(carrying[b]))
-        sides = _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
+        way = _way(joints, numbers, int(carrying[a]), int(carrying[b]))
+        sides = None if way is None else _sides(joints, numbers, way, (covers[a], covers[b]), ranges)
         every.append(None if sides is None or len(sides) > allowed else sides)
     share = max(FEW, MOST_LARGEST // max(1, sum(sides is not None for sides in every)))
     places, values, cells = [], [], CHILDREN  # above all that is said of a cell itself
@@ -135,16 +135,22 @@ def _counts(sides: list[_Side], most: int) -> list[int]:
     return counts
 
 
-def _way(parents: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]]:
-    """The joints that move two joints' bodies past each other: those above the first alone, above the second alone."""
+def _way(joints: LaneJoints, numbers: np.ndarray, a: int, b: int) -> tuple[list[int], list[int]] | None:
+    """Find the joints that move two joints' bodies past each other: above the first alone, and above the second alone.
+
+    None if they depend on more than `GRID_SIDES` coordinates, or on one of a joint that neither turns nor slides.
+    """
     above: tuple[list[int], list[int]] = ([], [])
-    for end, found in zip((a, b), above, strict=True):
-        joint = end
-        while joint > 0:
-            found.append(joint)
-            joint = int(parents[joint])
-    common = set(above[0]) & set(above[1])
-    return [j for j in above[0] if j not in common], [j for j in above[1] if j not in common]
+    drivers = set()
+    while a != b:  # parents come before children
+        joint = max(a, b)
+        above[0 if a > b else 1].append(joint)
+        if numbers[joint, MULTIPLIER] != 0.0:
+            drivers.add(int(joints.drivers[joint]))
+        if joints.kinds[joint] > SLIDING or len(drivers) > GRID_SIDES:
+            return None
+        a, b = (int(joints.parents[a]), b) if a > b else (a, int(joints.parents[b]))
+    return above
 
 
 def _sides(
@@ -154,9 +160,7 @@ def _sides(
     covers: tuple[np.ndarray, np.ndarray],
     ranges: np.ndarray,
 ) -> list[_Side] | None:
-    """The coordinates that a meeting depends on; None if they are more than three, or one has no end."""
-    if (joints.kinds[ways[0] + ways[1]] > SLIDING).any():
-        return None
+    """The coordinates that a meeting depends on; None if one has no end."""
     levers: dict[int, float] = {}
     wraps: dict[int, bool] = {}
     for way, cover in zip(ways, covers, strict=True):
@@ -181,4 +185,4 @@ def _sides(
         low, high = (-np.pi, np.pi) if wraps[driver] else ranges[driver]
         sides.append(_Side(driver, float(low), float(high - low), wraps[driver], levers[driver]))
     bounded = all(np.isfinite([side.lower, side.width, side.lever]).all() and side.width > 0.0 for side in sides)
-    return sides if len(sides) <= GRID_SIDES and bounded else None
+    return sides if bounded else None

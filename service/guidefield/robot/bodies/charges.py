@@ -36,6 +36,9 @@ LEAST_SPACING = 1e-3
 ALWAYS_CLOSE = 2.0
 """Links whose gap at rest is below this many radii of their capsules don't repel each other."""
 
+ROUNDING = 1e-9
+"""By how much balls are taken to be larger than they are, as a share."""
+
 
 @dataclass(frozen=True, eq=False)
 class ChargedShape:
@@ -143,17 +146,40 @@ def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tup
     """Collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
     data, geometry_data = robot.model.createData(), scratch_space(robot.geometry)
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, robot.rest)
-    kept = []
-    for pair in robot.geometry.collisionPairs:
-        i, j = int(pair.first), int(pair.second)
-        radius = max(shapes[i].capsule.radius, shapes[j].capsule.radius)
+    pairs = np.array([(pair.first, pair.second) for pair in robot.geometry.collisionPairs], np.int64).reshape(-1, 2)
+    radii = np.array([shape.capsule.radius for shape in shapes])
+    least = ALWAYS_CLOSE * radii[pairs].max(axis=1)
+    kept = _apart(geometry_data.oMg, shapes, pairs) >= least
+    for k in np.flatnonzero(~kept).tolist():  # of the others the bound tells too little
+        i, j = pairs[k].tolist()
         gaps = [
             _gap(geometry_data.oMg[a], shapes[a].points, geometry_data.oMg[b], shapes[b].capsule)
             for a, b in ((i, j), (j, i))
         ]
-        if min(gaps) >= ALWAYS_CLOSE * radius:
-            kept.append((i, j))
-    return tuple(kept)
+        kept[k] = min(gaps) >= least[k]
+    return tuple((i, j) for i, j in pairs[kept].tolist())
+
+
+def _apart(placements: Any, shapes: tuple[ChargedShape, ...], pairs: np.ndarray) -> np.ndarray:
+    """Return how far the points of one shape of a pair are from the other's capsule at least, by balls about both.
+
+    Args:
+        placements: Of the shapes, pinocchio.SE3.
+        shapes: The shapes.
+        pairs: Indices of shapes, shape (n, 2).
+
+    Returns:
+        Shape (n,) [m]; negative where the balls overlap.
+    """
+    ends = np.array([(shape.capsule.p0, shape.capsule.p1) for shape in shapes]).reshape(-1, 2, 3)
+    middles, halves = ends.mean(axis=1), 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    balls = halves + [shape.capsule.radius for shape in shapes]
+    for k, (shape, middle) in enumerate(zip(shapes, middles, strict=True)):  # which has points a hair outside
+        balls[k] = max(balls[k], np.linalg.norm(shape.points - middle, axis=1).max(initial=0.0))
+    centres = np.array([place.act(middle) for place, middle in zip(placements, middles, strict=True)]).reshape(-1, 3)
+    between = np.linalg.norm(centres[pairs[:, 0]] - centres[pairs[:, 1]], axis=1)
+    found: np.ndarray = between - balls[pairs].sum(axis=1) * (1.0 + ROUNDING)
+    return found
 
 
 def _gap(T_points: Any, points: np.ndarray, T_capsule: Any, capsule: Capsule) -> float:

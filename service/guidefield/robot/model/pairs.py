@@ -126,21 +126,18 @@ def _shares_touching(
     contacts = SelfContacts(model, geometry)
     rng = np.random.default_rng(0)
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
-    apart, counts = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    counts = dict.fromkeys(names, 0)
     most = (1.0 - ALWAYS) * (SAMPLES + 1)
-    for q in [rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]:
+    for done, q in enumerate([rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]):
         contacts.place(q)
         found: set[frozenset[str]] = set()
         for k in contacts.find_near(TOUCH):
             pair = names[k]
-            tested = apart[pair] <= most or pair in disabled
+            tested = done - counts[pair] <= most or pair in disabled
             if tested and pair not in found and contacts.is_contact(k, TOUCH):
                 found.add(pair)
-        for pair in counts:
-            if pair in found:
-                counts[pair] += 1
-            else:
-                apart[pair] += 1
+        for pair in found:
+            counts[pair] += 1
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
