@@ -40,7 +40,7 @@ import numpy as np
 
 import guidefield
 from benchmarks.doors.costs import read_costs
-from benchmarks.growth import PLAN, WARM, fill, time_of
+from benchmarks.doors.kept_runs import PLAN, WARM, fill, time_of
 from guidefield import Client, JointsGoal
 from guidefield.cli.loopback import LOOPBACK, free_port
 from guidefield.cli.serving import service_in_child

@@ -1,115 +1,191 @@
-"""The cost of kept runs: the wait of a plan beside its own work, and a page of the list, with few and many of them.
+"""How costs grow with everything that a user can have many of: at n, 4 n and 16 n.
 
-Usage: tools/bench growth [--runs 0,1000,100000] [--repeats N]
+Usage: tools/bench growth [SUBJECT ..] [--runs 0,1000,100000] [--repeats N] [--small]
 
-For each number a service of its own is started on a data folder with that many runs, and all are asked in turn. *wait*
-is the time of a plan over Zenoh beyond the planner's own, in the median, and *work* the processor time of the service
-without its worker, which other work on the machine doesn't change. *page* is a page of 100 runs over Zenoh, the best of
-all: the newest, some from the middle, and those of a filter that one in ten fits. Last, the ratios to the first number.
+Subjects: boxes, polygons, triangles, points, movers, configurations, waypoints, goals, steps, joints, held (objects),
+results (of a batch), cycles (of a stream, 50 a second), clients, scenes and robots (stored), runs (kept).
+
+The first ones are measured in a process of their own for each size: *first* is the processor time of the first answer
+or of writing, *then* of the next one or of reading again (of a stream four times that of its last quarter), *memory*
+what the process grew at most. Of a service *first* is the processor time of its process and its workers for storing
+all, or for 50 answers to each client; *then* for a list of all, or for as many answers again; *memory* is what its
+process has in the end, when the clients have gone. Of kept runs see the lines that are printed with them; *first* is a
+plan's cost, *then* a page's.
+
+The exponent is that of the power of the size that the growth of the time follows from n to 4 n and to 16 n: 1 is
+linear, and 0 is written where hardly anything grows. Worse than linear is marked, beyond what caches and a busy machine
+do, and so is memory that grows where nothing is kept. With --small sizes are a quarter.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import math
+import os
+import subprocess
+import sys
 import tempfile
-import time
-from collections import defaultdict
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-import msgspec
-import numpy as np
+from benchmarks.door import FRAMES, Askers, Target, default_service
+from benchmarks.doors.costs import read_costs
+from benchmarks.doors.kept_runs import WARM, measure
+from guidefield import Box, Client, Scene
+from guidefield.kernels.jit.cache import cache_folder
 
-from benchmarks.service import processor_time
-from guidefield import Client, JointsGoal, PlanReply, PlanRequest, answer
-from guidefield.cli.serving import service_in_child
-from guidefield.messages import codec
-from guidefield.messages.identities import PLAIN
-from guidefield.stores.run_rows import NewRun
-from guidefield.stores.runs import Retention, RunDatabase
+TOOLS = Path(__file__).resolve().parents[1]
+SIZES: dict[str, int] = {
+    "boxes": 500,
+    "polygons": 256,
+    "triangles": 5_000,
+    "points": 5_000,
+    "movers": 16,
+    "configurations": 500,
+    "waypoints": 200,
+    "goals": 16,
+    "steps": 8,
+    "joints": 6,
+    "held": 4,
+    "results": 6_250,
+    "cycles": 750,
+    "clients": 4,
+    "scenes": 40,
+    "robots": 12,
+    "runs": 1_000,
+}
+"""n of each subject."""
+FLAT = ("results", "cycles", "clients", "runs")
+"""Subjects whose memory mustn't grow: nothing is kept of them there."""
+WORSE, GROWS = 1.25, 1.1
+"""Exponents from which on time is marked, and ratios of memory at 16 n to that at n."""
+NOISE, LEAST = 1.3, 10e-3
+"""Ratio of the time at 16 n to that at n, and their difference [s], below which hardly anything grows."""
+SMALLEST = 16.0
+"""Memory below this is that of allocators [MB]."""
+ANSWERS = 50
+"""Answers to each client."""
 
-PLAN = PlanRequest("panda", "table", JointsGoal({"panda_joint1": 0.1}), guide_planes=[], recording="off")
-MOST_ROWS = 20
-"""Rows of the reply that is kept: lists don't depend on it, and 100,000 whole ones take 5 GB."""
-WARM = 5
-"""Plans that don't count."""
-GOAL_RATIO, GOAL_PAGE = 1.1, 10e-3
+Row = tuple[float, float, float]
+"""Processor times [s] and memory [MB]."""
 
-
-def fill(count: int, data: Path) -> None:
-    """Keep so many runs in a data folder: one in ten failed."""
-    reply = answer(PLAN)
-    assert isinstance(reply, PlanReply)
-    reply = msgspec.structs.replace(reply, path=reply.path[:MOST_ROWS], trajectory=None)
-    failed = msgspec.structs.replace(
-        reply, status=msgspec.structs.replace(reply.status, code=-1, name="PLANNING_FAILED")
-    )
-    request, replies = codec.encode(PLAN), (*[codec.encode(reply)] * 9, codec.encode(failed))
-    database = RunDatabase(data, Retention(runs=count + 1))
-    runs = database.of(PLAIN)
-    for number in range(count):
-        runs.finish(NewRun(PLAIN, f"kept{number}", "plan", request), replies[number % 10])
-    database.close()
-
-
-def wait_for_plan(client: Client, front: int) -> tuple[float, float]:
-    """Plan once; the time beyond the planner's work, and the processor time of the service without its worker [s]."""
-    began, work = time.perf_counter(), processor_time(front) - time.process_time()
-    timing = client.plan(PLAN).timing
-    elapsed = time.perf_counter() - began
-    return elapsed - (timing.total - timing.queue), processor_time(front) - time.process_time() - work
+_SCRIPT = f"import sys; sys.path.insert(0, {str(TOOLS)!r}); from benchmarks.one.growth import main; main()"
 
 
-def time_of(ask: Callable[[], object]) -> float:
-    """The time that an answer takes [s]."""
-    began = time.perf_counter()
-    ask()
-    return time.perf_counter() - began
+def measure_in_process(subject: str, size: int) -> Row:
+    """Measure a size in a process of its own, which finds no geometry on disk."""
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as cache:
+        alone = {"XDG_CACHE_HOME": cache, "NUMBA_CACHE_DIR": str(cache_folder().parents[1])}
+        command = [sys.executable, "-c", _SCRIPT, subject, str(size)]
+        done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **alone}, check=False)
+    if done.returncode:
+        raise RuntimeError(f"{subject} {size}: {done.stderr[-2000:]}")
+    found = json.loads(done.stdout.splitlines()[-1])
+    return found["first"], found["then"], found["memory"]
+
+
+def measure_clients(size: int) -> Row:
+    """Measure so many clients that ask as fast as they can."""
+    with default_service(0, 2) as service:
+        with Askers(size) as askers:
+            askers.ask(size, service, service.kinematics, FRAMES, count=WARM)
+            first, then = (
+                _processor_time(service, lambda: askers.ask(size, service, service.kinematics, FRAMES, count=ANSWERS))
+                for _ in range(2)
+            )
+        return first, then, _memory(service)
+
+
+def measure_scenes(size: int) -> Row:
+    """Measure storing so many scenes, and a list of them."""
+    with _client() as (service, client):
+        scenes = [Scene(f"s{k}", obstacles=[Box(name="b", size=(0.1, 0.1, 0.1))]) for k in range(size)]
+        first = _processor_time(service, lambda: [client.store_scene(scene) for scene in scenes])
+        return first, _processor_time(service, client.scenes), _memory(service)
+
+
+def measure_robots(size: int) -> Row:
+    """Measure storing so many robots, and a list of them."""
+    with _client() as (service, client):
+        urdf = "<robot name='r'><link name='a'/><link name='b'/><joint name='j' type='continuous'><parent link='a'/>"
+        urdf += "<child link='b'/><axis xyz='0 0 1'/></joint></robot>"
+        first = _processor_time(service, lambda: [client.store_robot(f"r{k}", urdf) for k in range(size)])
+        return first, _processor_time(service, client.robots), _memory(service)
+
+
+SERVED: dict[str, Callable[[int], Row]] = {
+    "clients": measure_clients,
+    "scenes": measure_scenes,
+    "robots": measure_robots,
+}
+
+
+def exponent(times: Sequence[float]) -> float:
+    """Return the power of the size that the growth of times at n, 4 n and 16 n follows; 0 if nothing grows."""
+    small, middle, large = times
+    if large < max(NOISE * small, small + LEAST):
+        return 0.0
+    return math.log(max(1.0, (large - middle) / max(middle - small, 1e-9))) / math.log(4.0)
+
+
+def print_growth(subject: str, sizes: Sequence[int], rows: Sequence[Row]) -> None:
+    """Print a line for each size, and what is worse than linear."""
+    print(f"\n{subject:>14s}{'first, ms':>12s}{'then, ms':>12s}{'memory, MB':>12s}")
+    for size, (first, then, memory) in zip(sizes, rows, strict=True):
+        print(f"{size:14d}{1e3 * first:12.1f}{1e3 * then:12.1f}{memory:12.1f}")
+    first, then, memories = zip(*rows, strict=True)
+    powers = exponent(first), exponent(then)
+    marks = [f"{name} worse than linear" for name, p in zip(("first", "then"), powers, strict=True) if p > WORSE]
+    if subject in FLAT and memories[-1] > max(SMALLEST, GROWS * memories[0]):
+        marks.append("memory grows")
+    print(f"{'exponent':>14s}{powers[0]:12.2f}{powers[1]:12.2f}   {', '.join(marks) or 'fine'}", flush=True)
 
 
 def run(arguments: list[str]) -> None:
-    """Measure, and print a line for each number of runs."""
+    """Measure the subjects."""
     parser = argparse.ArgumentParser(prog="tools/bench growth", description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", default="0,1000,100000", help="how many are kept")
-    parser.add_argument("--repeats", type=int, default=100)
+    parser.add_argument("subjects", nargs="*", help=f"of {', '.join(SIZES)}")
+    parser.add_argument("--runs", default="", help="how many are kept, such as 0,1000,100000")
+    parser.add_argument("--repeats", type=int, default=30, help="plans for each number of kept runs")
+    parser.add_argument("--small", action="store_true", help="a quarter of each size")
     options = parser.parse_args(arguments)
-    counts = [int(count) for count in options.runs.split(",")]
-    times: dict[int, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    with contextlib.ExitStack() as opened:
-        asked = {}
-        for count in counts:
-            data = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="guidefield-")))
-            fill(count, data)
-            keep = ("--keep-runs", str(count + 10 * options.repeats))
-            service = opened.enter_context(service_in_child(lambda _: None, options=keep, data=data))
-            client = opened.enter_context(Client.connect(service.endpoint, wait=60.0))
-            asked[count] = client, service.process.pid
-        for turn in range(options.repeats + WARM):
-            for count, (client, front) in asked.items():
-                wait, work = wait_for_plan(client, front)
-                pages = {
-                    "page": partial(client.runs, limit=100),
-                    "middle": partial(client.runs, limit=100, after=str(count // 2 + 1)),
-                    "filtered": partial(client.runs, limit=100, status="PLANNING_FAILED"),
-                }
-                if turn >= WARM:
-                    times[count]["wait"].append(wait)
-                    times[count]["work"].append(work)
-                    for name, page in pages.items():
-                        times[count][name].append(time_of(page))
-    figures = {
-        count: [*(np.median(found[name]) for name in ("wait", "work")), *(min(found[p]) for p in pages)]
-        for count, found in times.items()
-    }
-    print(f"{'kept runs':>10s}{'wait':>10s}{'work':>10s}{'page':>10s}{'middle':>10s}{'filtered':>10s}   [ms]")
-    for count, row in figures.items():
-        print(f"{count:10d}" + "".join(f"{1e3 * value:10.2f}" for value in row))
-    first = figures[counts[0]]
-    for count in counts[1:]:
-        wait, work = (row / base for row, base in zip(figures[count][:2], first[:2], strict=True))
-        met = "met" if wait <= GOAL_RATIO else "missed"
-        page = "met" if figures[count][2] <= GOAL_PAGE else "missed"
-        print(f"{count} kept / {counts[0]}: wait {wait:.2f} (goal {GOAL_RATIO:g}: {met}), work {work:.2f};", end=" ")
-        print(f"a page in {1e3 * figures[count][2]:.1f} ms (goal {1e3 * GOAL_PAGE:g}: {page})")
+    subjects = options.subjects or (["runs"] if options.runs else [*SIZES])
+    if unknown := set(subjects) - set(SIZES):
+        parser.error(f"there is no subject {', '.join(sorted(unknown))}; there are {', '.join(SIZES)}")
+    for subject in subjects:
+        n = max(1, SIZES[subject] // 4) if options.small else SIZES[subject]
+        sizes = [n, 4 * n, 16 * n]
+        if subject == "runs":
+            counts = [int(count) for count in options.runs.split(",")] if options.runs else sizes
+            figures = measure(counts, options.repeats)
+            if len(counts) == 3:
+                print_growth(subject, counts, [(row[1], row[2], 0.0) for row in figures.values()])
+            continue
+        if subject in SERVED:
+            rows = [SERVED[subject](size) for size in sizes]
+        else:
+            rows = [measure_in_process(subject, size) for size in sizes]
+        print_growth(subject, sizes, rows)
+    print(f"load of the machine: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+
+
+@contextlib.contextmanager
+def _client() -> Iterator[tuple[Target, Client]]:
+    with default_service(0, 1) as service, Client.connect(service.endpoint, wait=60.0) as client:
+        client.robot("panda")
+        client.robots()
+        yield service, client
+
+
+def _processor_time(service: Target, work: Callable[[], object]) -> float:
+    """What a service's processes take while something is done [s]."""
+    before = read_costs(service.pid)
+    work()
+    return float((read_costs(service.pid) - before)[:2].sum())
+
+
+def _memory(service: Target) -> float:
+    """Resident memory of a service's own process [MB]."""
+    return int(Path(f"/proc/{service.pid}/status").read_text().partition("VmRSS:")[2].split()[0]) / 1e3

@@ -1,0 +1,143 @@
+"""What one number of something costs, measured in a process that has done nothing else: its times and its memory."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import guidefield
+from benchmarks import grown
+from benchmarks.grown import PANDA, SEED, TURNED, Made
+from guidefield.batch.request_file import RequestFile
+from guidefield.batch.results import Outcome, Results
+from guidefield.messages import codec
+
+WARMED = 5
+"""A size that is answered twice before, so that kernels are loaded."""
+REPEATS = 3
+ROWS = 3000
+"""Numbers in a batch's answers: 15 KB each."""
+
+Costs = tuple[float, float]
+"""Processor time of the first time and of the next one [s]."""
+
+
+def answered(made: Callable[[int, int], Made]) -> Callable[[int], Costs]:
+    """Return what measures answers: in a scene that was never seen, and again."""
+
+    def measure(size: int) -> Costs:
+        request = codec.decode_request(made(size, SEED))
+        return time_of(request), min(time_of(request) for _ in range(REPEATS))
+
+    def time_of(request: Any) -> float:
+        began = time.process_time()
+        guidefield.answer(request)
+        return time.process_time() - began
+
+    for draw in range(2):
+        time_of(codec.decode_request(made(WARMED, draw)))
+    return measure
+
+
+def configurations(count: int, draw: int) -> Made:
+    turned = [{**PANDA, "panda_joint1": 0.001 * ((k + draw) % 1000)} for k in range(count)]
+    return {"type": "clearance", "robot": "panda", "scene": "bookshelf", "configurations": turned}
+
+
+def goals(count: int, draw: int) -> Made:
+    places = [{**TURNED, "panda_joint1": 0.9 + 0.0001 * k, "panda_joint7": 0.001 * draw} for k in range(count)]
+    return {**grown.plan(grown.boxes(10, draw)), "goal": {"type": "joint_set", "positions": places}}
+
+
+def held(count: int, draw: int) -> Made:
+    """A stack of thin sheets in the hand."""
+    sheets = [
+        {
+            "obstacle": {"type": "box", "name": f"sheet{k}", "size": [0.03, 0.03, 0.001]},
+            "link": "panda_hand",
+            "placement": {"position": [0.0, 0.0, 0.12 + 0.0015 * k]},
+            "touch_links": ["panda_leftfinger", "panda_rightfinger"],
+        }
+        for k in range(count)
+    ]
+    return {**grown.plan(grown.boxes(10, draw)), "attached_objects": sheets}
+
+
+def joints(count: int, draw: int) -> Made:
+    """An arm of cylinders, 4 m long, that bends a little; another draw is another arm."""
+    length, parts = 4.0 / count, [f'<robot name="arm{draw}"><link name="l0"/>']
+    for k in range(1, count + 1):
+        parts.append(
+            f'<link name="l{k}"><collision><origin xyz="0 0 {0.5 * length}"/><geometry>'
+            f'<cylinder radius="0.0{30 + draw}" length="{0.8 * length}"/></geometry></collision></link>'
+            f'<joint name="j{k}" type="revolute">'
+            f'<parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 {length if k > 1 else 0.0}"/>'
+            f'<axis xyz="{k % 2} {1 - k % 2} 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
+        )
+    far = [{"type": "box", "name": "far", "size": [0.1, 0.1, 0.1], "position": [9.0, 0.0, 0.0]}]
+    bent = {f"j{k}": 0.3 / count for k in range(1, count + 1)}
+    robot = {"type": "urdf", "text": "".join([*parts, "</robot>"])}
+    return {**grown.plan(far), "robot": robot, "start": {}, "goal": {"type": "joints", "positions": bent}}
+
+
+def batch_results(count: int) -> Costs:
+    """Write so many answers of a batch, then find that it is finished."""
+    reply = b'{"status":{"code":1,"name":"SUCCESS"},"path":[' + b"0.5," * ROWS + b"0.5]}"
+    with tempfile.TemporaryDirectory(prefix="guidefield-") as name:
+        folder, times = Path(name), []
+        file = folder / "requests.jsonl"
+        with file.open("wb") as written:
+            written.writelines(b'{"robot":"panda","number":%d}\n' % k for k in range(count))
+        for _ in range(2):
+            began = time.process_time()
+            with RequestFile(file) as requests, Results(folder, requests) as results:
+                for item in requests.items(folder, recordings=False):
+                    if not results.has(item):
+                        results.add(Outcome(item, True, reply))
+            times.append(time.process_time() - began)
+    return times[0], times[1]
+
+
+def stream_cycles(count: int) -> Costs:
+    """Run a stream of a Panda among three boxes for so many cycles, 50 a second."""
+    from benchmarks.stream_rate import Kind, measured
+
+    cycles, _, _ = measured(Kind(3, 3), count)
+    return float(cycles.sum()), float(cycles[-count // 4 :].sum() * 4)
+
+
+SUBJECTS: dict[str, Callable[[], Callable[[int], Costs]]] = {
+    "boxes": lambda: answered(lambda size, draw: grown.plan(grown.boxes(size, draw))),
+    "polygons": lambda: answered(lambda size, draw: grown.plan(grown.polygons(size, draw))),
+    "triangles": lambda: answered(lambda size, draw: grown.plan(grown.terrain(size, draw))),
+    "points": lambda: answered(lambda size, draw: grown.plan(grown.cloud(size, draw))),
+    "movers": lambda: answered(lambda size, draw: grown.plan(grown.movers(size, draw))),
+    "configurations": lambda: answered(configurations),
+    "waypoints": lambda: answered(grown.judged),
+    "goals": lambda: answered(goals),
+    "steps": lambda: answered(grown.steps),
+    "joints": lambda: answered(joints),
+    "held": lambda: answered(held),
+    "results": lambda: batch_results,
+    "cycles": lambda: stream_cycles,
+}
+"""What is measured in a process, by name."""
+
+
+def main() -> None:
+    """Print what the subject and the size of the arguments cost, as JSON."""
+    subject, size = sys.argv[1], int(sys.argv[2])
+    measure = SUBJECTS[subject]()
+    before = _memory("VmRSS")
+    first, then = measure(size)
+    print(json.dumps({"first": first, "then": then, "memory": max(0.0, _memory("VmHWM") - before)}))
+
+
+def _memory(field: str) -> float:
+    """What the system tells of this process's memory [MB]."""
+    return int(Path("/proc/self/status").read_text().partition(f"{field}:")[2].split()[0]) / 1e3
