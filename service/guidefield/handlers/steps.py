@@ -74,6 +74,7 @@ class Steps:
             self.warnings += [f"step {index}: {warning}" for warning in clamped_goals(step.goal, robot)]
         objects = tuple(Held(one) for one in request.attached_objects)
         self.start = Standing(robot, se3(base.position, base.quaternion_xyzw), scene, q, objects)
+        self._moving = self._moving_joints()
         self.whole = self._group(robot, self.start.q)
         self._require_passable()
         self._tried()
@@ -150,20 +151,22 @@ class Steps:
         """As in `Course`."""
         return self._request.steps[index].detach
 
-    def _group(self, robot: RobotModel, q: RobotConfiguration) -> PlanningGroup:
-        """All joints that any step moves, with the request's limits."""
-        request = self._request
-        root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
+    def _moving_joints(self) -> list[str]:
+        """Return the names of all joints that any step moves."""
         names: set[str] = set()
-        for index, step in enumerate(request.steps):
+        for index, step in enumerate(self._request.steps):
             if step.goal is not None:
                 with _in_step(index):
-                    part = select(robot, self._joints(step), self._tip(step), q, root)
+                    part = select(self.start.robot, self._joints(step), self._tip(step), self.start.q, self.start.root)
                     names |= {joint.name for joint in part.joints}
         if not names:
             raise MalformedRequest("no step has a `goal`: nothing moves", path="$.steps")
-        ordered = [joint.name for joint in robot.joints if joint.name in names]
-        group = limited(select(robot, ordered, request.tip, q, root).starting_at(request.start), request)
+        return [joint.name for joint in self.start.robot.joints if joint.name in names]
+
+    def _group(self, robot: RobotModel, q: RobotConfiguration) -> PlanningGroup:
+        """All joints that any step moves, with the request's limits."""
+        request, root = self._request, self.start.root
+        group = limited(select(robot, self._moving, request.tip, q, root).starting_at(request.start), request)
         for joint in group.joints:
             if joint.kind in BALLS:
                 raise InvalidGroup(
