@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
@@ -154,7 +155,8 @@ class SceneStore:
         self._packaged.delete(name)
 
     def _own(self) -> list[str]:
-        return [path.stem for path in self._folder.glob("*.json") if not path.name.startswith(".")]
+        names = os.listdir(self._folder)  # noqa: PTH208 - for each scene that is stored all names are read
+        return [name.removesuffix(".json") for name in names if name.endswith(".json") and not name.startswith(".")]
 
     def _of(self, name: str) -> SceneVersions:
         """A scene's files, whether there are any or not."""
