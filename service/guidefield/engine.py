@@ -246,11 +246,13 @@ class Engine:
         if isinstance(request, requests.PlanRequest):
             from guidefield.handlers.plan import prepare_ahead
 
-            return prepare_ahead(request, load) and compiled
+            if request.steps:
+                importlib.import_module("guidefield.handlers.sequence")
+            return prepare_ahead(request, load, self._declared) and compiled
         if isinstance(request, requests.CertifyRequest):
-            from guidefield.handlers.certify import load_ahead
+            from guidefield.handlers.certify import lay_out_ahead
 
-            load_ahead(request, load)
+            lay_out_ahead(request, load)
         return False
 
     def warm_up(self, robots: Sequence[str] = ()) -> None:

@@ -9,15 +9,21 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from guidefield.collision.certify.tables import certified_robot
+from guidefield.collision.enclosure import closed_bodies
+from guidefield.collision.minimum.tables import robot_parts
+from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.agreement import Certified, require_agreement
+from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_case import motion_of
-from guidefield.handlers.certify_problem import certify_problem
+from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Record
+from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
@@ -34,7 +40,7 @@ from guidefield.planner.quality import (
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
 from guidefield.robot.model.model import RobotModel
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, build
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +129,20 @@ def _recorded(scene: Scene, problem: GivenProblem, measured: Clearance | None) -
     return JudgedMotion(problem.group, scene, measure, packed, problem.motion)
 
 
-def load_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
-    """Load a request's robot before its time begins. What can't be used is refused later, where that is kept."""
+def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], RobotModel]) -> None:
+    """Load a request's robot, and make the tables that judge it, before its time begins.
+
+    What can't be used is refused later, where that is kept.
+    """
     with contextlib.suppress(GuidefieldError):
-        load(request.robot)
+        robot = load(request.robot)
+        nowhere = build(messages.Scene(name="nowhere"))
+        if request.attached_objects and not are_large(request.attached_objects):
+            robot = holding(robot, request.attached_objects, nowhere)
+        group = planning_group(request, robot)
+        certified_robot(World.build(group, nowhere))
+        closed_bodies(group)
+        robot_parts(group)
 
 
 def _uses(problem: GivenProblem) -> Uses:

@@ -61,10 +61,7 @@ def certify_problem(
     rows = _positions(request)
     columns = _columns(request, robot)
     columns.require_width(_field(request), rows)
-    q_whole, warnings = _first(request, columns, rows, robot)
-    root = request.robot_placement
-    place = se3(root.position, root.quaternion_xyzw)
-    group = limited(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request)
+    group, warnings = _planning_group(request, columns, rows, robot)
     _require_in_group(columns, group)
     motion, odd = _motion(request, columns, rows, group)
     problem = GivenProblem(
@@ -80,6 +77,26 @@ def certify_problem(
         motion=motion,
     )
     return problem, (*robot.warnings, *scene.warnings, *warnings, *odd)
+
+
+def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:
+    """Return the group whose motion a request gives, from the first row alone.
+
+    Raises:
+        InvalidGroup, InvalidConfiguration, UnknownFrame: as `certify_problem`.
+    """
+    columns, rows = _columns(request, robot), _positions(request, 1)
+    columns.require_width(_field(request), rows)
+    return _planning_group(request, columns, rows, robot)[0]
+
+
+def _planning_group(
+    request: CertifyRequest, columns: Columns, rows: np.ndarray, robot: RobotModel
+) -> tuple[PlanningGroup, list[str]]:
+    """The group that moves, placed as the request says, and warnings."""
+    q_whole, warnings = _first(request, columns, rows, robot)
+    place = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
+    return limited(select(robot, _group(request, columns, robot), request.tip, q_whole, place), request), warnings
 
 
 def _require_served(request: CertifyRequest, scene: Scene) -> None:
@@ -108,11 +125,11 @@ def _field(request: CertifyRequest) -> str:
     return "path" if request.trajectory is None else "trajectory.positions"
 
 
-def _positions(request: CertifyRequest) -> np.ndarray:
-    """The rows, shape (n, k)."""
+def _positions(request: CertifyRequest, most: int | None = None) -> np.ndarray:
+    """The rows, or the first of them, shape (n, k)."""
     rows = request.path if request.trajectory is None else request.trajectory.positions
     assert rows is not None, "there is a path or a trajectory"
-    return rows_in(rows)
+    return rows_in(rows[:most])
 
 
 def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:

@@ -25,7 +25,7 @@ from guidefield.handlers.preparation import connects, is_laid_out, prepare_links
 from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Record
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.motion.trajectory import Trajectory
@@ -144,19 +144,34 @@ def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
     )
 
 
-def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference], RobotModel]) -> bool:
-    """Prepare a request's robot and lay its links out before its time begins; whether that was done before.
+def prepare_ahead(
+    request: PlanRequest,
+    load: Callable[[requests.RobotReference], RobotModel],
+    declared: Callable[[requests.SceneReference], messages.Scene],
+) -> bool:
+    """Prepare a request's robot and lay its links out before its time begins; return whether that was done before.
 
     What can't be used is refused later, where that is kept.
+
+    Args:
+        request: What is asked.
+        load: Loads a robot.
+        declared: Finds a scene's message.
     """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)
         if not connects(request):
             return is_prepared(robot)
         nowhere, base = build(messages.Scene(name="nowhere")), request.robot_placement
+        held = request.attached_objects
         robots = [robot]
-        if request.attached_objects and not are_large(request.attached_objects):
-            robots.append(holding(robot, request.attached_objects, nowhere))
+        if held and not are_large(held):
+            robots.append(holding(robot, held, nowhere))
+        picked = _picked_up(request, robot, declared)
+        if picked and not are_large(picked):  # where it is held is known later; what takes long is about its shape
+            picking = holding(robot, picked, nowhere)
+            if not is_prepared(picking):
+                prepare(picking)
         missing = [one for one in robots if not is_laid_out(one)]
         if not missing:
             return True
@@ -166,3 +181,14 @@ def prepare_ahead(request: PlanRequest, load: Callable[[requests.RobotReference]
             prepare(one)
             prepare_links(World.build(group, nowhere), UNLIMITED)
     return False
+
+
+def _picked_up(
+    request: PlanRequest, robot: RobotModel, declared: Callable[[requests.SceneReference], messages.Scene]
+) -> list[AttachedObject]:
+    """Return the obstacles that steps pick up, held anywhere."""
+    names = {step.attach.object for step in request.steps if step.attach is not None}
+    if not names:
+        return []
+    obstacles = [one for one in declared(request.scene).obstacles if one.name in names]
+    return [AttachedObject(obstacle=one, link=robot.tip) for one in obstacles]
