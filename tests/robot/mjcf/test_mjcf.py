@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -161,6 +162,54 @@ def test_a_file_that_is_included_or_edited_is_read_again(tmp_path: Path) -> None
 def test_what_cannot_be_kept_is_refused_by_name(text: str, words: str) -> None:
     with pytest.raises(RobotInvalid, match=words):
         Catalog().load(UrdfText(f"<mujoco><worldbody>{text}</worldbody></mujoco>"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('<equality><connect name="loop" body1="b" body2="c" anchor="0 0 0"/></equality>', "connect 'loop' isn't kept"),
+        ('<equality><weld name="glue" body1="b" body2="c"/></equality>', "weld 'glue' isn't kept"),
+        (
+            '<equality><joint name="cam" joint1="k" joint2="j" polycoef="0 1 .5 0 0"/></equality>',
+            "joint 'cam' of joint 'k' isn't kept: it follows 'j' by a curve",
+        ),
+        (
+            '<tendon><fixed name="pull" limited="true" range="0 1"><joint joint="j" coef="1"/></fixed></tendon>',
+            "what tendons couple isn't kept, nor the length limits of 1 of them: pull",
+        ),
+        (
+            '<tendon><fixed name="p"><joint joint="j" coef="1"/></fixed><fixed name="q"><joint joint="k" coef="1"/>'
+            '</fixed></tendon><equality><tendon name="couple" tendon1="p" tendon2="q"/></equality>',
+            "tendon 'couple' isn't kept",
+        ),
+    ],
+    ids=["connect", "weld", "curve", "tendon", "tendons"],
+)
+def test_couplings_that_are_not_kept_are_told_by_name_and_leave_joints_free(text: str, words: str) -> None:
+    bodies = (
+        '<body name="a"><joint name="j" range="-1 1"/><geom size=".05"/><body name="b" pos="0 0 .3">'
+        '<joint name="k" range="-1 1"/><geom size=".05"/></body></body>'
+        '<body name="c" pos="1 0 0"><geom size=".1"/></body>'
+    )
+    robot = Catalog().load(UrdfText(f"<mujoco><worldbody>{bodies}</worldbody>{text}</mujoco>"))
+    assert any(words in warning for warning in robot.warnings)
+    assert [joint.name for joint in robot.joints if joint.mimic is None] == ["j", "k"]
+
+
+def test_a_body_that_bends_is_refused_by_name() -> None:
+    cloth = '<flexcomp name="cloth" type="grid" count="3 3 1" spacing=".1 .1 .1" dim="2"/>'
+    arm = '<body><joint/><geom size=".05"/></body>'
+    with pytest.raises(RobotInvalid, match="<flex> called 'cloth'"):
+        Catalog().load(UrdfText(f"<mujoco><worldbody>{arm}{cloth}</worldbody></mujoco>"))
+
+
+@pytest.mark.parametrize("as_text", [True, False])
+def test_without_the_package_the_extra_is_named(as_text: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    (tmp_path / "arm.xml").write_text(ARM)
+    reference = UrdfText(ARM) if as_text else UrdfFile(str(tmp_path / "arm.xml"))
+    with pytest.raises(RobotInvalid, match=r"pip install 'guidefield\[mujoco\]'"):
+        Catalog().load(reference)
 
 
 def test_a_text_that_names_files_is_refused() -> None:

@@ -19,7 +19,7 @@ from guidefield.robot.mjcf.compilation import CompiledModel, import_mujoco
 from guidefield.robot.mjcf.equalities import joint_laws, tendon_warnings
 from guidefield.robot.mjcf.geoms import GeomWriter
 from guidefield.robot.mjcf.kinematic_tree import kinematic_tree
-from guidefield.robot.mjcf.names import body_names
+from guidefield.robot.mjcf.names import body_names, named
 from guidefield.robot.urdf.srdf import Srdf, SrdfState
 
 
@@ -60,7 +60,11 @@ def convert(compiled: CompiledModel, name: str, root_joint: str) -> MjcfRobot:
     """
     model, warnings = compiled.model, list(compiled.warnings)
     if model.nflex:
-        raise RobotInvalid("MJCF: it has a <flex>, a body that bends, which can't be judged; take it out")
+        which = ", ".join(repr(name) for name in named(model, "flex") if name)
+        raise RobotInvalid(
+            f"MJCF: it has a <flex>{' called ' + which if which else ''}, a body that bends, which can't be judged;"
+            " take it out"
+        )
     laws = joint_laws(model, warnings)
     tree = kinematic_tree(model, laws, root_joint == "free", name)
     warnings += _held_bodies(model, tree.joints)

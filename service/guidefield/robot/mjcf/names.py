@@ -35,7 +35,7 @@ def named(model: Any, kind: str) -> list[str]:
 
     Args:
         model: `mujoco.MjModel`.
-        kind: MuJoCo's word for the kind: `body`, `joint`, `geom`, `site`, `key`, `equality`, `tendon`, `mesh`.
+        kind: MuJoCo's word for the kind: `body`, `joint`, `geom`, `site`, `key`, `equality`, `tendon`, `flex`, `mesh`.
     """
     mujoco = import_mujoco()
     counts = {"body": "nbody", "joint": "njnt", "equality": "neq"}
