@@ -44,6 +44,14 @@ class PathConstraint(Protocol):
         """The most that it changes while the origin moves by `shift` [m] and the frame turns by `turn` [rad]."""
         ...
 
+    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
+        """The parts of linear and angular velocity that change it there, each as rows of an orthogonal projection.
+
+        Both are of shape (k, 3).
+        Those of the linear velocity are the same everywhere, those of the angular velocity turn with the frame.
+        """
+        ...
+
     def told(self, value: float) -> str:
         """A value of the number beyond the limit, in words [rad or mm]."""
         ...
@@ -83,6 +91,11 @@ class Cone:
         """As much as the frame turns."""
         return turn
 
+    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
+        """As in `PathConstraint`, shape (3, 3) each: a turn about the axis itself leaves it where it is."""
+        axis = placement.rotation @ self.axis
+        return np.eye(3), np.eye(3) - np.outer(axis, axis)
+
     def told(self, value: float) -> str:
         """As in `PathConstraint`."""
         return f"the axis of {self.frame!r} is {value:.4g} rad off, {self.limit:.4g} rad are allowed"
@@ -117,6 +130,10 @@ class Near:
     def change(self, shift: float, turn: float) -> float:  # noqa: ARG002 - a place stays where the frame turns
         """As much as the origin moves."""
         return shift
+
+    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
+        """As in `PathConstraint`, shapes (k, 3) and (3, 3): motion along the plane or line leaves the distance."""
+        return self.across, np.eye(3)
 
     def told(self, value: float) -> str:
         """As in `PathConstraint`."""
@@ -198,6 +215,10 @@ class EvenTurn:
         """As much as the frame turns, and as the even turn does on so much of the way."""
         return turn + shift * float(np.linalg.norm(self.turn) * np.linalg.norm(self.by_place))
 
+    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
+        """As in `PathConstraint`, shape (3, 3) each: all of both."""
+        return np.eye(3), np.eye(3)
+
     def told(self, value: float) -> str:
         """As in `PathConstraint`."""
         return f"{self.frame!r} is turned by {value:.4g} rad from its even turn, {self.limit:.4g} rad are allowed"
@@ -228,11 +249,11 @@ class ConstrainedFrames:
 
     def values(self, z: ChartPoint) -> np.ndarray:
         """The constraints' numbers [rad or m] at a chart point, shape (nv,): shape (k,)."""
-        return np.array([c.value(placed) for c, placed in zip(self.constraints, self._placed(z), strict=True)])
+        return np.array([c.value(placed) for c, placed in zip(self.constraints, self.placements(z), strict=True)])
 
     def values_and_rows(self, z: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
         """The numbers at a chart point, shape (nv,): shape (k,), and their derivatives by the chart, shape (k, nv)."""
-        placed, jacobians = self._placed(z), self.jacobians(z)
+        placed, jacobians = self.placements(z), self.jacobians(z)
         map_to_tangent = self.group.expand_velocity @ self.group.tangent_map(z)
         values = np.array([c.value(T) for c, T in zip(self.constraints, placed, strict=True)])
         rows = [c.row(T) @ J @ map_to_tangent for c, T, J in zip(self.constraints, placed, jacobians, strict=True)]
@@ -249,7 +270,8 @@ class ConstrainedFrames:
             for frame in self.indices
         ]
 
-    def _placed(self, z: ChartPoint) -> list[Any]:
+    def placements(self, z: ChartPoint) -> list[Any]:
+        """Placement in the world of each constraint's frame at a chart point, shape (nv,): pinocchio.SE3."""
         pin.forwardKinematics(self.group.model, self._data, self.group.expand_from_chart(z))
         return [pin.updateFramePlacement(self.group.model, self._data, frame).copy() for frame in self.indices]
 
