@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import coal
@@ -137,8 +137,8 @@ class PartsTable:
         def there(points: np.ndarray) -> np.ndarray:
             return points if placement is None else moved(placement, points)
 
-        counts = [len(nodes) for nodes, _ in mesh.clusters]
-        made = in_memory(tree_layout(len(mesh.corners), len(mesh.balls), counts))
+        counts, hulls = [len(nodes) for nodes, _ in mesh.clusters], list(_hulls_of(mesh))
+        made = in_memory(tree_layout(len(mesh.corners), len(mesh.balls), counts, [len(points) for *_, points in hulls]))
         made["balls"][:] = mesh.balls.ravel()
         if placement is not None:
             made["balls"].reshape(-1, 4)[:, :3] = there(mesh.balls[:, :3])
@@ -146,33 +146,20 @@ class PartsTable:
         corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
         write_triangles(corners, made)
         write_clusters(corners, mesh.clusters, made)
+        write_hulls([(node, kind, there(points)) for node, kind, points in hulls], made)
         self._n_nodes, self._n_parts = len(mesh.balls), len(made["shapes"]) // SHAPE
         self._n_blocks = len(made["vertices"]) // BLOCK
         self._numbers.append(made["numbers"])
         self._shapes.append(made["shapes"])
         self._vertices.append(made["vertices"])
-        for node, hull in mesh.hulls.items():
-            made["links"][LINK * node + OWN] = self._add_hull(POLYTOPE, there(hull))
-            if len(mesh.pieces) > 1 and node in mesh.pieces:
-                self._add_hull(SURFACE, there(spread_points(mesh, node)))
         self._balls.append(made["balls"])
         self._links.append(made["links"])
 
-    def _add_hull(self, kind: int, vertices: np.ndarray) -> int:
-        """Add a hull, or points of a surface, as a part without a node: what a hull is apart from, all in it is."""
-        blocks = self._add_vertices(vertices)
-        self._shapes.append(np.array([kind, self._n_blocks, blocks]))
-        self._numbers.append(np.zeros(PART))
-        self._n_blocks += blocks
-        self._n_parts += 1
-        return self._n_parts - 1
-
     def _add_vertices(self, vertices: np.ndarray) -> int:
         """Add vertices in blocks; how many blocks."""
-        blocks = -(-len(vertices) // LANES)
-        padded = np.concatenate([vertices, np.repeat(vertices[:1], blocks * LANES - len(vertices), axis=0)])
-        self._vertices.append(padded.reshape(blocks, LANES, 3).transpose(0, 2, 1).ravel().astype(np.float32))
-        return blocks
+        blocks = _in_blocks(vertices)
+        self._vertices.append(blocks)
+        return len(blocks) // BLOCK
 
     def tables(self) -> Parts:
         """What was added, frozen."""
@@ -211,17 +198,21 @@ def _behind_one_another(arrays: list[np.ndarray], kind: type) -> np.ndarray:
     return some[0] if len(some) == 1 else np.concatenate([np.empty(0, kind), *some])
 
 
-def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], boxes: int = 0) -> Layout:
-    """The arrays of `Parts` for the tree of a mesh, without polytopes about all that is below a node.
+def tree_layout(
+    triangles: int, nodes: int, clusters: Sequence[int], hulls: Sequence[int] = (), boxes: int = 0
+) -> Layout:
+    """The arrays of `Parts` for the tree of a mesh.
 
     Args:
         triangles: How many triangles it has.
         nodes: How many nodes.
         clusters: How many of these are of each of `CLUSTERS`.
+        hulls: How many points each of the hulls has, about all that is below a node.
         boxes: How many larger ones have a box.
     """
-    parts = triangles + sum(clusters) + boxes
+    parts = triangles + sum(clusters) + len(hulls) + boxes
     blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + boxes
+    blocks += sum(-(-points // LANES) for points in hulls)
     return {
         "balls": ("<f8", (BALL_ROW * nodes,)),
         "links": ("<i8", (LINK * nodes,)),
@@ -229,6 +220,21 @@ def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], boxes: int 
         "numbers": ("<f8", (PART * parts,)),
         "vertices": ("<f4", (BLOCK * blocks,)),
     }
+
+
+def _hulls_of(mesh: MeshTree) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Hulls of all that is below some nodes, and points of the surface of a mesh's pieces: node, kind and points."""
+    for node, hull in mesh.hulls.items():
+        yield node, POLYTOPE, hull
+        if len(mesh.pieces) > 1 and node in mesh.pieces:
+            yield node, SURFACE, spread_points(mesh, node)
+
+
+def _in_blocks(vertices: np.ndarray) -> np.ndarray:
+    """Points (n, 3) in blocks of `LANES`, the last of them filled up, shape (k `BLOCK`,)."""
+    blocks = -(-len(vertices) // LANES)
+    padded = np.concatenate([vertices, np.repeat(vertices[:1], blocks * LANES - len(vertices), axis=0)])
+    return padded.reshape(blocks, LANES, 3).transpose(0, 2, 1).ravel().astype(np.float32)
 
 
 def _blocks(triangles: int) -> int:
@@ -265,6 +271,24 @@ def write_clusters(corners: np.ndarray, clusters: tuple[Cluster, ...], made: Arr
         shapes[part : part + count, FIRST_BLOCK] = block + each * np.arange(count)
         links[nodes, OWN] = np.arange(part, part + count)
         part, block = part + count, block + each * count
+
+
+def write_hulls(hulls: Sequence[tuple[int, int, np.ndarray]], made: Arrays) -> None:
+    """Write hulls and points of surfaces as the last parts; what a hull is apart from, all that is below its node is.
+
+    Args:
+        hulls: Node, kind and points, shape (n, 3) [m].
+        made: As `tree_layout` has them, with the tree's links.
+    """
+    shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
+    written = [_in_blocks(points) for *_, points in hulls]
+    part, block = len(shapes) - len(hulls), (len(made["vertices"]) - sum(map(len, written))) // BLOCK
+    for (node, kind, _), words in zip(hulls, written, strict=True):
+        made["vertices"][BLOCK * block : BLOCK * block + len(words)] = words
+        shapes[part] = kind, block, len(words) // BLOCK
+        if kind == POLYTOPE:
+            links[node, OWN] = part
+        part, block = part + 1, block + len(words) // BLOCK
 
 
 def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:

@@ -101,7 +101,7 @@ def _written(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
 
 
 def _layout(triangles: int, boxed: int = 0) -> Layout:
-    return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles), boxed)
+    return tree_layout(triangles, 2 * triangles - 1, cluster_counts(triangles), boxes=boxed)
 
 
 def _write_tree(
