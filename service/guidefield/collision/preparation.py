@@ -18,6 +18,7 @@ from guidefield.collision.convex_parts import known_pieces, known_surface
 from guidefield.collision.hulls import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.decomposition import Decomposition
+from guidefield.geometry.solid_cache import clear_solids
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
 from guidefield.robot.bodies.convex_parts import PARTS
 from guidefield.robot.bodies.link_bodies import link_bodies
@@ -60,7 +61,9 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
         told(piece.told)
 
     covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, None)
-    found_at_once([*covers.pieces, *parts.pieces], progress)
+    # the cover and the parts of a mesh one after the other, from the same solid
+    found_at_once(sorted([*covers.pieces, *parts.pieces], key=lambda piece: -piece.extent), progress)
+    clear_solids()
     covers.keep()
     found_at_once([*_trees(robot, parts.keep()), *_surfaces(robot)], progress)
     for lay_out in (link_bodies, surface_samples, hulls_of):

@@ -9,8 +9,7 @@ import numpy as np
 
 from guidefield.geometry.decomposition import Decomposition, Part, decompose
 from guidefield.geometry.entries import Arrays
-from guidefield.geometry.nested import filled
-from guidefield.geometry.solid import solid
+from guidefield.geometry.solid_cache import filled_solid_of_mesh
 from guidefield.geometry.surfaces import Surface
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
@@ -59,7 +58,7 @@ def _question(shape: Any, _: None) -> Question | None:
 def _found(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Part, ...]:
     """The hull and the parts; nothing of what is flat."""
     try:
-        found = decompose(filled(solid(vertices, triangles, WIDEST_GAP)), TIGHT, MOST)
+        found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, MOST)
     except ValueError:
         return ()
     return (found.hull, *found.parts)

@@ -18,7 +18,8 @@ from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.nested import nested
-from guidefield.geometry.solid import Solid, solid
+from guidefield.geometry.solid import Solid
+from guidefield.geometry.solid_cache import solid_of_mesh
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.kernels.jit.compilers import load_imported
@@ -200,12 +201,12 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
     """
     try:
         around = convex_hull(vertices)
-        body, filled = solid(vertices, triangles), 0.0
+        body, filled = solid_of_mesh(vertices, triangles, 0.0), 0.0
         distance = stand_off(around, body, HULL_STAND_OFF, ROUGHLY)
         if distance > HULL_STAND_OFF:
             distance = stand_off(around, body, HULL_STAND_OFF)
         if distance <= HULL_STAND_OFF:
-            filled = _filled(around, distance, solid(vertices, triangles, WIDEST_GAP))
+            filled = _filled(around, distance, solid_of_mesh(vertices, triangles, WIDEST_GAP))
     except ValueError:  # the mesh is flat, or too fine for Coal
         around, distance, filled = surface(np.empty((0, 3)), np.empty((0, 3), np.int64)), np.inf, 0.0
     return {
