@@ -8,7 +8,7 @@ import coal
 import numpy as np
 
 from guidefield.geometry.closed import merged_points
-from guidefield.geometry.directions import heights_along, spread_and_axes
+from guidefield.geometry.directions import furthest, heights_along, spread_and_axes
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 
 _FLAT = 1e-11
@@ -37,6 +37,23 @@ def convex_hull(points: Floats) -> Surface:
     chosen = place[len(rounded) :]  # all places are those of the points, which are all different
     triangles = np.array([(one[0], one[1], one[2]) for one in map(hull.polygons, range(hull.num_polygons))])
     return surface(cloud[chosen], triangles)
+
+
+def hull_planes(hull: Surface, most: int) -> Floats:
+    """Planes that touch a hull from outside, one for each of its `most` largest triangles, the largest first.
+
+    Every point p of the hull has n.p <= d, whatever the normal is: that of a sliver may have any direction.
+
+    Returns:
+        Unit normals n and offsets d, shape (t, 4) [m].
+    """
+    a, b, c = np.moveaxis(hull.corners, 1, 0)
+    normals = np.cross(b - a, c - a)
+    areas = np.linalg.norm(normals, axis=1)
+    largest = np.argsort(-areas, kind="stable")[:most]
+    normals = normals[largest] / np.maximum(areas[largest], 1e-300)[:, None]
+    touched = hull.vertices[furthest(hull.vertices, normals)]
+    return np.column_stack([normals, np.einsum("ij,ij->i", normals, touched)])
 
 
 def convex(vertices: Floats, triangles: np.ndarray) -> Any:

@@ -1,10 +1,11 @@
-"""Convex parts that together contain a body, each the hull of what a convex cell holds of it.
+"""Convex parts that together contain a body, each about what a convex cell holds of it.
 
-Cells are halved by planes, the one whose part stands off furthest first; each time by the plane, of some along the
-cell's principal axes, that leaves the hulls of both halves the least volume. Two parts whose common hull is tight
-enough become one again. The hull of a cell's share of the body has its corners among those of the triangles clipped at
-the cell's sides, and the cell's own corners within the body; so the parts contain the body by construction, whatever
-planes are chosen. How far they stand off is measured, and bounded from above.
+Cells are halved by planes, the one whose hull stands off furthest first; each time by the plane, of some along the
+cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
+enough become one again. For all this a small hull stands for that of a cell: of the points that are furthest in
+directions all around. The parts themselves contain all that their cells hold of the body: its corners are among those
+of the triangles clipped at the cell's sides, and the cell's own corners within the body. So the parts contain the body
+by construction, whatever planes are chosen. How far they stand off is measured, and bounded from above.
 """
 
 from __future__ import annotations
@@ -15,12 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.clipping import clipped, corners_of_cell
-from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.convex import convex_hull, hull_planes
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
-from guidefield.geometry.elements import Pieces, bisected
+from guidefield.geometry.elements import Pieces, bisected, joined
+from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Floats, Surface
+from guidefield.kernels.cover.beyond_planes import beyond_any
 from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out
 
 PLACES = 7
@@ -34,6 +37,21 @@ BESIDE = 1e-5
 
 DIRECTIONS = 64
 """Of the points of a half the comparison keeps those furthest in these directions."""
+
+ALL_AROUND = 96
+"""A small hull is that of the points furthest in these directions."""
+
+MIDDLES = 64
+"""The stand-off of a small hull is that of at least so many places of its surface, evenly spread."""
+
+ASKED = 8
+"""So many of these places at a time are asked whether they are inside the body, the furthest from its surface first."""
+
+MOST_BEYOND = 500
+"""Where more points of a cell than these are beyond its small hull, its part is a polytope about them."""
+
+NEARLY = 1e-3
+"""Cells are joined if the boxes about their small hulls are this close [m]."""
 
 TOLERANCE = 1e-3
 """How much too large a part's stand-off may be given, as that of `stand_off`."""
@@ -70,12 +88,16 @@ class _Cell:
     Attributes:
         planes: Unit normals and offsets of its sides, shape (k, 4); a point p of it has n.p <= d.
         pieces: Triangles within it.
-        part: The hull of the body's share.
+        points: Points whose hull is that of the body's share, shape (n, 3) [m].
+        hull: The small hull, of some of them.
+        stand_off: About how far that leaves the body [m].
     """
 
     planes: Floats
     pieces: Pieces
-    part: Part
+    points: Floats
+    hull: Surface
+    stand_off: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,37 +132,73 @@ def decompose(body: Solid, tight: float, most: int) -> Decomposition:
         ValueError: if the body has no hull: it is flat.
     """
     corners = body.surface.corners
-    pieces = Pieces(corners, np.arange(len(corners)))
-    whole = _cell(body, np.empty((0, 4)), pieces)
+    whole = _cell(body, np.empty((0, 4)), Pieces(corners, np.arange(len(corners))), body.surface.vertices)
     if whole is None:
         raise ValueError("a body that is flat has no convex parts")
     open_cells = [whole]
     settled: list[_Cell] = []
     while open_cells and len(open_cells) + len(settled) < most:
-        open_cells.sort(key=lambda cell: cell.part.stand_off)
+        open_cells.sort(key=lambda cell: cell.stand_off)
         worst = open_cells.pop()
-        halves = _halves(body, worst) if worst.part.stand_off > tight else None
+        halves = _halves(body, worst) if worst.stand_off > tight else None
         if halves is None:
             settled.append(worst)
         else:
             open_cells += halves
-    return Decomposition(_joined(body, [cell.part for cell in settled + open_cells], tight), whole.part)
+    parts = tuple(_part(body, cell) for cell in _joined(body, settled + open_cells, tight))
+    return Decomposition(parts, parts[0] if len(parts) == 1 else _part(body, whole))
 
 
-def _cell(body: Solid, planes: Floats, pieces: Pieces) -> _Cell | None:
-    """A cell with its part; None if there is no hull."""
-    points = pieces.corners.reshape(-1, 3)
+def _cell(body: Solid, planes: Floats, pieces: Pieces, points: Floats) -> _Cell | None:
+    """A cell that holds triangles with these points among its own; None if there is no hull."""
     if body.closed:
         points = np.vstack([points, corners_of_cell(body, planes)])
+    hull = _small_hull(points)
+    if hull is None:
+        return None
+    return _Cell(planes, pieces, points, hull, _stand_off(hull, body))
+
+
+def _stand_off(hull: Surface, body: Solid) -> float:
+    """About how far a hull leaves a body [m]: `SHARE` more than the middles of small triangles of its surface do."""
+    pieces = Pieces(hull.corners, np.zeros(len(hull.triangles), np.int64))
+    pieces = bisected(pieces, max(float(np.sqrt(4.0 * pieces.area / MIDDLES)), _LEAST))
+    middles = pieces.corners.mean(axis=1)
+    distances = body.distances(middles)
+    for some in np.split(np.argsort(-distances, kind="stable"), range(ASKED, len(middles), ASKED)):
+        outside = body.depths(middles[some]) < 0.0  # that takes longer than the distance
+        if outside.any():
+            return (1.0 + SHARE) * float(distances[some][outside].max())
+    return 0.0
+
+
+def _small_hull(points: Floats) -> Surface | None:
+    """The hull of the points that are furthest in directions all around; None if it is flat."""
+    if not len(points):
+        return None
+    extent = np.ptp(points, axis=0)
+    scale = np.maximum(extent, max(_THINNEST * float(extent.max()), _LEAST))
     try:
-        hull = convex_hull(points)
+        return convex_hull(points[np.unique(furthest(points, _ALL_AROUND / scale))])
     except ValueError:
         return None
-    held = np.zeros(len(body.given), bool)
-    held[pieces.sources] = True
+
+
+def _part(body: Solid, cell: _Cell) -> Part:
+    """A part that contains all that a cell holds of a body."""
+    hull, held = _hull_about(cell), np.zeros(len(body.given), bool)
+    held[cell.pieces.sources] = True
     given = np.sort(body.given[held])
-    distance = stand_off(hull, body, tolerance=TOLERANCE, share=SHARE)
-    return _Cell(planes, pieces, Part(hull, distance, given[given >= 0]))
+    return Part(hull, stand_off(hull, body, tolerance=TOLERANCE, share=SHARE), given[given >= 0])
+
+
+def _hull_about(cell: _Cell) -> Surface:
+    """The hull of a cell's points; where many are beyond its small hull, a polytope about them."""
+    beyond, planes = np.empty(len(cell.points), np.bool_), hull_planes(cell.hull, len(cell.hull.triangles))
+    beyond_any(np.ascontiguousarray(cell.points), planes, 0.0, beyond)
+    if np.count_nonzero(beyond) <= MOST_BEYOND:
+        return convex_hull(np.concatenate([cell.hull.vertices, cell.points[beyond]]))
+    return convex_hull(polytope_about(cell.points))
 
 
 def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
@@ -149,12 +207,26 @@ def _halves(body: Solid, cell: _Cell) -> tuple[_Cell, _Cell] | None:
         halves = []
         for side in (plane, -plane):
             beyond = np.append(side[:3], side[3] + OVERLAP)
-            half = _cell(body, np.vstack([cell.planes, beyond]), clipped(cell.pieces, beyond))
+            half = _half(body, cell, beyond)
             if half is not None:
                 halves.append(half)
         if len(halves) == 2:
             return halves[0], halves[1]
     return None
+
+
+def _half(body: Solid, cell: _Cell, beyond: Floats) -> _Cell | None:
+    """What a cell has below a plane; None if there is no hull."""
+    below = heights_along(cell.pieces.corners, beyond[:3]) <= beyond[3]
+    whole, across = below.all(axis=1), below.any(axis=1) & ~below.all(axis=1)
+    cut = clipped(cell.pieces.some(across), beyond)
+    points = cell.points[heights_along(cell.points, beyond[:3]) <= beyond[3]]
+    return _cell(
+        body,
+        np.vstack([cell.planes, beyond]),
+        joined([cell.pieces.some(whole), cut]),
+        np.concatenate([points, cut.corners.reshape(-1, 3)]),
+    )
 
 
 def _planes(cell: _Cell) -> Floats:
@@ -194,7 +266,7 @@ class _Samples:
         cells = np.floor((corners - corners.min(axis=0)) / size).astype(np.int64)
         _, first = np.unique(np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)), return_index=True)
         self._pieces = self._pieces.some(np.unique(first // 3))
-        self._points = np.vstack([corners[np.sort(first)], cell.part.hull.vertices])
+        self._points = np.vstack([corners[np.sort(first)], cell.hull.vertices])
         spread, self.axes = spread_and_axes(self._points - self._points.mean(axis=0))
         self._seen = np.ascontiguousarray((self.axes.T / np.maximum(spread, 1e-9 * spread[0])) @ _DIRECTIONS.T)
 
@@ -236,49 +308,56 @@ def _volumes(corners: Floats, origins: Floats) -> Floats:
         corners: Shape (n, d, 3) [m].
         origins: Shape (n, 3) [m].
     """
-    a, b, c = np.moveaxis(corners[:, _FACES] - origins[:, None, None], 2, 0)
-    products = zip(a, np.cross(b, c), strict=True)
-    return np.array([abs(float(np.einsum("ij,ij->", *pair))) / 6.0 for pair in products])
+    x, y, z = np.moveaxis(corners - origins[:, None], 2, 0)
+    (ax, bx, cx), (ay, by, cy), (az, bz, cz) = (np.moveaxis(along[:, _FACES], 2, 0) for along in (x, y, z))
+    products = ax * (by * cz - bz * cy) + ay * (bz * cx - bx * cz) + az * (bx * cy - by * cx)
+    volumes: Floats = np.abs(products.sum(axis=1)) / 6.0
+    return volumes
 
 
 _DIRECTIONS, _FACES = convex_hull(spread_directions(DIRECTIONS))
 """Directions over the sphere, about evenly, and the triangles between neighbours."""
 
+_ALL_AROUND = spread_directions(ALL_AROUND)
+
+_THINNEST, _LEAST = 1e-9, 1e-12
+"""Extents that directions are scaled by: at least this share of the largest one, and this [m]."""
+
 _SAME_AXIS = 0.999
 """Cosine of axes that are not told apart."""
 
 
-def _joined(body: Solid, parts: list[Part], tight: float) -> tuple[Part, ...]:
-    """Parts, of which two become one as long as their common hull is tight."""
+def _joined(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:
+    """Cells, of which two become one as long as their common hull is tight."""
     tried: set[tuple[int, int]] = set()
     while True:
-        pairs = [(a, b) for a, b in itertools.combinations(parts, 2) if (id(a), id(b)) not in tried and _touch(a, b)]
+        pairs = [(a, b) for a, b in itertools.combinations(cells, 2) if (id(a), id(b)) not in tried and _touch(a, b)]
         for a, b in pairs:
             tried.add((id(a), id(b)))
             if _is_open_between(body, a, b, tight):
                 continue
-            try:
-                hull = convex_hull(np.vstack([a.hull.vertices, b.hull.vertices]))
-            except ValueError:
+            hull = _small_hull(np.vstack([a.hull.vertices, b.hull.vertices]))
+            if hull is None:
                 continue
-            distance = stand_off(hull, body, tight, TOLERANCE, SHARE)
+            distance = _stand_off(hull, body)
             if distance <= tight:
-                together = Part(hull, distance, np.union1d(a.triangles, b.triangles))
-                parts = [part for part in parts if part not in (a, b)] + [together]
+                pieces, points = joined([a.pieces, b.pieces]), np.vstack([a.points, b.points])
+                together = _Cell(np.empty((0, 4)), pieces, points, hull, distance)
+                cells = [cell for cell in cells if cell not in (a, b)] + [together]
                 break
         else:
-            return tuple(parts)
+            return cells
 
 
-def _is_open_between(body: Solid, a: Part, b: Part, tight: float) -> bool:
-    """Whether a point between two parts, so one of their common hull, is further than `tight` [m] from the body."""
-    ends, middle = [part.hull.vertices[furthest(part.hull.vertices, _DIRECTIONS)] for part in (a, b)], DIRECTIONS // 2
+def _is_open_between(body: Solid, a: _Cell, b: _Cell, tight: float) -> bool:
+    """Whether a point between two small hulls, so of their common hull, is further than `tight` [m] from the body."""
+    ends, middle = [cell.hull.vertices[furthest(cell.hull.vertices, _DIRECTIONS)] for cell in (a, b)], DIRECTIONS // 2
     between = np.concatenate([0.5 * (ends[0] + ends[1]), 0.5 * (ends[0] + np.roll(ends[1], middle, axis=0))])
     return bool((body.depths(between) < -tight).any())
 
 
-def _touch(a: Part, b: Part) -> bool:
-    """Whether the boxes about two parts touch."""
+def _touch(a: _Cell, b: _Cell) -> bool:
+    """Whether the boxes about two small hulls are as close as they may be where their cells touch."""
     low = np.maximum(a.hull.vertices.min(axis=0), b.hull.vertices.min(axis=0))
     high = np.minimum(a.hull.vertices.max(axis=0), b.hull.vertices.max(axis=0))
-    return bool((low <= high + 2.0 * OVERLAP).all())
+    return bool((low <= high + NEARLY).all())

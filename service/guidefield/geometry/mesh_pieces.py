@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.cache import remembered
+from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.decomposition import Decomposition, Part
-from guidefield.geometry.directions import furthest
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
@@ -68,16 +68,8 @@ def _in_part(pieces: Pieces, halved: np.ndarray, part: Part) -> np.ndarray:
     corners = np.ascontiguousarray(pieces.corners[inside & halved])
     if not len(corners):
         return whole
-    vertices = np.asarray(part.hull.vertices)
-    a, b, c = np.moveaxis(vertices[part.hull.triangles], 1, 0)
-    normals = np.cross(b - a, c - a)
-    areas = np.linalg.norm(normals, axis=1)
-    largest = np.argsort(-areas, kind="stable")[:MOST_PLANES]
-    normals = normals[largest] / np.maximum(areas[largest], 1e-300)[:, None]
-    # each plane touches the part from outside, whatever the normal is: that of a sliver may have any direction
-    planes = np.column_stack([normals, np.einsum("ij,ij->i", normals, vertices[furthest(vertices, normals)])])
     kept = np.empty(len(corners), np.bool_)
-    not_beyond(corners.reshape(-1, 3), planes, ROUNDING, kept)
+    not_beyond(corners.reshape(-1, 3), hull_planes(part.hull, MOST_PLANES), ROUNDING, kept)
     return np.concatenate([whole, corners[kept]])
 
 

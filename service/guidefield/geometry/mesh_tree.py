@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from guidefield.geometry.convex import convex_hull
-from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
+from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.distance.triangle_tree_build import balls_about_runs, halve_runs
 
@@ -219,11 +219,12 @@ def polytope_about(vertices: np.ndarray) -> np.ndarray:
         return vertices
     centre = vertices.mean(axis=0)
     _, axes = spread_and_axes(vertices - centre)
-    local = (vertices - centre) @ axes.T
+    local = np.stack([heights_along(vertices - centre, axis) for axis in axes], axis=1)
     spread = np.ptp(local, axis=0)
     local /= spread
     normals = spread_directions(MOST_VERTICES // 2 + 2)
-    dual = convex_hull(normals / ((local @ normals.T).max(axis=0) * (1.0 + 1e-6))[:, None])
+    heights = np.einsum("ij,ij->i", local[furthest(local, normals)], normals)
+    dual = convex_hull(normals / (heights * (1.0 + 1e-6))[:, None])
     corners = dual.vertices[dual.triangles]
     # a facet of the dual lies in the plane x.v = 1 of a vertex v
     found: np.ndarray = np.linalg.solve(corners, np.ones((len(corners), 3, 1)))[..., 0] * spread @ axes + centre
