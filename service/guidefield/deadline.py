@@ -66,6 +66,11 @@ UNLIMITED = Deadline()
 """The deadline of work that may take as long as it does."""
 
 
+def end_reason(status: Status) -> str:
+    """Say why work ended with PREEMPTED or TIMED_OUT."""
+    return "the run was cancelled" if status is Status.PREEMPTED else "time was up"
+
+
 class DeadlineExpired(Exception):
     """The deadline passed, or the work was cancelled, before a step.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
@@ -77,9 +78,10 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
     details = refused_at(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
         status = problem.deadline.status() or Status.TIMED_OUT
-        why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
         until = place_in_words(*_free_until(problem, verdict))
-        return Ending(status, f"{why} before the motion was certified; it is free until {until}", details)
+        return Ending(
+            status, f"{end_reason(status)} before the motion was certified; it is free until {until}", details
+        )
     return Ending(Status.INVALID_MOTION_PLAN, f"{_why(problem, judgement)}, at {where}", details)
 
 

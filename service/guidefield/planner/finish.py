@@ -18,7 +18,6 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.settings import LIMITS
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
-from guidefield.deadline import Deadline
 from guidefield.planner.fewer_waypoints import fewer_waypoints
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
@@ -129,7 +128,10 @@ def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stage
     """The best motion so far, without time, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         verdict = enclosed_start(problem, found.path[0]) or certify(
-            problem.world, polyline(found.path), problem.min_clearance, deadline=at_the_very_end(problem)
+            problem.world,
+            polyline(found.path),
+            problem.min_clearance,
+            deadline=problem.deadline.at_least(LAST_JUDGEMENT),
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=failure)
@@ -311,18 +313,13 @@ def _warned(finished: Finished, warning: str) -> Finished:
 
 def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
     """Whether a motion, pieces (m, 4, nv), is free, and keeps the path constraints."""
-    deadline = at_the_very_end(problem)
+    deadline = problem.deadline.at_least(LAST_JUDGEMENT)
     verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline)
     if not (verdict.free and problem.path_constraints):
         return verdict
     turns = problem.world.bodies.turns
     kept = certify_constraints(problem.constrained_frames, turns, pieces, deadline)
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-
-
-def at_the_very_end(problem: Problem) -> Deadline:
-    """Whether time is up, and what is still allowed for a judgement that begins now has passed too."""
-    return problem.deadline.at_least(LAST_JUDGEMENT)
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:

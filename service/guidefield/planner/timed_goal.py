@@ -8,7 +8,6 @@ waits until the obstacles have come to rest, if it may wait, and goes as the pla
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +16,7 @@ import numpy as np
 
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
@@ -152,9 +152,8 @@ class _Search:
         """Why there is no motion."""
         problem, (leave_by, refusal) = self._problem, self.leave_by
         if (status := problem.deadline.status()) is not None:
-            why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
             last = f"; once they rest: {self._ending.message}" if self._ending else ""
-            message = f"{why} before a motion among the obstacles that move was found{last}"
+            message = f"{end_reason(status)} before a motion among the obstacles that move was found{last}"
             return Ending(status, message, {"stage": "connect"})
         if refusal is not None:
             names = " and ".join(refusal.pair or ("a link", "an obstacle"))
@@ -184,19 +183,18 @@ class _Search:
 
     def _estimates(self, ways: Iterator[Way]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule; no more once one is not hindered, or a share of the time is up."""
-        now = time.monotonic()
-        until = now + WAYS.share * max(self._problem.deadline.at - now, 0.0)
+        deadline = self._problem.deadline.share(WAYS.share)
         for way in ways:
             if len(distinct(way.found.path)) == 1:
                 continue
             motion = soonest_along(way.problem, way.found.path)
             chosen = self._earliest(motion, self._occupancy(motion, at_rest=way.at_rest), WAYS.rooms)
-            if not chosen and time.monotonic() >= until:
+            if not chosen and deadline.expired():
                 return
             if not chosen:
                 continue
             yield _Estimate(way, chosen[0].arrival, motion.duration)
-            if chosen[0].arrival <= WAYS.unhindered * motion.duration or time.monotonic() >= until:
+            if chosen[0].arrival <= WAYS.unhindered * motion.duration or deadline.expired():
                 return
 
     def _along(self, way: Way) -> Finished | None:

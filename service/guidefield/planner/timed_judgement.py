@@ -10,7 +10,7 @@ from guidefield.collision.certify.constraint_certificate import certify_constrai
 from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.collision.certify.verdict import Verdict
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.planner.finish import Finished, at_the_very_end
+from guidefield.planner.finish import LAST_JUDGEMENT, Finished
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
@@ -46,7 +46,7 @@ def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished
     whole = "on the exact geometry, in time, between samples too"
     with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
         if failure is None:
-            verdict = judged_in_time(problem, trajectory, at_the_very_end(problem))
+            verdict = judged_in_time(problem, trajectory, problem.deadline.at_least(LAST_JUDGEMENT))
         else:
             verdict = _free_in_time(problem, trajectory, UNLIMITED)
         stage.outcome = verdict.reason.value

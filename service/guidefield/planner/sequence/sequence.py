@@ -15,7 +15,7 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from guidefield.collision.certify.verdict import Verdict
-from guidefield.deadline import Deadline, DeadlineExpired
+from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
 from guidefield.planner.finish import LAST_JUDGEMENT
 from guidefield.planner.motion.trajectory import Trajectory
@@ -171,8 +171,7 @@ class _Planning(Generic[S]):
         """Plan a step; the end of it all where it fails."""
         course, at = self._course, self._at
         if index and (status := self._deadline.status()) is not None:
-            why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
-            ending = Ending(status, f"{why} before it was planned", {"stage": "ends"})
+            ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
             return self._refused(Refused(index, ending), index, at)
         began = time.perf_counter()
         conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
@@ -355,8 +354,7 @@ class _Planning(Generic[S]):
 
 def _late(index: int, late: DeadlineExpired) -> Refused:
     """The refusal of a step that the deadline passed before, or while it was prepared."""
-    why = "the run was cancelled" if late.status is Status.PREEMPTED else "time was up"
-    message = f"{why} before {late.step}; what is prepared is kept"
+    message = f"{end_reason(late.status)} before {late.step}; what is prepared is kept"
     return Refused(index, Ending(late.status, message, {"stage": "load", "preparing": late.step}))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from guidefield.collision.certify.certificate import certify
 from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.certify.verdict import Reason, Verdict
+from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
 from guidefield.planner.finish import Finished
@@ -141,8 +142,7 @@ def _stopped(problem: Problem, where: str) -> Ending | None:
     status = problem.deadline.status()
     if status is None:
         return None
-    why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
-    return Ending(status, f"{why} along the straight way: {where}", {"stage": "connect"})
+    return Ending(status, f"{end_reason(status)} along the straight way: {where}", {"stage": "connect"})
 
 
 def _failed(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:

@@ -6,6 +6,7 @@ from typing import Any
 
 from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
+from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
@@ -57,8 +58,7 @@ def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
         return Ending(status, message, details)
     group = conditions.group
     if verdict.reason is Reason.STOPPED:
-        why = "the run was cancelled" if status is Status.PREEMPTED else "time was up"
-        return Ending(status, f"{why} before the motion was certified", details)
+        return Ending(status, f"{end_reason(status)} before the motion was certified", details)
     if (fault := verdict.beyond) is not None:
         message = (
             f"the certificate refused the motion: joint {fault.joint} reaches {fault.value:.6g},"
