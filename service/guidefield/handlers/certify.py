@@ -36,6 +36,7 @@ from guidefield.planner.quality import (
     clearance,
     clearance_profile,
     clearances,
+    travelled_way,
 )
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
@@ -147,7 +148,7 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
 
 def _uses(problem: GivenProblem) -> Uses:
     """How much of its limits a motion uses, once it is laid out for all that is asked about it."""
-    _ = problem.motion.pieces, _motion(problem)
+    _ = problem.motion.pieces, travelled_way(_motion(problem))
     return limit_shares(problem.motion, problem.group, problem.jerk_limits)
 
 

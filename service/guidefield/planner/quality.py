@@ -305,7 +305,7 @@ def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
     return lengths
 
 
-class _Way(NamedTuple):
+class TravelledWay(NamedTuple):
     """A motion as curves, and how far it has travelled.
 
     Attributes:
@@ -331,7 +331,8 @@ class _Way(NamedTuple):
 
 
 @kept_with
-def _way(trajectory: MotionInTime) -> _Way:
+def travelled_way(trajectory: MotionInTime) -> TravelledWay:
+    """Lay out a motion by how far it has travelled, once: of many rows it takes a tenth of a second."""
     pieces, begins = np.ascontiguousarray(trajectory.bezier(), float), np.array(trajectory.piece_times(), float)
     many = min(MEASURING.many * len(trajectory.times) + 2, MEASURING.most_many)
     times = np.linspace(trajectory.times[0], trajectory.times[-1], many)
@@ -340,7 +341,9 @@ def _way(trajectory: MotionInTime) -> _Way:
     length = float(lengths[-1])
     count = min(max(math.ceil(length / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
     evenly = np.linspace(0.0, length, count)
-    way = _Way(cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times))
+    way = TravelledWay(
+        cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
+    )
     read_only(*way)
     return way
 
@@ -354,7 +357,7 @@ def _samples(
     trajectory: MotionInTime, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
-    way, inside = _way(trajectory), None
+    way, inside = travelled_way(trajectory), None
     if way.length > 2.0 * MEASURING.end_stretch:
         ends = np.array([MEASURING.end_stretch, way.length - MEASURING.end_stretch])
         when_travelled(way.pieces, way.begins, way.times, way.lengths, MEASURING.finer, ends)
@@ -370,7 +373,7 @@ def _samples(
 
 def _bending(trajectory: Trajectory) -> float:
     """Integral of the squared curvature by length, times the length."""
-    way = _way(trajectory)
+    way = travelled_way(trajectory)
     if way.length <= 0.0 or len(way.evenly) < 3:
         return 0.0
     return squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
