@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import msgspec
+import numpy as np
 import pytest
 
 from tests.deadline_attack import FORMS, SMALL, Ask, late, service, too_late
@@ -22,7 +23,7 @@ OTHERS = [
 ]
 """What else there may be much of: each of them was late once, or might be."""
 
-TRIES = 3
+TRIES = 8
 """On a busy machine a thread may get its turn late."""
 
 
@@ -32,17 +33,17 @@ def ask() -> Iterator[Ask]:
         yield ask
 
 
-def missed(ask: Ask, kind: str, form: str, allowed: float, share: float, again: int = 0) -> bool:
+def missed(ask: Ask, kind: str, form: str, allowed: float, share: float) -> bool:
     """Whether answers came too late each time that it was tried."""
     return all(
-        any(too_late(seconds, allowed) for seconds, _ in late(ask, kind, form, allowed, again, share))
+        any(too_late(seconds, allowed) for seconds, _ in late(ask, kind, form, allowed, share=share))
         for _ in range(TRIES)
     )
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_answers_come_in_time(ask: Ask, form: str) -> None:
-    assert [kind for kind in SCENES if missed(ask, kind, form, 0.05, SHARE, again=1)] == []
+    assert [kind for kind in SCENES if missed(ask, kind, form, 0.05, SHARE)] == []
 
 
 def test_answers_to_whatever_is_long_come_in_time(ask: Ask) -> None:
@@ -50,16 +51,11 @@ def test_answers_to_whatever_is_long_come_in_time(ask: Ask) -> None:
 
 
 def test_a_service_goes_on_with_what_was_late_and_the_next_request_finds_it(ask: Ask) -> None:
-    made = triangles(50_000)
-    made["scene"]["obstacles"][0]["vertices"] += 0.001  # nobody has seen it
-    payload = FORMS["packed"]({**made, "allowed_planning_time": 0.1})
-    assert ask(payload)[1].startswith("TIMED_OUT")
-    patient = FORMS["packed"]({**made, "allowed_planning_time": 60.0})
-    assert ask(patient)[1] == "SUCCESS"
-    for _ in range(3):
-        if ask(FORMS["packed"]({**made, "allowed_planning_time": 0.6}))[1] == "SUCCESS":
-            return
-    pytest.fail("what was prepared isn't found")
+    made = triangles(100_000)
+    made["scene"]["obstacles"][0]["vertices"] += 0.001 * np.random.default_rng().random()  # nobody has seen it
+    assert ask(FORMS["packed"]({**made, "allowed_planning_time": 0.02}))[1].startswith("TIMED_OUT")
+    again = FORMS["packed"]({**made, "allowed_planning_time": 0.3})
+    assert any(ask(again)[1] == "SUCCESS" for _ in range(30)), "each goes on where the one before ended"
 
 
 def test_a_small_request_is_answered_as_soon_as_the_worker_is_free(ask: Ask) -> None:
