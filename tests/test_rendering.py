@@ -13,13 +13,13 @@ from rerun.chunk import RrdReader
 from guidefield.engine import Engine
 from guidefield.messages import requests
 from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, PlanStep, RobotFiles, UrdfFile
-from guidefield.messages.scene import Box, Scene
+from guidefield.messages.scene import Box, PointCloud, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
 from guidefield.recorder.reading import read_recording
 from guidefield.rendering import Renderings, rendered
 from guidefield.run import whole_recording
-from guidefield.run_log import LARGE_SCENE, MAGIC
-from guidefield.stores.recordings import LOG, SCENE, Kept, Recordings
+from guidefield.run_log import LARGE_BYTES, MAGIC
+from guidefield.stores.recordings import LOG, OBSTACLES, SCENE, Kept, Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
 from tests.robots import box_arm
@@ -36,6 +36,7 @@ TIMES = {
 ELBOW = JointsGoal({"elbow_joint": 1.2})
 WALL = Scene("wall", obstacles=[Box(name="wall", size=(0.1, 2.0, 2.0), position=(1.2, 0.0, 0.5))])
 LID = Scene("lid", obstacles=[Box(name="lid", size=(2.0, 2.0, 0.1), position=(0.0, 0.0, 0.7))])
+CLOUD = PointCloud(name="cloud", points=[(1.5, 0.001 * k, 0.5) for k in range(2_000)], radius=0.01)
 CUBE = Box(name="cube", size=(0.04, 0.04, 0.04), position=(0.0, 0.0, 0.05))
 
 RUNS: dict[str, PlanRequest | CertifyRequest] = {
@@ -55,6 +56,7 @@ RUNS: dict[str, PlanRequest | CertifyRequest] = {
     "failed step": PlanRequest(
         "ur5", LID, steps=[PlanStep(JointsGoal({"wrist_3_joint": 0.2})), PlanStep(ELBOW)], allowed_planning_time=5.0
     ),
+    "cloud": PlanRequest("ur5", Scene("cloud", obstacles=[CLOUD, *WALL.obstacles]), ELBOW, guide_planes=[]),
     "certify": CertifyRequest("ur5", "table", path=[[0.0, -1.57, 0.0, 0.0, 0.0, 0.0], [0.5, -1.2, 0.3, 0.0, 0.0, 0.0]]),
 }
 
@@ -89,7 +91,7 @@ def test_a_rendered_recording_is_the_one_that_is_written_at_once(kind: str, tmp_
     engine, request = Engine(), msgspec.structs.replace(RUNS[kind], run_id="r1")
     at_once = engine.answer(request, record_to=tmp_path / "at_once.rrd")
     logged = engine.answer(request, record_to=tmp_path / "logged.rrd", deferred=True)
-    assert [file.name for file in tmp_path.glob("logged.*")] == ["logged.log"]
+    assert {file.suffix for file in tmp_path.glob("logged.*")} - set(OBSTACLES) == {".log"}
     assert (at_once.recording, logged.recording) == (str(tmp_path / "at_once.rrd"), str(tmp_path / "logged.rrd"))
     Renderings().render(Recordings(tmp_path), "logged", whole=True)
     assert [file.name for file in tmp_path.glob("logged.*")] == ["logged.rrd"]
@@ -108,10 +110,9 @@ def test_the_log_of_a_pandas_plan_is_small(engine: Engine, recordings: Recording
 
 def test_a_large_scene_is_kept_once_and_as_it_was_then(engine: Engine, recordings: Recordings, tmp_path: Path) -> None:
     boxes = [Box(name=f"b{k}", size=(0.01,) * 3, position=(2.0, 0.05 * k, 0.1)) for k in range(300)]
-    many = Scene("many", obstacles=boxes)
+    many = Scene("many", obstacles=[*boxes, CLOUD])
     engine.answer(requests.StoreScene("many", many))
-    packed = len(msgspec.msgpack.encode(many))
-    assert packed > LARGE_SCENE
+    assert min(len(msgspec.msgpack.encode(one)) for one in (boxes, CLOUD)) > LARGE_BYTES
     changed = RequestScene(name="many", base="many", remove=["b0"])
     asked = {"named": "many", "again": "many", "whole": many, "changed": changed}
     for run_id, scene in asked.items():
@@ -119,7 +120,8 @@ def test_a_large_scene_is_kept_once_and_as_it_was_then(engine: Engine, recording
     assert all(recordings.file(run_id, LOG).stat().st_size < 100_000 for run_id in asked)
     assert recordings.file("whole", SCENE).samefile(recordings.file("named", SCENE))
     assert not recordings.file("changed", SCENE).samefile(recordings.file("named", SCENE))
-    assert len(list(recordings.shared_folder.iterdir())) == 2
+    assert recordings.file("changed", OBSTACLES[0]).samefile(recordings.file("named", OBSTACLES[0]))
+    assert len(list(recordings.shared_folder.iterdir())) == 3
     engine.answer(requests.ChangeScene("many", SceneDiff(remove=[f"b{k}" for k in range(1, 300)])))
     engine.answer(requests.DeleteScene("many"))
     for run_id, scene in asked.items():

@@ -8,6 +8,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 from guidefield.errors import GuidefieldError
@@ -18,7 +19,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.run import draw, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log
 from guidefield.scene.built import BuiltScenes
-from guidefield.stores.recordings import LOG, ROBOT, SCENE, Recordings
+from guidefield.stores.recordings import LOG, NEEDED, Recordings
 
 MAX_CACHED_SCENES = 4
 """Scenes kept built."""
@@ -114,7 +115,7 @@ def rendered(recordings: Recordings, run_id: str) -> bytes:
         with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
             copied = Recordings(Path(folder) / "recordings")
             copied.folder.mkdir()
-            for ending in (LOG, SCENE, ROBOT):
+            for ending in (LOG, *NEEDED):
                 with contextlib.suppress(FileNotFoundError):
                     shutil.copyfile(recordings.file(run_id, ending), copied.file(run_id, ending))
             Renderings().render(copied, run_id, whole=True)
@@ -126,4 +127,4 @@ def rendered(recordings: Recordings, run_id: str) -> bytes:
 def _read(recordings: Recordings, name: str, data: bytes) -> Iterator[RunLog]:
     """A log, and the meshes of its robot while the block runs."""
     with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
-        yield read_log(data, recordings.file(name, SCENE), recordings.file(name, ROBOT), Path(folder))
+        yield read_log(data, partial(recordings.file, name), Path(folder))

@@ -1,7 +1,7 @@
 """The log of a run: all that its recording is rendered from, as bytes that are written before the reply is sent.
 
 It holds the request, the planner's events, the reply and the motion, and robot and scene as they were then: a large
-scene and a robot that a client stored are in files beside, which many logs share.
+scene, its largest obstacles and a robot that a client stored are in files beside, which many logs share.
 """
 
 from __future__ import annotations
@@ -9,8 +9,11 @@ from __future__ import annotations
 import contextlib
 import copy
 import hashlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -21,18 +24,19 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest, RobotReference, UrdfFile
-from guidefield.messages.scene import Scene as SceneMessage
+from guidefield.messages.scene import Obstacle as ObstacleMessage, Scene as SceneMessage, Sphere
 from guidefield.messages.values import RootJoint
 from guidefield.planner.task.event_log import EventLog, PackedEvents
 from guidefield.robot.catalog.sent import SentRobot
-from guidefield.scene.scene import Scene
-from guidefield.stores.recordings import ROBOT, SCENE, SharedFile
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene, declared_with
+from guidefield.stores.recordings import OBSTACLES, ROBOT, SCENE, SharedFile
 from guidefield.versions import made_with
 
 MAGIC = b"guidefield run log 1\n"
 """Beginning of a log's file; the number is that of its form."""
-LARGE_SCENE = 16 * 2**10
-"""A scene of more bytes is kept in a file of its own."""
+LARGE_BYTES = 16 * 2**10
+"""A scene of more bytes, and an obstacle of more, is kept in a file of its own."""
 
 
 class UnreadableLog(ValueError):
@@ -72,6 +76,7 @@ class _Log(msgspec.Struct, frozen=True):
         judges: True of a judgement, False of a plan.
         request, reply: As MessagePack; without the scene, where the request holds it whole.
         scene: The scene, as MessagePack; empty: it is in a file of its own.
+        apart: Indices of its obstacles that are in files of their own, in the order of these.
         scene_given: Whether the request holds it whole.
         robot: The robot, unless the request says all of it.
         packages: Folders in which meshes of a robot that is sent as text are looked for.
@@ -85,6 +90,7 @@ class _Log(msgspec.Struct, frozen=True):
     request: bytes
     reply: bytes
     scene: bytes
+    apart: tuple[int, ...]
     scene_given: bool
     robot: _Stored | _Local | None
     packages: tuple[str, ...]
@@ -142,8 +148,13 @@ def write_log(
     motion: PackedMotion,
 ) -> tuple[bytes, list[SharedFile]]:
     """The content of a log, and the files that it shares with others."""
-    digest, inline = _packed_scene(scene)
-    shared = [] if inline is not None else [SharedFile(digest, SCENE, lambda: _encoded(scene.message))]
+    packed = _packed_scene(scene)
+    shared = [
+        SharedFile(digest, ending, partial(_encoded, scene.obstacles[index].message))
+        for ending, (index, digest) in zip(OBSTACLES, packed.apart, strict=False)
+    ]
+    if packed.inline is None:
+        shared.append(SharedFile(packed.digest, SCENE, lambda: _encoded(_without(scene, packed.apart))))
     origin: _Stored | _Local | None = None
     if isinstance(robot.reference, SentRobot):
         sent = robot.reference
@@ -158,7 +169,8 @@ def write_log(
         judges=isinstance(request, CertifyRequest),
         request=_encoded(_without_scene(request) if given else request),
         reply=_encoded(reply),
-        scene=inline or b"",
+        scene=packed.inline or b"",
+        apart=tuple(index for index, _ in packed.apart),
         scene_given=given,
         robot=origin,
         packages=tuple(map(str, robot.packages)),
@@ -168,13 +180,12 @@ def write_log(
     return MAGIC + _ENCODER.encode(log), shared
 
 
-def read_log(data: bytes, scene: Path, robot: Path, unpack_to: Path) -> RunLog:
+def read_log(data: bytes, needed: Callable[[str], Path], unpack_to: Path) -> RunLog:
     """Read a log.
 
     Args:
         data: Its content.
-        scene: The file of its scene, if that isn't in it.
-        robot: The file of its robot, if that was stored.
+        needed: The file that it shares with others, by the ending of its link to it.
         unpack_to: An empty folder for the meshes of a robot that is stored no more.
 
     Raises:
@@ -185,13 +196,13 @@ def read_log(data: bytes, scene: Path, robot: Path, unpack_to: Path) -> RunLog:
         raise UnreadableLog("its log is damaged, or was written by another version of guidefield")
     try:
         log = msgspec.msgpack.decode(data[len(MAGIC) :], type=_Log)
-        declared = msgspec.msgpack.decode(log.scene or scene.read_bytes(), type=SceneMessage)
+        declared = _scene(log, needed)
         request, reply = _messages(log)
         if log.scene_given:
             msgspec.structs.force_setattr(request, "scene", declared)
         reference: RobotReference | SentRobot = request.robot
         if isinstance(log.robot, _Stored):
-            reference = _unpacked_robot(log.robot, robot, unpack_to)
+            reference = _unpacked_robot(log.robot, needed(ROBOT), unpack_to)
         elif isinstance(log.robot, _Local):
             reference = log.robot.file
         fingerprint = log.robot.fingerprint if isinstance(log.robot, _Local) else ""
@@ -238,12 +249,56 @@ def _encoded(message: msgspec.Struct) -> bytes:
     return codec.encode(message, Encoding.MSGPACK)
 
 
+class _PackedScene(NamedTuple):
+    """A scene as MessagePack.
+
+    Attributes:
+        digest: Its hash.
+        inline: Itself, unless it is large.
+        apart: Obstacles that aren't in it, the largest first: index and hash.
+    """
+
+    digest: str
+    inline: bytes | None
+    apart: tuple[tuple[int, str], ...]
+
+
 @kept_with
-def _packed_scene(scene: Scene) -> tuple[str, bytes | None]:
-    """The hash of a scene as MessagePack; and, unless it is large, that itself."""
-    packed = _encoded(scene.message)
-    digest = hashlib.blake2b(packed, digest_size=32).hexdigest()
-    return digest, packed if len(packed) <= LARGE_SCENE else None
+def _packed_scene(scene: Scene) -> _PackedScene:
+    """Pack a scene, but for its largest obstacles: of versions of a scene these are mostly the same."""
+    sizes = [(*_packed_obstacle(scene.obstacles[index]), index) for index in scene.others]
+    large = sorted((one for one in sizes if one[0] > LARGE_BYTES), reverse=True)[: len(OBSTACLES)]
+    apart = tuple((index, digest) for _, digest, index in large)
+    packed = _encoded(_without(scene, apart))
+    return _PackedScene(_hash(packed), packed if len(packed) <= LARGE_BYTES else None, apart)
+
+
+@kept_with
+def _packed_obstacle(obstacle: Obstacle) -> tuple[int, str]:
+    """Size of an obstacle as MessagePack [bytes], and its hash."""
+    packed = _encoded(obstacle.message)
+    return len(packed), _hash(packed)
+
+
+def _without(scene: Scene, apart: Sequence[tuple[int, str]]) -> SceneMessage:
+    """A scene's message with a ball in place of each of some obstacles."""
+    obstacles = [one.message for one in scene.obstacles]
+    for index, _ in apart:
+        obstacles[index] = Sphere(name=obstacles[index].name, radius=1.0)
+    return declared_with(scene.message, obstacles)
+
+
+def _scene(log: _Log, needed: Callable[[str], Path]) -> SceneMessage:
+    """The scene of a log, whole."""
+    declared = msgspec.msgpack.decode(log.scene or needed(SCENE).read_bytes(), type=SceneMessage)
+    obstacles = list(declared.obstacles)
+    for index, ending in zip(log.apart, OBSTACLES, strict=False):
+        obstacles[index] = msgspec.msgpack.decode(needed(ending).read_bytes(), type=ObstacleMessage)
+    return declared_with(declared, obstacles)
+
+
+def _hash(packed: bytes) -> str:
+    return hashlib.blake2b(packed, digest_size=32).hexdigest()
 
 
 def _without_scene(request: MotionRequest) -> MotionRequest:

@@ -60,10 +60,10 @@ def told_processor_time(pid: int) -> float:
 
 def become_idle() -> None:
     """Have this process, and the threads that it starts from now on, work only while nobody else needs a processor."""
-    os.nice(19)
     if hasattr(os, "SCHED_IDLE"):
         with contextlib.suppress(OSError):  # a container may forbid it
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    os.nice(19)
 
 
 def usable_processors() -> int:

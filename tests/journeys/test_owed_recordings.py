@@ -18,9 +18,11 @@ from guidefield.messages.identities import PLAIN
 from guidefield.recorder.reading import read_recording
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import RunDatabase
-from tests.journeys.service import CONNECTED_WITHIN, ENDED_WITHIN, SO_WITHIN, Service, running_service
+from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, ENDED_WITHIN, SO_WITHIN, Service, running_service
 
-PLAN = PlanRequest("panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], recording="full")
+PLAN = PlanRequest(
+    "panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], allowed_planning_time=ANSWERED_WITHIN
+)
 
 
 def await_that(so: Callable[[], bool]) -> None:

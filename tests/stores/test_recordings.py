@@ -87,17 +87,17 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
         files = [SharedFile("d1", SCENE, partial(content, "scene")), SharedFile("d2", ROBOT, partial(content, "robot"))]
         recordings.owe(f"s{number}", b"log", files)
     assert asked == ["scene", "robot"]
-    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}
+    assert names(recordings.shared_folder) == {"d1", "d2"}
     assert recordings.kept("s0") == Kept("owed", 3 + 100_000)
     recordings.drop("s0")
     recordings.sweep_shared(unused=0.0)
     recordings.settle("s1", state(recordings, "s1"), "lost")
     recordings.sweep_shared(unused=0.0)
-    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}
+    assert names(recordings.shared_folder) == {"d1", "d2"}
     assert recordings.file("s2", SCENE).read_bytes() == bytes(50_000)
     recordings.settle("s2", state(recordings, "s2"))
     recordings.sweep_shared()
-    assert names(recordings.shared_folder) == {"d1.scene", "d2.robot"}, "they were used just now"
+    assert names(recordings.shared_folder) == {"d1", "d2"}, "they were used just now"
     recordings.sweep_shared(unused=0.0)
     assert names(recordings.shared_folder) == set()
     assert names(recordings.folder) == {"r1.log", "s1.lost"}
@@ -105,7 +105,7 @@ def test_what_logs_share_is_kept_once_and_goes_with_the_last_of_them(recordings:
 
 def test_what_a_log_needs_outlives_every_sweep_in_between(recordings: Recordings) -> None:
     recordings.owe("s1", b"log", [shared(b"content")])
-    (recordings.shared_folder / "d1.scene").unlink()  # by whoever looked before the log was linked to it
+    (recordings.shared_folder / "d1").unlink()  # by whoever looked before the log was linked to it
     assert recordings.file("s1", SCENE).read_bytes() == b"content"
     recordings.owe("s2", b"log", [shared(b"content")])
     assert recordings.file("s2", SCENE).read_bytes() == b"content"
@@ -150,7 +150,7 @@ def test_a_sweep_deletes_what_killed_processes_left(recordings: Recordings) -> N
     (recordings.folder / "old.owed").write_text("1234 5678.9")  # of an earlier version
     recordings.sweep()
     assert names(recordings.folder) == {"r1.log", "s1.log", "s1.scene", "old.lost"}
-    assert names(recordings.shared_folder) == {"d1.scene"}
+    assert names(recordings.shared_folder) == {"d1"}
     with pytest.raises(UnknownObject, match="'old' has no recording: the process that wrote it ended"):
         recordings.find("old")
     recordings.drop("s1")

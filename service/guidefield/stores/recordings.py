@@ -25,8 +25,10 @@ RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
 SCENE_LINK = ".drawn"
 """Ending of a recording's link to the file of its scene, where that is large."""
-SCENE, ROBOT = ".scene", ".robot"
-"""Endings of the links from a log to the scene and the robot that it needs."""
+SCENE, ROBOT, OBSTACLES = ".scene", ".robot", (".obstacle1", ".obstacle2", ".obstacle3", ".obstacle4")
+"""Endings of the links from a log to the scene and the robot that it needs, and to the largest obstacles."""
+NEEDED = (SCENE, ROBOT, *OBSTACLES)
+"""Endings of all links from a log to what it shares with others."""
 OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
 """The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
 SHARED_UNUSED_S = 600.0
@@ -50,7 +52,7 @@ class SharedFile:
 
     Attributes:
         digest: Hash that it is known by.
-        ending: `SCENE` or `ROBOT`.
+        ending: The ending of a log's link to it, one of `NEEDED`.
         content: Gives the content itself, which is asked for where the folder doesn't have it.
     """
 
@@ -125,8 +127,7 @@ class Recordings:
         """What there is of a run's recording; a log counts with all that it needs."""
         log = _size(self.file(run_id, LOG))
         if log is not None:
-            others = (SCENE, ROBOT, RECORDING)
-            return Kept("owed", log + sum(_size(self.file(run_id, one)) or 0 for one in others))
+            return Kept("owed", log + sum(_size(self.file(run_id, one)) or 0 for one in (*NEEDED, RECORDING)))
         recording = _size(self.path(run_id))
         if recording is not None:
             return Kept("rendered", recording)
@@ -141,7 +142,7 @@ class Recordings:
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
-            for ending in (RECORDING, LOST, SCENE, ROBOT, SCENE_LINK):  # of an earlier run of that name
+            for ending in (RECORDING, LOST, SCENE_LINK, *NEEDED):  # of an earlier run of that name
                 self.file(run_id, ending).unlink(missing_ok=True)
             for one in shared:
                 self._hold(self.file(run_id, one.ending), one)
@@ -169,7 +170,7 @@ class Recordings:
             if fault is not None:
                 write_whole(self.file(run_id, LOST), fault.encode(), durable=False)
             path.unlink()
-            for ending in (SCENE, ROBOT):
+            for ending in NEEDED:
                 self.file(run_id, ending).unlink(missing_ok=True)
 
     def give_up(self, run_id: str, fault: str) -> None:
@@ -183,7 +184,7 @@ class Recordings:
         Raises:
             OSError: if the disk refuses.
         """
-        for ending in (LOG, LOST, RECORDING, SCENE, ROBOT, SCENE_LINK):
+        for ending in (LOG, LOST, RECORDING, SCENE_LINK, *NEEDED):
             self.file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:
@@ -193,7 +194,7 @@ class Recordings:
         for mark in self.folder.glob(f"*{OWED}"):
             mark.unlink(missing_ok=True)
             write_whole(mark.with_suffix(LOST), LOST_BEFORE.encode(), durable=False)
-        for ending in (SCENE, ROBOT):
+        for ending in NEEDED:
             for link in self.folder.glob(f"*{ending}"):
                 if not link.with_suffix(LOG).exists():
                     link.unlink(missing_ok=True)
@@ -215,7 +216,7 @@ class Recordings:
 
     def _hold(self, link: Path, shared: SharedFile) -> None:
         """Link to shared content, which is put into its folder where it isn't there."""
-        path = self.shared_folder / f"{shared.digest}{shared.ending}"
+        path = self.shared_folder / shared.digest
         for _ in range(2):
             try:
                 link.hardlink_to(path)
