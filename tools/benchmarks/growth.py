@@ -45,7 +45,7 @@ SIZES: dict[str, int] = {
     "movers": 16,
     "configurations": 500,
     "waypoints": 200,
-    "goals": 16,
+    "goals": 256,
     "steps": 8,
     "joints": 6,
     "held": 4,
