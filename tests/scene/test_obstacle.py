@@ -275,3 +275,25 @@ def test_a_polygon_that_is_known_is_the_same_object_and_a_moving_one_is_built_al
     assert build_all([rest], {}) == (first,)
     assert others.motion is not None
     np.testing.assert_array_equal(others.vertices, first.vertices)
+
+
+def test_polygons_that_are_built_together_are_covered_once_each():
+    rng, outlines = np.random.default_rng(12), []
+    for k in range(120):
+        count, radii = int(rng.integers(3, 8)), rng.uniform(0.3, 1.0, 8)
+        angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, count)) if k % 2 else 2.0 * np.pi * np.arange(count) / count
+        flat = (1.0 if k % 2 else radii[:count, None]) * np.column_stack([np.cos(angles), np.sin(angles)])
+        x, y = flat.T
+        area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
+        outlines.append((flat @ np.linalg.qr(rng.normal(size=(3, 3)))[0][:2], area))
+    declared = [polygon(*corners) for corners, _ in outlines]
+    built = build_all([msgspec.structs.replace(one, name=f"p{k}") for k, one in enumerate(declared)], {})
+    for one, (corners, area) in zip(built, outlines, strict=True):
+        np.testing.assert_array_equal(one.vertices, corners)
+        a, b, c = one.vertices[one.triangles].swapaxes(0, 1)
+        assert 0.5 * np.linalg.norm(np.cross(b - a, c - a).sum(axis=0)) == pytest.approx(abs(area), rel=1e-9)
+        assert 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(abs(area), rel=1e-9)
+        quads, rest = one.charges.quads, one.charges.triangles
+        halves = np.concatenate([rest, quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+        charged = np.linalg.norm(np.cross(halves[:, 1] - halves[:, 0], halves[:, 2] - halves[:, 0]), axis=1)
+        assert 0.5 * charged.sum() == pytest.approx(abs(area), rel=1e-9)

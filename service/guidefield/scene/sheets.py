@@ -68,7 +68,8 @@ def _build(polygons: FlatPolygons) -> list[Sheet | str]:
                 continue
             triangles.setflags(write=False)
         if bulging[index]:
-            of_convex, charges = triangles, Charges(triangles=rests[index], quads=quads[index])
+            of_convex = triangles if len(triangles) == len(vertices) - 2 else None  # else a corner was left out
+            charges = Charges(triangles=rests[index], quads=quads[index])
         else:
             charges = Charges(triangles=vertices[triangles])
         built.append(Sheet(vertices, triangles, boxes[index], charges))
