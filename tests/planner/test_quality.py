@@ -19,7 +19,7 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import clearance, clearance_profile, figures
+from guidefield.planner.quality import FEW_SAMPLES, clearance, clearance_profile, figures
 from guidefield.planner.settings import MEASURING
 from guidefield.potential import RobotField
 from guidefield.robot.group.kinematics import Kinematics
@@ -226,7 +226,8 @@ def test_a_profile_has_the_distances_of_each_sample_among_what_rests_and_what_mo
         assert between == pytest.approx(abs(there.obstacle_distance), abs=1e-6)
     moments, values = profile.potential
     rows = np.searchsorted(profile.times, moments)
-    assert (moments[0], moments[-1], np.diff(rows).max()) == (profile.times[0], profile.times[-1], 2)
+    assert (moments[0], moments[-1]) == (profile.times[0], profile.times[-1])
+    assert np.diff(rows).max() == (2 if len(profile.times) > FEW_SAMPLES else 1)
     samples = zip(moments.tolist(), profile.configurations[rows], strict=True)
     energies = [RobotField(planned, scene.at(there)).potential(q) for there, q in samples]
     np.testing.assert_allclose(values, energies, rtol=1e-3)

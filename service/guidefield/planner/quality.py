@@ -31,6 +31,9 @@ from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
 from guidefield.scene.scene import Scene
 
+FEW_SAMPLES = 40
+"""Of more samples the potential is evaluated at every second."""
+
 
 class MotionInTime(Protocol):
     """A motion that can be measured: a plan's trajectory, or one that was given."""
@@ -113,7 +116,8 @@ class ClearanceProfile(ReadOnly):
         witness: The closest points, shape (n, 2, 3) [m, world].
         self_distance: From the robot to itself, shape (n,) [m]; infinite without pairs.
         self_pair: Names of the closest links, or None.
-        potentials: Evaluates the potential U at every second sample, and the last: times (k,) [s] and values (k,) [m].
+        potentials: Evaluates the potential U at every second of many samples, and the last: times (k,) [s] and values
+            (k,) [m].
     """
 
     times: np.ndarray
@@ -230,7 +234,7 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) 
     times = np.unique(np.concatenate([measured.times, smallest_at]))
     zs = surveyor.curve.at(times)[0]
     configurations = np.array([group.from_chart(z) for z in zs])
-    half = np.unique(np.r_[0 : len(times) : 2, len(times) - 1])
+    half = np.unique(np.r_[0 : len(times) : 1 + (len(times) > FEW_SAMPLES), len(times) - 1])
     found = list(ClosestPairs(among_resting(surveyor.worlds)).clearances(group.expand_each(zs)))
     profile = ClearanceProfile(
         times=times,
