@@ -18,7 +18,7 @@ from lxml import etree
 from guidefield.collision.world import World
 from guidefield.geometry.closed import boundary, compact
 from guidefield.geometry.mesh_surface import mesh_surface
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
 from guidefield.messages.values import Placement
@@ -213,7 +213,7 @@ def _left_out(motion: Motion) -> list[list[str]]:
     return [[first, second, why] for (first, second), why in told.items()]
 
 
-@kept_with
+@memoized
 def _parts_of_links(robot: RobotModel) -> dict[str, Any]:
     """By collision shape: the hull that contains a mesh, and the mesh closed where it isn't as it is."""
     parts = {}

@@ -72,9 +72,6 @@ if TYPE_CHECKING:
     from guidefield.stream.takeover import TakeOver
     from guidefield.stream.watching import Watching
 
-MAX_CACHED_SCENES = 16
-"""Scenes kept built."""
-
 Lend = Callable[[Kind, str, str], "Engine"]
 """The engine of a user that shares something of a kind and name; raises NotAllowed where it isn't shared."""
 
@@ -124,7 +121,7 @@ class Loaded:
         """Scenes."""
         from guidefield.scene.built import BuiltScenes
 
-        return BuiltScenes(MAX_CACHED_SCENES)
+        return BuiltScenes()
 
 
 class Engine:

@@ -14,7 +14,7 @@ from guidefield.kernels.field.energy import ChargedRobot, energy, potentials
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_placements
 from guidefield.robot.bodies.charges import robot_charges
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
@@ -220,7 +220,7 @@ _TABLES: dict[Precision, Callable[[PlanningGroup, Scene], FieldTables]] = {
 }
 
 
-@kept_with_alike
+@memoized_for_alike
 def _charged_robot(group: PlanningGroup) -> ChargedRobot:
     """The robot's charges, carried to the frames of the group's joints."""
     charges = robot_charges(group.robot)

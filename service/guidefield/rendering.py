@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from guidefield.bounded_map import RENDERED_SCENES
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.recording import RecordedMotion
 from guidefield.messages.requests import PlanRequest, UrdfFile
@@ -20,9 +21,6 @@ from guidefield.run import draw, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log
 from guidefield.scene.built import BuiltScenes
 from guidefield.stores.recordings import LOG, NEEDED, Recordings
-
-MAX_CACHED_SCENES = 4
-"""Scenes kept built."""
 
 _log = logging.getLogger(__name__)
 
@@ -39,7 +37,7 @@ class Renderings:
         self, catalogs: dict[tuple[Path, ...], Catalog] | None = None, scenes: BuiltScenes | None = None
     ) -> None:
         self._catalogs = catalogs or {}
-        self._scenes = scenes or BuiltScenes(MAX_CACHED_SCENES)
+        self._scenes = scenes or BuiltScenes(RENDERED_SCENES)
 
     def render(self, recordings: Recordings, name: str, *, whole: bool = False) -> None:
         """Render a recording whose log is kept; nothing is done where there is none, or it was rendered already.

@@ -19,7 +19,7 @@ import msgspec
 
 from guidefield.errors import MalformedRequest
 from guidefield.handlers.recording import PackedMotion
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
@@ -263,7 +263,7 @@ class _PackedScene(NamedTuple):
     apart: tuple[tuple[int, str], ...]
 
 
-@kept_with
+@memoized
 def _packed_scene(scene: Scene) -> _PackedScene:
     """Pack a scene, but for its largest obstacles: of versions of a scene these are mostly the same."""
     sizes = [(*_packed_obstacle(scene.obstacles[index]), index) for index in scene.others]
@@ -273,7 +273,7 @@ def _packed_scene(scene: Scene) -> _PackedScene:
     return _PackedScene(_hash(packed), packed if len(packed) <= LARGE_BYTES else None, apart)
 
 
-@kept_with
+@memoized
 def _packed_obstacle(obstacle: Obstacle) -> tuple[int, str]:
     """Size of an obstacle as MessagePack [bytes], and its hash."""
     packed = _encoded(obstacle.message)

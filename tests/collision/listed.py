@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.world import World
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.robot.model.scratch_space import scratch_space
 
 
-@kept_with
+@memoized
 def listed(world: World) -> np.ndarray:
     """Bodies of every pair, shape (n, 2)."""
     bodies = world.pairs.bodies(np.arange(len(world.pairs)))
@@ -30,7 +30,7 @@ def are_signed(world: World) -> np.ndarray:
     return np.array([world.is_signed(pair) for pair in range(len(world.pairs))], bool)
 
 
-@kept_with
+@memoized
 def geometry_of(world: World) -> Any:
     """Pinocchio geometry model of all bodies, with all pairs."""
     geometry = world.group.geometry.copy()

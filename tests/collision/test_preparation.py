@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import json
 import time
-import weakref
 from pathlib import Path
 
 import pytest
 
+from guidefield.bounded_map import MESH_TREES, BoundedMap
 from guidefield.collision import convex_parts, preparation
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
 from guidefield.geometry import mesh_pieces
 from guidefield.kernels.jit.cache import cache_folder
+from guidefield.memo import MemoSet
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfFile
 from guidefield.messages.scene import Scene
@@ -48,7 +49,7 @@ def cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder for a cache that is empty on disk and in memory."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))  # the kernels' is full
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(convex_parts, "_KNOWN", {})
+    monkeypatch.setattr(convex_parts, "_KNOWN", BoundedMap(MESH_TREES))
     return tmp_path
 
 
@@ -91,7 +92,7 @@ def test_a_second_process_computes_nothing(cold: Path, monkeypatch: pytest.Monke
     prepare(Catalog().load(urdf))
     kept = {path.name: path.stat().st_size for path in (cold / "cache").rglob("*-*")}
     assert {name.partition("-")[0] for name in kept} >= {"coverage", "parts", "tree"}
-    monkeypatch.setattr(convex_parts, "_KNOWN", {})  # as another process has it
+    monkeypatch.setattr(convex_parts, "_KNOWN", BoundedMap(MESH_TREES))  # as another process has it
     monkeypatch.setattr(mesh_pieces, "bisected", None)
     monkeypatch.setattr(parts_room, "decompose", None)
     prepare(Catalog().load(urdf))
@@ -118,7 +119,7 @@ def test_over_the_wire_preparing_counts_and_is_told(cold: Path) -> None:
 
 def test_in_this_process_preparing_does_not_count(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
-    monkeypatch.setattr(preparation, "_prepared", weakref.WeakSet())
+    monkeypatch.setattr(preparation, "_prepared", MemoSet())
     found = parts_room.decompose
 
     def slow(*asked: object) -> object:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from guidefield.bounded_map import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import make_own
@@ -22,7 +23,7 @@ def scan(name: str, count: int) -> messages.Scene:
 
 
 def test_the_last_scenes_are_kept_by_content() -> None:
-    kept = BuiltScenes(2)
+    kept = BuiltScenes(Limit(2, 2**29))
     first = kept.of(messages.Scene(name="a"))
     assert kept.of(messages.Scene(name="a")) is first
     kept.of(messages.Scene(name="b"))
@@ -32,7 +33,7 @@ def test_the_last_scenes_are_kept_by_content() -> None:
 
 
 def test_numbers_of_numpy_mean_the_same() -> None:
-    kept, position = BuiltScenes(2), np.array([0.5, 0.25, 1.0])
+    kept, position = BuiltScenes(Limit(2, 2**29)), np.array([0.5, 0.25, 1.0])
     plain, numpys = (
         kept.of(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5, position=given)]))
         for given in (tuple(position.tolist()), tuple(position))
@@ -42,7 +43,10 @@ def test_numbers_of_numpy_mean_the_same() -> None:
 
 def test_a_scene_of_very_many_changes_is_built_though_all_before_are_held() -> None:
     """Each was found from the one before it: of 1000 that somebody held that was too deep."""
-    kept, held = BuiltScenes(2), [make_own(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5)]))]
+    kept, held = (
+        BuiltScenes(Limit(2, 2**29)),
+        [make_own(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5)]))],
+    )
     kept.of(held[0])
     for k in range(1, 3001):
         held.append(changed(held[-1], SceneDiff(move={"b": Placement((float(k), 0.0, 0.0))})))
@@ -51,21 +55,20 @@ def test_a_scene_of_very_many_changes_is_built_though_all_before_are_held() -> N
 
 
 def test_large_clouds_are_kept_only_as_long_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
-    for room in (built, obstacle):
-        monkeypatch.setattr(room, "MOST_FACES", 1000)
-    monkeypatch.setattr(obstacle, "_KNOWN", obstacle.KnownObstacles())
-    kept = BuiltScenes(16)
+    memory = 1000 * BYTES_PER_FACE
+    monkeypatch.setattr(obstacle, "_KNOWN", BoundedMap(Limit(512, memory)))
+    kept = BuiltScenes(Limit(16, memory))
     small, large = kept.of(scan("small", 300)), kept.of(scan("large", 600))
     assert kept.of(scan("small", 300)) is small
     assert kept.of(scan("larger", 650)) is not None  # no room for the one that was asked for least
     assert kept.of(scan("small", 300)) is small
     assert kept.of(scan("large", 600)) is not large
-    assert 0 < obstacle._KNOWN.faces <= 1000
+    assert 0 < obstacle._KNOWN.size <= memory
     assert kept.of(scan("huge", 5000)) is kept.of(scan("huge", 5000))  # one at least
 
 
 def test_a_scene_that_was_read_is_not_hashed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept = BuiltScenes(2)
+    kept = BuiltScenes(Limit(2, 2**29))
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=(0.5 * k, 0.0, 0.0)) for k in range(200)]
     scene = messages.Scene(name="a", obstacles=boxes)
     asked = PlanRequest("panda", scene, JointsGoal({"panda_joint1": 0.8}))
@@ -83,4 +86,4 @@ def test_a_large_scene_whose_time_is_up_is_not_even_hashed(monkeypatch: pytest.M
     cloud = messages.PointCloud(name="cloud", points=points, radius=0.1)
     monkeypatch.setattr(built, "scene_content", lambda *_: pytest.fail("there is no time"))
     with pytest.raises(DeadlineExpired, match="scene large"):
-        BuiltScenes(2).of(messages.Scene(name="large", obstacles=[cloud]), Deadline(0.0))
+        BuiltScenes(Limit(2, 2**29)).of(messages.Scene(name="large", obstacles=[cloud]), Deadline(0.0))

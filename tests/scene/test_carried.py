@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from guidefield.bounded_map import Limit
 from guidefield.collision import box_tree
 from guidefield.collision.certify.cores import obstacle_cores
 from guidefield.collision.certify.tables import _obstacles as certified
@@ -136,7 +137,7 @@ def copied(scene: messages.Scene) -> messages.Scene:
 @settings(deadline=None, max_examples=6)
 @given(st.integers(0, 10**6), st.sampled_from([40, 300, 500]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
-    rng, kept = np.random.default_rng(seed), BuiltScenes(16)
+    rng, kept = np.random.default_rng(seed), BuiltScenes(Limit(16, 2**29))
     kinds = {"odd": odd, "moves": moves}
     message = make_own(messages.Scene("s", obstacles=[some(rng, f"o{k}", **kinds) for k in range(count)]))
     versions, seen = [message], [kept.of(message)]
@@ -163,7 +164,7 @@ def boxes(count: int) -> messages.Scene:
 
 
 def test_only_what_is_another_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, scene = BuiltScenes(4), boxes(500)
+    kept, scene = BuiltScenes(Limit(4, 2**29)), boxes(500)
     first = kept.of(scene)
     built: list[str] = []
     make = obstacle.build
@@ -181,7 +182,7 @@ def test_only_what_is_another_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_scene_of_which_the_one_before_is_gone_is_built_alone() -> None:
-    kept, scene = BuiltScenes(1), boxes(300)
+    kept, scene = BuiltScenes(Limit(1, 2**29)), boxes(300)
     kept.of(scene)
     kept.of(messages.Scene("other"))
     after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
@@ -189,7 +190,7 @@ def test_a_scene_of_which_the_one_before_is_gone_is_built_alone() -> None:
 
 
 def test_a_mesh_that_comes_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, scene, hashed = BuiltScenes(4), boxes(300), list[str]()
+    kept, scene, hashed = BuiltScenes(Limit(4, 2**29)), boxes(300), list[str]()
     kept.of(scene)
     real = content.content_of
     for where in (content, obstacle):
@@ -200,7 +201,7 @@ def test_a_mesh_that_comes_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_scenes_that_others_may_change_are_known_by_all_that_is_in_them() -> None:
-    kept, scene = BuiltScenes(4), messages.Scene("s", obstacles=[*boxes(300).obstacles])
+    kept, scene = BuiltScenes(Limit(4, 2**29)), messages.Scene("s", obstacles=[*boxes(300).obstacles])
     first = kept.of(scene)
     scene.obstacles[3] = messages.Sphere(name="b3", radius=0.5)
     assert kept.of(scene) is not first
@@ -282,7 +283,7 @@ def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_w
         calls.append("made")
         return []
 
-    kept, message = BuiltScenes(8), boxes(MANY)
+    kept, message = BuiltScenes(Limit(8, 2**29)), boxes(MANY)
     table(kept.of(message))
     for k in range(3):
         message = changed(message, SceneDiff(move={f"b{k}": Placement()}))
@@ -296,7 +297,7 @@ def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_w
 
 
 def test_where_one_of_many_moves_nothing_is_sorted_nor_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, message = BuiltScenes(8), boxes(500)
+    kept, message = BuiltScenes(Limit(8, 2**29)), boxes(500)
     first = kept.of(message)
     before = bits(tables(first))
     moved = kept.of(changed(message, SceneDiff(move={"b7": Placement((0.1, 0.2, 0.3))})))
@@ -323,7 +324,7 @@ def only_one(kernel: Callable[..., int]) -> Callable[..., int]:
 
 
 def test_an_obstacle_that_leaves_the_box_about_all_is_carried_over_alike() -> None:
-    kept, message = BuiltScenes(8), boxes(400)
+    kept, message = BuiltScenes(Limit(8, 2**29)), boxes(400)
     tables(kept.of(message))
     for place in ((90.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
         message = changed(message, SceneDiff(move={"b7": Placement(place)}))
@@ -338,7 +339,7 @@ def test_tables_of_two_versions_are_at_hand_and_those_of_an_earlier_one_are_made
         made.append(scene)
         return []
 
-    kept, messages_ = BuiltScenes(8), [boxes(MANY)]
+    kept, messages_ = BuiltScenes(Limit(8, 2**29)), [boxes(MANY)]
     for k in range(3):
         messages_.append(changed(messages_[-1], SceneDiff(move={f"b{k}": Placement()})))
     scenes = [kept.of(message) for message in messages_]

@@ -6,6 +6,7 @@ import coal
 import numpy as np
 import pytest
 
+from guidefield.bounded_map import Limit
 from guidefield.messages import scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
@@ -118,7 +119,7 @@ def test_few_are_not_looked_at() -> None:
 
 
 def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:
-    ball, kept = Ball(0.0, 0.0, 0.0, 0.5), BuiltScenes(4)
+    ball, kept = Ball(0.0, 0.0, 0.0, 0.5), BuiltScenes(Limit(4, 2**29))
     rng = np.random.default_rng(3)
     places = rng.uniform(-6.0, 6.0, (2000, 3)).tolist()
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=tuple(place)) for k, place in enumerate(places)]

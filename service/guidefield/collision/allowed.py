@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from guidefield.collision.pairs import PairNames
 from guidefield.errors import UnknownObject
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
@@ -65,7 +65,7 @@ def _require_known(group: PlanningGroup, scene: Scene, index: int, pair: PairNam
             )
 
 
-@kept_with
+@memoized
 def _indices(scene: Scene) -> dict[str, int]:
     """Where each obstacle stands, by its name."""
     return {one.name: index for index, one in enumerate(scene.obstacles)}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import TRANSLATION
 
@@ -120,7 +120,7 @@ class Bodies:
         return centres
 
 
-@kept_with_alike
+@memoized_for_alike
 def bodies(group: PlanningGroup) -> Bodies:
     """Measure the bodies of a robot, once."""
     model, shapes = group.model, list(group.geometry.geometryObjects)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import coal
 import numpy as np
 
+from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
@@ -38,6 +38,7 @@ from guidefield.kernels.collide.parts import (
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.memo import size_of
 from guidefield.robot.model.shapes import triangulation
 
 
@@ -311,28 +312,19 @@ def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
 def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:
     """The tables of a mesh that stands at a pinocchio.SE3, as if there were no other; the last ones are kept."""
     key = (id(mesh), placement.homogeneous.tobytes())
-    known = _ALONE.pop(key, None)
+    known = _ALONE.get(key)
     if known is None:
         table = PartsTable()
         table.add_moved(mesh, placement)
-        known = mesh, table.tables()
-    _ALONE[key] = known
-    size = sum(array.nbytes for _, parts in _ALONE.values() for array in parts)
-    while size > MOST_ALONE:
-        size -= sum(array.nbytes for array in _ALONE.pop(next(iter(_ALONE)))[1])
+        parts = table.tables()
+        known = _ALONE.put(key, (mesh, parts), sum(array.nbytes for array in parts))
     return known[1]
 
 
-MOST_ALONE = 2**27
-"""Size of the tables of meshes that are kept [bytes]: a robot that holds something new, or stands elsewhere, has most
-of its links where they were in the frames of their joints."""
-
-_ALONE: dict[tuple[int, bytes], tuple[MeshTree, Parts]] = {}
+_ALONE: BoundedMap[tuple[int, bytes], tuple[MeshTree, Parts]] = BoundedMap(PLACED_MESHES)
 """By mesh, which is held as well so that no other gets its number, and placement."""
 
-_KNOWN: dict[tuple[bytes, int, str], MeshTree] = {}
-_MOST_KNOWN = 128
-_KEEPING = threading.Lock()
+_KNOWN: BoundedMap[tuple[bytes, int, str], MeshTree] = BoundedMap(MESH_TREES)
 
 
 def _known_mesh(shape: Any) -> MeshTree:
@@ -356,12 +348,10 @@ def known_surface(shape: Any) -> MeshTree:
 
 def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:
     """The tree of a Coal mesh, made in some way once."""
-    key = (hashlib.sha256(np.ascontiguousarray(shape.vertices()).tobytes()).digest(), int(shape.num_tris), how)
+    digest = hashlib.blake2b(shape.vertices().tobytes(), digest_size=32).digest()
+    key = (digest, int(shape.num_tris), how)
     tree = _KNOWN.get(key)
     if tree is None:
         tree = make(*triangulation(shape))
-        with _KEEPING:
-            while len(_KNOWN) >= _MOST_KNOWN:
-                del _KNOWN[next(iter(_KNOWN))]
-            _KNOWN[key] = tree
+        tree = _KNOWN.put(key, tree, size_of(tree))
     return tree

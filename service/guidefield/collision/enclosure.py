@@ -9,8 +9,8 @@ import numpy as np
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.solids import Solid, is_around, solid_of_obstacle, solids_of_group, winds_around
 from guidefield.collision.world import World
-from guidefield.kept import MISSING, Answers
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.memo import MISSING, Answers
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ModelConfiguration
 
@@ -93,7 +93,7 @@ def _solid_of(world: World, body: int) -> Solid:
     return solids_of_group(world.group)[body]
 
 
-@kept_with_alike
+@memoized_for_alike
 def closed_bodies(group: PlanningGroup) -> np.ndarray:
     """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
     return np.array([solid.surface is not None for solid in solids_of_group(group)], bool)

@@ -13,7 +13,7 @@ import pinocchio as pin
 from guidefield.collision.narrow_phase import NarrowPhase
 from guidefield.collision.pairs import PairNames
 from guidefield.collision.solids import Solid, is_around, solids_of_group
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 
 
@@ -31,7 +31,7 @@ class HeldContact(NamedTuple):
     depth: float | None
 
 
-@kept_with_alike
+@memoized_for_alike
 def held_contacts(group: PlanningGroup) -> tuple[HeldContact, ...]:
     """The contacts of what a group's robot holds among the pairs that count and that the group can't move apart."""
     held = set(group.robot.held)

@@ -8,8 +8,8 @@ import coal
 import numpy as np
 
 from guidefield.geometry.convex import convex, convex_hull
-from guidefield.kept import kept_with
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.memo import memoized
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import hull
@@ -19,7 +19,7 @@ MOST_TRIANGLES = 20_000
 """An obstacle of more has no hull."""
 
 
-@kept_with_alike
+@memoized_for_alike
 def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
     """The hull of each of a group's bodies that is judged as a mesh; None for all others."""
     of_robot = hulls_of(group.robot)
@@ -27,14 +27,14 @@ def link_hulls(group: PlanningGroup) -> tuple[Any | None, ...]:
     return tuple(of_robot[index_of[shape.name]] for shape in group.geometry.geometryObjects)
 
 
-@kept_with
+@memoized
 def hulls_of(robot: RobotModel) -> tuple[Any | None, ...]:
     """The hull of each collision shape that is judged as a mesh; None for all others."""
     shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
     return tuple(hull(shape) if isinstance(shape, coal.BVHModelBase) else None for shape in shapes)
 
 
-@kept_with
+@memoized
 def obstacle_hull(obstacle: Obstacle) -> Any | None:
     """The hull of an obstacle that is judged as a mesh; None for a flat one, and for all others.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies as bodies_of
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ROTATION, TRANSLATION
 
@@ -120,7 +120,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
-@kept_with_alike
+@memoized_for_alike
 def motion_bound(group: PlanningGroup, own_pairs: bytes) -> MotionBound:
     """The bound for a robot whose own pairs of bodies are given, an array (n_self, 2) of int64; made once for them."""
     bodies, own = bodies_of(group), np.frombuffer(own_pairs, np.int64).reshape(-1, 2)

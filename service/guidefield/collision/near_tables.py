@@ -10,7 +10,7 @@ from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import Scene
 
@@ -39,7 +39,7 @@ def boxed_obstacles(scene: Scene, pairs: Pairs) -> BoxedObstacles:
     return obstacles
 
 
-@kept_with_alike
+@memoized_for_alike
 def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> BalledRobot:
     """A robot with its own pairs and the bodies that are tested against obstacles, both arrays of int64."""
     about = bodies(group)

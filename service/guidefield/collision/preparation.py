@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import logging
 import time
-import weakref
 from collections.abc import Callable, Sequence
 
 import coal
@@ -19,6 +18,7 @@ from guidefield.collision.hulls import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.solid_cache import clear_solids
+from guidefield.memo import MemoSet
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
 from guidefield.robot.bodies.convex_parts import PARTS
 from guidefield.robot.bodies.link_bodies import link_bodies
@@ -74,7 +74,7 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
         _log.info("prepared robot %s in %.1f s", robot.name, time.monotonic() - began)
 
 
-_prepared: weakref.WeakSet[RobotModel] = weakref.WeakSet()
+_prepared = MemoSet()
 
 
 def _trees(robot: RobotModel, parts: Sequence[Decomposition | None]) -> list[Piece]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.bodies import bodies
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import JointKind
 from guidefield.scene.within_ball import Ball
@@ -17,7 +17,7 @@ _TURNING = {JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL}
 """Kinds of joints that leave the origin of their frame where it is."""
 
 
-@kept_with_alike
+@memoized_for_alike
 def robot_reach(group: PlanningGroup, limited: bool = True) -> Ball | None:
     """The ball about all bodies of a planning group; None where a joint may go anywhere.
 

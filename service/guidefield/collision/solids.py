@@ -12,10 +12,10 @@ import pinocchio as pin
 from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.extents import box_about
 from guidefield.geometry.mesh_surface import mesh_surface
-from guidefield.kept import kept_with
 from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
 from guidefield.kernels.cover.winding import winding_by_angles
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.memo import memoized
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
@@ -72,7 +72,7 @@ def is_around(outer: Solid, inner: Solid, there: pin.SE3, at: pin.SE3) -> bool:
     return any(winds_around(outer.surface, point) for point in local[within])
 
 
-@kept_with_alike
+@memoized_for_alike
 def solids_of_group(group: PlanningGroup) -> tuple[Solid, ...]:
     """Of each of a group's bodies."""
     solids, robot = _of_links(group.robot), group.robot.geometry
@@ -80,12 +80,12 @@ def solids_of_group(group: PlanningGroup) -> tuple[Solid, ...]:
     return tuple(solids[index_of[shape.name]] for shape in group.geometry.geometryObjects)
 
 
-@kept_with
+@memoized
 def _of_links(robot: RobotModel) -> tuple[Solid, ...]:
     return tuple(_solid(shape.geometry) for shape in robot.geometry.geometryObjects)
 
 
-@kept_with
+@memoized
 def solid_of_obstacle(obstacle: Obstacle) -> Solid:
     """Of an obstacle."""
     if obstacle.cloud is not None:

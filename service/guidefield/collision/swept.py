@@ -10,14 +10,14 @@ import coal
 import numpy as np
 
 from guidefield.collision.world import World
-from guidefield.kept import kept_with
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.kinematics.local_coordinates import chart_values
 from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SweptRobot
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
@@ -88,7 +88,7 @@ class SweptWorld:
         return cast(ChartPoint, np.zeros(self.group.nv))
 
 
-@kept_with
+@memoized
 def swept_world(world: World) -> SweptWorld:
     """The capsules of a world; computed once for each."""
     group = world.group
@@ -112,7 +112,7 @@ def swept_world(world: World) -> SweptWorld:
     return SweptWorld(group, robot, distance_tables(world.scene), exact)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _apart(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
     """`SweptRobot.apart` of own pairs, an array (own, 2) of int64."""
     supports = [list(group.model.supports[shape.parentJoint]) for shape in group.geometry.geometryObjects]

@@ -27,7 +27,7 @@ from guidefield.collision.pairs import PairNames, Pairs
 from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
@@ -372,13 +372,13 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
             )
 
 
-@kept_with_alike
+@memoized_for_alike
 def _link_names(group: PlanningGroup) -> tuple[str, ...]:
     """The link of each of the robot's bodies."""
     return tuple(group.robot.link_of_geometry(index) for index in range(group.geometry.ngeoms))
 
 
-@kept_with_alike
+@memoized_for_alike
 def _unpaired(group: PlanningGroup) -> Any:
     """The robot's bodies without pairs, for each of which Pinocchio would keep scratch: milliseconds with hundreds."""
     bodies = group.geometry.copy()
@@ -386,7 +386,7 @@ def _unpaired(group: PlanningGroup) -> Any:
     return bodies
 
 
-@kept_with_alike
+@memoized_for_alike
 def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
     """Which of the robot's bodies Coal judges as surfaces."""
     return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
@@ -410,7 +410,7 @@ def _pairs(group: PlanningGroup, scene: Scene, allowed: Allowed | None) -> Pairs
     )
 
 
-@kept_with_alike
+@memoized_for_alike
 def _own_pairs(group: PlanningGroup) -> tuple[np.ndarray, np.ndarray]:
     """The robot's own pairs that count and move relative to each other, shape (n, 2), and its bodies that move."""
     joints = [shape.parentJoint for shape in group.geometry.geometryObjects]

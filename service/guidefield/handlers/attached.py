@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -12,6 +11,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownObject
 from guidefield.geometry.bvh import bvh
 from guidefield.geometry.placements import se3
+from guidefield.memo import memoized
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.robot.group.attached import Held, with_held
@@ -86,7 +86,7 @@ def _asked(attached: Sequence[AttachedObject]) -> _Asked:
     return _Asked(msgspec.msgpack.encode([contents, others]), attached)
 
 
-@functools.lru_cache(maxsize=32)
+@memoized
 def _made(robot: RobotModel, asked: _Asked) -> RobotModel:
     return with_held(robot, [_held(one, index) for index, one in enumerate(asked.objects)])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Iterator
 
 from guidefield.collision.enclosure import closed_bodies
@@ -13,6 +12,7 @@ from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
+from guidefield.memo import MemoSet
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
 from guidefield.planner.task.problem import Problem
@@ -129,6 +129,6 @@ def prepare_field(scene: Scene, deadline: Deadline) -> None:
         _ = scene.tables
 
 
-_prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
+_prepared = MemoSet()
 
-_laid_out: weakref.WeakSet[RobotModel] = weakref.WeakSet()
+_laid_out = MemoSet()

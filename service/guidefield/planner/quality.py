@@ -20,9 +20,9 @@ from guidefield.collision.minimum.places import Surveyor
 from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
-from guidefield.kept import kept_with
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
+from guidefield.memo import memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
@@ -334,7 +334,7 @@ class TravelledWay(NamedTuple):
         return float(self.lengths[-1])
 
 
-@kept_with
+@memoized
 def travelled_way(trajectory: MotionInTime) -> TravelledWay:
     """Lay out a motion by how far it has travelled, once: of many rows it takes a tenth of a second."""
     pieces, begins = np.ascontiguousarray(trajectory.bezier(), float), np.array(trajectory.piece_times(), float)

@@ -12,7 +12,7 @@ from guidefield.messages import scene as messages
 from guidefield.potential import RobotField, moving_charges, origin_of
 from guidefield.recorder.chunks import PICTURE, PICTURE_AT_START, entity, rgba32, still, timed
 from guidefield.recorder.robot_entities import moved_frame
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_in_time import Origin, field_in_time
@@ -73,7 +73,7 @@ def charges(
     yield _arrows(on_links, origins, column)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _points_of_joints(group: PlanningGroup) -> list[Chunk]:
     """The charged points of each joint that has some, in its frame."""
     charged, chunks = moving_charges(group), []

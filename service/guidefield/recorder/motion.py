@@ -17,7 +17,7 @@ from guidefield.messages.requests import JointSetGoal, JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
@@ -207,7 +207,7 @@ def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Config
     return Poses(joints, placements[:, :-1], placements[:, -1, :3])
 
 
-@kept_with_alike
+@memoized_for_alike
 def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
     """The frames of all joints, and the tip's, by Pinocchio's index."""
     count = group.model.njoints
@@ -223,7 +223,7 @@ def link_placements(group: PlanningGroup, configurations: Configurations, links:
     return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _links(group: PlanningGroup, links: tuple[str, ...]) -> FrameTable:
     indices = [frame_index(group.model, link) for link in links]
     return _frame_table([_carried(group, index) for index in indices if index is not None])

@@ -20,7 +20,7 @@ import msgspec
 import rerun as rr
 from rerun.chunk import Chunk
 
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.messages.requests import MotionRequest
 from guidefield.recorder import bodies, scene_entities, surface
 from guidefield.recorder.chunks import still
@@ -108,7 +108,7 @@ def shared_scene(
     return SharedScene(digest.hexdigest()[:32], message is not None or size >= LARGE_BYTES, chunks)
 
 
-@kept_with
+@memoized
 def _content(scene: Scene) -> tuple[int, bytes]:
     """Size of a scene's obstacles [bytes] and a hash of all that they are drawn by, which motions are not."""
     moving = [index for index in scene.others if scene.obstacles[index].motion is not None]

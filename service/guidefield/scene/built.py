@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections import OrderedDict
 
+from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.collector import waiting_collector
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
@@ -12,7 +12,6 @@ from guidefield.messages.own_scenes import Before, Own, own
 from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
-from guidefield.scene.mesh import MOST_FACES
 from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
 
@@ -21,15 +20,14 @@ MANY = 1000
 
 
 class BuiltScenes:
-    """The scenes that were built last, fewer where they have very many triangles or points.
+    """The scenes that were built last.
 
     Args:
-        most: How many are kept.
+        limit: What is kept.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
-        self._scenes: OrderedDict[bytes, Scene] = OrderedDict()
+    def __init__(self, limit: Limit = BUILT_SCENES) -> None:
+        self._scenes = BoundedMap[bytes, Scene](limit)
 
     def of(self, message: messages.Scene, deadline: Deadline = UNLIMITED) -> Scene:
         """The scene that a message describes; raises as `build`.
@@ -42,13 +40,11 @@ class BuiltScenes:
             DeadlineExpired: if the deadline passed before it was built.
         """
         content, parts = self._content(message, deadline)
-        built = self._scenes.pop(content, None)
+        built = self._scenes.get(content)
         if built is None:
             built = self._built(message, parts, deadline)
-            faces = sum(scene.faces for scene in self._scenes.values()) + built.faces  # as if none shared an obstacle
-            while self._scenes and (len(self._scenes) >= self._most or faces > MOST_FACES):
-                faces -= self._scenes.popitem(last=False)[1].faces
-        self._scenes[content] = built
+            size = BYTES_PER_FACE * built.faces  # as if none shared an obstacle
+            built = self._scenes.put(content, built, size)
         return built
 
     def _content(self, message: messages.Scene, deadline: Deadline) -> tuple[bytes, dict[int, Content]]:

@@ -17,7 +17,7 @@ from typing import Any, Concatenate, Generic, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from guidefield.kept import MISSING, Answers
+from guidefield.memo import MISSING, Answers
 
 FEW = 0.25
 """Where more of the obstacles than this share are others, all is sooner made anew."""
@@ -234,16 +234,17 @@ def _joined(runs: Iterable[Run]) -> list[Run]:
 
 def note(scene: Any, before: Any, rows: Rows) -> None:
     """Note what a scene was before a change: its obstacles are the same objects as there, where rows say so."""
-    _BEFORE[scene] = weakref.ref(before), rows
+    vars(scene)[_BEFORE] = weakref.ref(before), rows
 
 
-_BEFORE: weakref.WeakKeyDictionary[Any, tuple[weakref.ref[Any], Rows]] = weakref.WeakKeyDictionary()
+_BEFORE = "_before"
+"""Where a scene has what it was changed from, which goes with its last user."""
 
 
 def carried(
     over: Callable[Concatenate[Table, Rows, Any, Rest], Table | None],
 ) -> Callable[[Callable[Concatenate[Any, Rest], Table]], Callable[Concatenate[Any, Rest], Table]]:
-    """Make what a function makes of a scene once, as `kept_with` does; if the scene is a changed one, by `over`.
+    """Make what a function makes of a scene once, as `memoized` does; if the scene is a changed one, by `over`.
 
     Args:
         over: Makes it of that of the scene before, given this, the rows, the scene and what else the function takes;
@@ -279,15 +280,16 @@ class _Found(NamedTuple, Generic[Table]):
 
     def forget_earlier(self, known: Answers[Table], asked: object) -> None:
         """Forget the table of what this scene was before: those of two scenes are at hand, not those of all."""
-        earlier = _BEFORE[self.scene][0]() if self.scene in _BEFORE else None
+        before = vars(self.scene).get(_BEFORE)
+        earlier = None if before is None else before[0]()
         if earlier is not None:
             known.forget(earlier, asked)
 
 
 def _before(scene: Any, known: Answers[Table], asked: object) -> _Found[Table] | None:
     rows: Rows | None = None
-    while scene in _BEFORE:
-        before, step = _BEFORE[scene]
+    while _BEFORE in vars(scene):
+        before, step = vars(scene)[_BEFORE]
         scene, rows = before(), step if rows is None else rows.after(step)
         if scene is None or not rows.are_few:
             return None

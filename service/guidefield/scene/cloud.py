@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
 from guidefield.geometry.extents import box_about
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.scene.charges import Charges
 
 MOST_IN_BODIES = 5_000
@@ -100,7 +100,7 @@ def cloud_charges(points: np.ndarray, radius: float) -> Charges:
     return Charges(cloud=cloud_rows(points, spacings(points, _DENSEST * radius, np.sqrt(counts) * _SPHERE * radius)))
 
 
-@kept_with
+@memoized
 def covering(cloud: Cloud, most: int) -> Cloud:
     """A cloud of at most so many points whose balls contain those of another.
 

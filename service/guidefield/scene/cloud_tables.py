@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.kept import kept_with
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.distance.point_tree_build import fill_tree, sort_for_tree
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.memo import lasting
 from guidefield.scene.obstacle import Obstacle
 
 CELL = 0.04
@@ -43,7 +43,7 @@ class CloudTables:
         return int(self.words.__array_interface__["data"][0])
 
 
-@kept_with
+@lasting
 def cloud_tables(obstacle: Obstacle) -> CloudTables:
     """The tables of an obstacle that is a cloud, made once; what kernels find of its grid stays in them."""
     assert obstacle.cloud is not None, "only clouds are asked for"

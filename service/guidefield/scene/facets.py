@@ -19,6 +19,7 @@ from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.entries import Arrays, Room, in_memory
 from guidefield.geometry.extents import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
+from guidefield.memo import memoized
 
 PATCH = 8192
 """Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
@@ -48,15 +49,24 @@ class Facets:
         """Lower and upper corner of the box about them, shape (2, 3) [m, own frame]."""
         return box_about(self._made()[0])
 
-    @cached_property
+    @property
     def whole(self) -> Any:
         """All of them as one Coal tree."""
-        return bvh(*self._made())
+        return _tree(self)
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return their vertices (v, 3) [m] and the triangles (t, 3)."""
+        return self._made()
 
     @cached_property
     def patches(self) -> Patches | None:
         """Trees of neighbours; None where one tree is no more than `PATCH`."""
         return Patches(self._made, self._content) if self.count > PATCH else None
+
+
+@memoized
+def _tree(facets: Facets) -> Any:
+    return bvh(*facets.surface())
 
 
 class Patches:

@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 
 from guidefield.geometry.far_tree import with_far_trees
-from guidefield.kept import kept_with
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import FieldTables, single_precision
+from guidefield.memo import memoized
 from guidefield.scene.scene import Scene
 
 Origin = tuple[float, float, float]
 
 
-@kept_with
+@memoized
 def single_tables(scene: Scene, origin: Origin) -> FieldTables:
     """Return the scene's field in single precision, relative to an origin near the points of interest [m, world]."""
     return single_precision(scene.tables, np.array(origin))
 
 
-@kept_with
+@memoized
 def coarse_tables(scene: Scene, origin: Origin) -> FieldTables:
     """Return the same with expansions for all that is far away, for pictures: see `with_far_trees`."""
     return single_precision(with_far_trees(scene.tables), np.array(origin))
@@ -68,7 +68,7 @@ def _move(motion: Any, time: float) -> np.ndarray:
     return move
 
 
-@kept_with
+@memoized
 def _movers(scene: Scene) -> tuple[tuple[FieldTables, Any], ...]:
     """The field of each moving obstacle where it is at first, in single precision, and its motion."""
     movers = [(index, scene.obstacles[index]) for index in scene.others]

@@ -25,9 +25,6 @@ from guidefield.messages.triples import Points, Triangles
 from guidefield.parallel import run_parallel
 from guidefield.scene.points import corners_in, count_of, points_in
 
-MOST_FACES = 1_000_000
-"""Triangles, and points of clouds, that are kept together in memory: a million take half a gigabyte."""
-
 
 @dataclass(frozen=True, eq=False)
 class JudgedMesh:

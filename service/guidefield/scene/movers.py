@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -56,7 +56,7 @@ class Movers(ReadOnly):
         return near
 
 
-@kept_with
+@memoized
 def movers(scene: Scene) -> Movers:
     """The obstacles of a scene that move."""
     indices = [index for index in scene.others if scene.obstacles[index].motion is not None]

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from guidefield.geometry.distance_bodies import body_rows, body_tables
-from guidefield.kept import kept_with
 from guidefield.kernels.barrier.moving_bodies import MovingBodies
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.scene.distance_tables import bodies_of
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
 
-@kept_with
+@memoized
 def moving_tables(scene: Scene) -> MovingBodies:
     """Tables of the obstacles of a scene that move; once for each scene, and once for all in which none does."""
     return _tables({index: scene.obstacles[index] for index in scene.others}) if scene.moves else _nothing()

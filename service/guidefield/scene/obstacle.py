@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from guidefield.bounded_map import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.cache import is_large
 from guidefield.geometry.placements import moved, se3
@@ -21,7 +21,7 @@ from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of
 from guidefield.scene.facets import Facets
-from guidefield.scene.mesh import MOST_FACES, JudgedMesh, extent_of, judged_mesh
+from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
@@ -74,8 +74,12 @@ class Obstacle:
         """Whether Coal judges it as one convex body: distances are signed then."""
         return self.recipe.convex
 
-    @cached_property
+    @property
     def _body(self) -> tuple[Any, Any]:
+        return self.recipe.body(self.message) if self.recipe.facets is not None else self._kept_body
+
+    @cached_property
+    def _kept_body(self) -> tuple[Any, Any]:
         return self.recipe.body(self.message)
 
     @property
@@ -227,48 +231,11 @@ def build(
     large = size_warnings(still, obstacle.recipe.extent)
     if motion is not None or large:
         obstacle = dataclasses.replace(obstacle, motion=motion, warnings=(*obstacle.warnings, *large))
-    _KNOWN.add(content.all, obstacle)
-    return obstacle
+    return _KNOWN.put(content.all, obstacle, BYTES_PER_FACE * obstacle.faces)
 
 
-class KnownObstacles:
-    """The last obstacles by what was declared: one that is in the next scene again is not built again.
-
-    Attributes:
-        faces: How many triangles and points they have together.
-    """
-
-    def __init__(self) -> None:
-        self._obstacles: dict[bytes, Obstacle] = {}
-        self.faces = 0
-        self._lock = threading.Lock()
-
-    def __contains__(self, content: bytes) -> bool:
-        return content in self._obstacles
-
-    def get(self, content: bytes) -> Obstacle | None:
-        """Return the obstacle that is known by a content, if any."""
-        return self._obstacles.get(content)
-
-    def add(self, content: bytes, obstacle: Obstacle) -> None:
-        """Keep an obstacle; the oldest ones go where they are too many, or of too many faces."""
-        many = obstacle.faces
-        with self._lock:
-            known = self._obstacles
-            while len(known) >= _MOST_KNOWN or (many and known and many + self.faces > MOST_FACES):
-                self.faces -= known.pop(next(iter(known))).faces
-            self.faces += many - (known[content].faces if content in known else 0)
-            known[content] = obstacle
-
-    def clear(self) -> None:
-        """Forget all of them."""
-        with self._lock:
-            self._obstacles, self.faces = {}, 0
-
-
-_KNOWN = KnownObstacles()
-
-_MOST_KNOWN = 512
+_KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)
+"""Obstacles by what was declared: one that is in the next scene again is not built again."""
 
 
 class _UnusableError(Exception):

@@ -14,8 +14,8 @@ import numpy as np
 
 from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
-from guidefield.kept import kept_by
 from guidefield.kernels.field.field_tables import FieldTables
+from guidefield.memo import memoized_by
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.carried import Rows, note
@@ -213,7 +213,7 @@ def _held_at(scene: Scene, time: float) -> Scene:
 HELD = 2
 """So many times are kept at which obstacles that move are held: at first, and in the end, are asked for often."""
 
-_held = kept_by(lambda scene: scene, _held_at, HELD)
+_held = memoized_by(lambda scene: scene, _held_at, HELD)
 
 
 def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:

@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
-from guidefield.kept import kept_by
+from guidefield.memo import memoized_by
 from guidefield.scene.anchor import anchor_of, no_anchor
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.facets import Facets
@@ -112,5 +112,5 @@ def _body_of(facets: Facets, obstacle: Obstacle) -> Any:
     return lambda _: (facets.whole, placement)
 
 
-_met = kept_by(lambda scene: scene, _scene_met, FEW)
-_part = kept_by(lambda obstacle: obstacle, _obstacle_met, FEW)
+_met = memoized_by(lambda scene: scene, _scene_met, FEW)
+_part = memoized_by(lambda obstacle: obstacle, _obstacle_met, FEW)

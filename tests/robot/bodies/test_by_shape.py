@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from guidefield.bounded_map import MESH_TREES, BoundedMap
 from guidefield.collision import convex_parts as trees
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
@@ -34,7 +35,7 @@ def _cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Nothing is known on disk or in memory; the kernels are."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(trees, "_KNOWN", {})
+    monkeypatch.setattr(trees, "_KNOWN", BoundedMap(MESH_TREES))
 
 
 def many(folder: Path, count: int = 6) -> UrdfFile:

@@ -13,7 +13,7 @@ from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
 from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.scene import Scene
@@ -29,7 +29,7 @@ def certified_obstacles(world: World) -> CertifiedObstacles:
     return _obstacles(world.scene, world.pairs.left_out.tobytes())
 
 
-@kept_with_alike
+@memoized_for_alike
 def _robot(group: PlanningGroup, own_pairs: bytes, moving: bytes) -> CertifiedRobot:
     """A robot with its own pairs and the bodies that are tested against obstacles, both arrays of int64."""
     about, bound = bodies(group), motion_bound(group, own_pairs)

@@ -18,14 +18,14 @@ from guidefield.collision.lanes.never import without_never_touching
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
-from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import MEMORY_WORDS, SCENE_WORDS, lay_out
 from guidefield.kernels.collide.layout import Scratch
 from guidefield.kernels.collide.motion_validation import FRACTIONS, LaneWorld, path_free_until, touching_configurations
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.shortcut import shorten
+from guidefield.memo import memoized
 from guidefield.robot.bodies.sphere_cover import coverage
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
 
@@ -38,7 +38,7 @@ def prepare_robot(world: World) -> None:
     _robot(world.group, world.pairs.own.tobytes())
 
 
-@kept_with
+@memoized
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
     robot, words = _unturned(group, pairs)
@@ -46,7 +46,7 @@ def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     return (robot, words) if joints is robot.joints else _with_words(dataclasses.replace(robot, joints=joints), group)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same, wherever the group starts."""
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
@@ -68,6 +68,7 @@ class BatchCollision:
         memory: What it works in, see lane_memory.
         begins: Where in it the first array is [bytes].
         scene: The obstacles as the kernels know them, whose memory the words tell.
+        robot: The robot's tables, whose memory they tell too.
     """
 
     world: World
@@ -75,6 +76,7 @@ class BatchCollision:
     memory: np.ndarray
     begins: int
     scene: LaneScene
+    robot: LaneRobot
 
     @classmethod
     def build(cls, world: World) -> BatchCollision:
@@ -84,13 +86,13 @@ class BatchCollision:
         all_words = np.empty(len(words) + SCENE_WORDS + MEMORY_WORDS, np.int64)
         bodies, moving, left_out = robot.bodies.size, world.pairs.moving, world.pairs.bodies_left_out()
         begins = lay_out(words, scene.words, layout.offsets, scene.owners, bodies, moving, left_out, memory, all_words)
-        return cls(world, all_words, memory, begins, scene)
+        return cls(world, all_words, memory, begins, scene, robot)
 
     @cached_property
     def tables(self) -> LaneWorld:
         """The world as arrays."""
-        robot, _, _, layout = _of(self.world)
-        scene, views = self.scene, layout.views(self.memory, self.begins)
+        robot, scene, layout = self.robot, self.scene, _of(self.world)[3]
+        views = layout.views(self.memory, self.begins)
         return LaneWorld(
             joints=robot.joints,
             bodies=robot.bodies,

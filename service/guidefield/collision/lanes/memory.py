@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.collision.lanes.robot_tables import LaneRobot
-from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.gjk_scratch import WORK
@@ -29,6 +28,7 @@ from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.memo import memoized
 
 
 class LaneMemory(NamedTuple):
@@ -57,7 +57,7 @@ class LaneMemory(NamedTuple):
         }
 
 
-@kept_with
+@memoized
 def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> LaneMemory:
     """Lay out the memory for a robot among some obstacles.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +19,6 @@ from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, clou
 from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_tree import mesh_tree
-from guidefield.kept import kept_with
 from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
@@ -30,6 +28,7 @@ from guidefield.kernels.collide.primitives_layout import primitive_tables
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
+from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud import Cloud
@@ -221,14 +220,14 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None)
     """
     if scene in _prepared:
         return
-    left = [one for one in map(scene.obstacles.__getitem__, unplaced(scene)) if one not in _made]
+    left = [one for one in map(scene.obstacles.__getitem__, unplaced(scene)) if _MADE.of(one, None) is MISSING]
     flat = [one for one in left if _is_flat(one)]
     for begin in range(0, len(flat), TOGETHER):
         told(f"obstacle {flat[begin].name}")
         deadline.check(f"obstacle {flat[begin].name}")
         _make_flat(flat[begin : begin + TOGETHER])
     for obstacle in left:
-        if obstacle not in _made:
+        if _MADE.of(obstacle, None) is MISSING:
             told(f"obstacle {obstacle.name}")
             deadline.check(f"obstacle {obstacle.name}")
             _tables(obstacle)
@@ -238,16 +237,16 @@ def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None)
 TOGETHER = 256
 """Most polygons whose tables are made at one time, which takes some milliseconds."""
 
-_prepared: weakref.WeakSet[Scene] = weakref.WeakSet()
+_prepared = MemoSet()
 
-_made: weakref.WeakKeyDictionary[Obstacle, _Tables] = weakref.WeakKeyDictionary()
+_MADE = Answers[_Tables]()
+"""Tables of obstacles that are no primitives."""
 
 
 def _tables(obstacle: Obstacle) -> _Tables:
     """The tables of an obstacle that is no primitive, made once."""
-    if obstacle not in _made:
-        _made[obstacle] = _tables_of(obstacle)
-    return _made[obstacle]
+    made = _MADE.of(obstacle, None)
+    return _MADE.keep(obstacle, None, _tables_of(obstacle)) if made is MISSING else made
 
 
 def _is_flat(obstacle: Obstacle) -> bool:
@@ -255,19 +254,20 @@ def _is_flat(obstacle: Obstacle) -> bool:
     return isinstance(obstacle.message, messages.Polygon) and obstacle.faces <= MOST_TRIANGLES
 
 
-def _make_flat(obstacles: Sequence[Obstacle]) -> None:
-    """Make the tables of polygons."""
+def _make_flat(obstacles: Sequence[Obstacle]) -> list[_Tables]:
+    """Make the tables of polygons, and keep them."""
     made = flat_forest([np.take(*one.whole_surface, axis=0) for one in obstacles])  # which is in the world
     rows, places = (
         np.concatenate([flat.rows for flat in made]),
         _places_of(np.concatenate([flat.nodes for flat in made])),
     )
     numbers, boxes = rows.astype(np.float32), boxes_about(rows).astype(np.float32)
-    begin = 0
+    begin, kept = 0, []
     for obstacle, flat in zip(obstacles, made, strict=True):
         own = slice(begin, begin + len(flat.nodes))
-        _made[obstacle] = _tables_with(flat.parts, places[own], numbers[own], boxes[own])
+        kept.append(_MADE.keep(obstacle, None, _tables_with(flat.parts, places[own], numbers[own], boxes[own])))
         begin = own.stop
+    return kept
 
 
 def _tables_of(obstacle: Obstacle) -> _Tables:
@@ -276,8 +276,7 @@ def _tables_of(obstacle: Obstacle) -> _Tables:
         parts = Parts(**{name: made[name] for name in Parts._fields})
         return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"])
     if _is_flat(obstacle):
-        _make_flat([obstacle])
-        return _made[obstacle]
+        return _make_flat([obstacle])[0]
     table = PartsTable()
     places, rows = _stand_ins(obstacle, table)
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
@@ -307,7 +306,7 @@ def surface_parts(obstacle: Obstacle) -> Parts:
     return Parts(made.balls, made.links.ravel(), made.shapes.ravel(), made.numbers, made.vertices)
 
 
-@kept_with
+@memoized
 def _cloud_parts(obstacle: Obstacle) -> Parts:
     assert obstacle.cloud is not None, "only clouds are asked for"
     return cloud_parts(obstacle, obstacle.cloud)

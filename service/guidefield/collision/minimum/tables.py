@@ -13,11 +13,11 @@ from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.world import World
-from guidefield.kept import kept_with
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.minimum.tables import BezierCurve, BodyPairs, RestingObstacles, RobotBodies
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.scene.carried import Rows, carried
@@ -35,12 +35,12 @@ def is_served(world: World) -> bool:
     return max(_robot_rounding(world.group), _obstacle_rounding(scene)) <= ROUNDED
 
 
-@kept_with_alike
+@memoized_for_alike
 def _robot_rounding(group: PlanningGroup) -> float:
     return _rounding(robot_parts(group)[1])
 
 
-@kept_with
+@memoized
 def _obstacle_rounding(scene: Scene) -> float:
     return _rounding(_obstacle_parts(scene)[1])
 
@@ -63,7 +63,7 @@ def robot_bodies(world: World) -> RobotBodies:
     return _alike_bodies(world.group, world.pairs.own.tobytes())._replace(origin=origin)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
     """The robot's bodies, but for the configuration from which rotation vectors start.
 
@@ -128,7 +128,7 @@ def body_pairs(world: World) -> BodyPairs:
     return pairs
 
 
-@kept_with_alike
+@memoized_for_alike
 def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, np.ndarray]:
     """Of own pairs, an array (own, 2) of int64, what `BodyPairs` has: from which body each is seen.
 
@@ -168,7 +168,7 @@ def bezier_curve(curve: Curve) -> BezierCurve:
     return made
 
 
-@kept_with_alike
+@memoized_for_alike
 def robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
     """Roots of the robot's bodies, shape (r,), in the frames of their joints, and their parts."""
     table = PartsTable()
@@ -181,7 +181,7 @@ def robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
     return _frozen(roots), table.tables()
 
 
-@kept_with
+@memoized
 def _obstacle_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
     """Roots of a scene's obstacles, in the world, and their parts."""
     table, (primitive_roots, primitives) = PartsTable(), primitive_parts(scene)

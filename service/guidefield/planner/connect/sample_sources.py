@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.kept import kept_with
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.informed_samples import Sampling
+from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.chart import ROAM, ROTATION, TRANSLATION, WIND
 from guidefield.robot.model.spaces import ChartPoints
@@ -77,14 +77,14 @@ class Sources(ReadOnly):
         return Sources.of(self.sampling._replace(lower=low, width=high - low), self.roams, self.around)
 
 
-@kept_with
+@memoized
 def sources_of(group: PlanningGroup) -> Sources:
     """The box that samples of a group fill."""
     endless = ~np.isfinite(group.upper - group.lower)
     return _alike_sources(group, group.chart(group.q_origin)[endless].tobytes() if endless.any() else b"")
 
 
-@kept_with_alike
+@memoized_for_alike
 def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
     """The same, with the values of the coordinates without limits where the group's chart starts, in order."""
     lower, upper, period = group.lower.copy(), group.upper.copy(), group.periods.astype(np.float32)

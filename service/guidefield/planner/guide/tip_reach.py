@@ -12,7 +12,7 @@ from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.bodies.charges import robot_charges
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import chain_to_tip
 from guidefield.scene.guide_plane import GuidePlane
@@ -39,7 +39,7 @@ def tip_radius(problem: Problem) -> float:
     return _tip_radius(problem.group)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _tip_radius(group: PlanningGroup) -> float:
     charges = robot_charges(group.robot)
     tip = group.model.frames[group.tip_id]
@@ -85,7 +85,7 @@ def arm_reach(problem: Problem) -> tuple[np.ndarray, float]:
     return _arm_reach(problem.group)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _arm_reach(group: PlanningGroup) -> tuple[np.ndarray, float]:
     chain = chain_to_tip(group)
     return frozen(chain.table.first[3::4].copy()), chain.reach

@@ -13,7 +13,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.read_only import read_only
 from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.surface_samples import surface_samples
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.spaces import ChartPoints
@@ -58,7 +58,7 @@ def few_points(robot: SampledRobot) -> SampledRobot:
     return robot._replace(groups=groups, weights=weights)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _of_group(group: PlanningGroup) -> SampledRobot:
     """The robot without where it starts, obstacles that it ignores, and pairs."""
     moving = _moving(group)
@@ -107,7 +107,7 @@ def _by_place(points: np.ndarray) -> np.ndarray:
     return np.concatenate([_by_place(points[along[:half]]), _by_place(points[along[half:]])])
 
 
-@kept_with_alike
+@memoized_for_alike
 def _moving(group: PlanningGroup) -> tuple[int, ...]:
     """The group's bodies that move."""
     return tuple(body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0)

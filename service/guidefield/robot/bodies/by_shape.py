@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import logging
-import weakref
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -13,6 +12,7 @@ import numpy as np
 from guidefield.geometry.cache import name_of, recalled, remembered
 from guidefield.geometry.entries import Arrays
 from guidefield.kernels.jit.compilers import load_imported
+from guidefield.memo import MISSING, Answers
 from guidefield.parallel import run_queue
 from guidefield.robot.model.model import RobotModel
 from guidefield.system import usable_processors
@@ -90,9 +90,7 @@ class ByShape(Generic[Found]):
         self, doing: str, question: Callable[[Any, Any], Question | None], restored: Callable[[Arrays], Found | None]
     ) -> None:
         self._doing, self._question, self._restored = doing, question, restored
-        self._known: weakref.WeakKeyDictionary[RobotModel, dict[Hashable, tuple[Found | None, ...]]] = (
-            weakref.WeakKeyDictionary()
-        )
+        self._known = Answers[tuple[Found | None, ...]]()
 
     def all(self, robot: RobotModel, asked: Hashable, progress: Progress) -> tuple[Found | None, ...]:
         """What is found for each shape, in the geometry's order; what `progress` raises comes through."""
@@ -102,14 +100,16 @@ class ByShape(Generic[Found]):
 
     def known(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
         """The same as far as it is known without computing anything; None elsewhere."""
-        if asked in self._known.get(robot, {}):
-            return self._known[robot][asked]
         return self.search(robot, asked).found()
 
     def search(self, robot: RobotModel, asked: Hashable) -> Search[Found]:
         """What is known, and what has to be found."""
-        known = self._known.setdefault(robot, {})
-        return Search(known, asked, () if asked in known else self._asked_of(robot, asked), self._restored)
+        known = self._known.of(robot, asked)
+        if known is not MISSING:
+            return Search(known, (), self._restored, lambda found: found)
+        return Search(
+            None, self._asked_of(robot, asked), self._restored, lambda found: self._known.keep(robot, asked, found)
+        )
 
     def _asked_of(self, robot: RobotModel, asked: Hashable) -> list[tuple[Question | None, Callable[..., Piece]]]:
         """What is found for each shape, in the geometry's order, and what makes a piece of it."""
@@ -128,12 +128,12 @@ class Search(Generic[Found]):
 
     def __init__(
         self,
-        known: dict[Hashable, tuple[Found | None, ...]],
-        asked: Hashable,
+        known: tuple[Found | None, ...] | None,
         questions: Sequence[tuple[Question | None, Callable[..., Piece]]],
         restored: Callable[[Arrays], Found | None],
+        keep: Callable[[tuple[Found | None, ...]], tuple[Found | None, ...]],
     ) -> None:
-        self._known, self._asked, self._restored = known, asked, restored
+        self._known, self._restored, self._keep = known, restored, keep
         self._names: list[str | None] = []
         self._answers: dict[str, Found | None] = {}
         unfound: dict[str, Piece] = {}
@@ -151,13 +151,13 @@ class Search(Generic[Found]):
 
     def found(self) -> tuple[Found | None, ...]:
         """What is known by now for each shape, in the geometry's order; None elsewhere."""
-        if self._asked in self._known:
-            return self._known[self._asked]
+        if self._known is not None:
+            return self._known
         return tuple(None if name is None else self._answers.get(name) for name in self._names)
 
     def keep(self) -> tuple[Found | None, ...]:
         """The same once all is found; it is kept with the robot."""
-        return self._known.setdefault(self._asked, self.found())
+        return self._keep(self.found())
 
     def _find(self, name: str, question: Question) -> None:
         self._answers[name] = self._restored(remembered(*question))

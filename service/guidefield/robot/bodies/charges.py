@@ -16,7 +16,7 @@ from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.entries import Arrays
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.scratch_space import scratch_space
 from guidefield.robot.model.shapes import triangulation
@@ -68,7 +68,7 @@ class RobotCharges:
     repelling: tuple[tuple[int, int], ...]
 
 
-@kept_with
+@memoized
 def robot_charges(robot: RobotModel) -> RobotCharges:
     """Charged points, capsules and repelling pairs of a robot; computed once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]

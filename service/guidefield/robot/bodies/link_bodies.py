@@ -6,13 +6,13 @@ import numpy as np
 
 from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
 from guidefield.geometry.edges import edge_counts
-from guidefield.kept import kept_with
 from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
+from guidefield.memo import memoized
 from guidefield.robot.bodies.charges import surface
 from guidefield.robot.model.model import RobotModel
 
 
-@kept_with
+@memoized
 def link_bodies(robot: RobotModel) -> DistanceTables:
     """A body for every collision shape, in the geometry's order, each in the shape's own frame; without a tree.
 

@@ -16,7 +16,7 @@ from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover
 from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
 from guidefield.geometry.solid_cache import filled_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
@@ -90,7 +90,7 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
     return _coverage(robot, delta)
 
 
-@kept_with
+@memoized
 def _coverage(robot: RobotModel, delta: float) -> Coverage:
     """Of a robot whose covers are known."""
     return Coverage(cast("tuple[ShapeCoverage, ...]", known_coverage(robot, delta)), delta)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry.charges import surface_points
-from guidefield.kept import kept_with
+from guidefield.memo import memoized
 from guidefield.robot.bodies.charges import robot_charges, surface
 from guidefield.robot.model.model import RobotModel
 
@@ -25,7 +25,7 @@ _POINTS_PER_SQUARE = 0.6
 """About how many points of a spacing there are on an area of its square."""
 
 
-@kept_with
+@memoized
 def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
     """Points of every collision shape, in the geometry's order, each (n, 3) in the shape's own frame [m].
 

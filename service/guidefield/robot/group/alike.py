@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Concatenate, ParamSpec, Protocol, TypeVar
 
-from guidefield.kept import kept_by
+from guidefield.memo import memoized_by
 
 Rest = ParamSpec("Rest")
 Found = TypeVar("Found")
@@ -26,13 +26,13 @@ class OneOfAlike(Protocol):
 Group = TypeVar("Group", bound=OneOfAlike)
 
 
-def kept_with_alike(
+def memoized_for_alike(
     find: Callable[Concatenate[Group, Rest], Found],
 ) -> Callable[Concatenate[Group, Rest], Found]:
-    """Call a function once for groups that are alike and the same further arguments; see `kept_with`.
+    """Call a function once for groups that are alike and the same further arguments; see `memoized`.
 
     Args:
         find: Takes a group, of which it looks at nothing in which those that are alike differ: q_reference, q_origin,
             limits of velocities and accelerations. What it finds must not hold the group.
     """
-    return kept_by(lambda group: group.alike, find)
+    return memoized_by(lambda group: group.alike, find)

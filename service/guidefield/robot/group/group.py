@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from guidefield.messages.requests import Positions
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import Alike, kept_with_alike
+from guidefield.robot.group.alike import Alike, memoized_for_alike
 from guidefield.robot.group.metric import units_of
 from guidefield.robot.model import chart
 from guidefield.robot.model.chart import ROAM, WIND
@@ -416,14 +416,14 @@ def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mappi
     return joint
 
 
-@kept_with_alike
+@memoized_for_alike
 def _units(group: PlanningGroup) -> np.ndarray:
     units = units_of(group.joints)
     read_only(units)
     return units
 
 
-@kept_with_alike
+@memoized_for_alike
 def _periods(group: PlanningGroup) -> np.ndarray:
     periods = np.zeros(group.nv)
     for joint in group.joints:
@@ -433,7 +433,7 @@ def _periods(group: PlanningGroup) -> np.ndarray:
     return periods
 
 
-@kept_with_alike
+@memoized_for_alike
 def _winds(group: PlanningGroup) -> np.ndarray:
     turns = np.concatenate([np.full(joint.nv, joint.kind is JointKind.REVOLUTE) for joint in group.joints])
     winds: np.ndarray = turns & ~np.isfinite(group.upper - group.lower)

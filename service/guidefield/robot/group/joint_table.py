@@ -6,12 +6,12 @@ import numpy as np
 
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.joint_tables import joint_table
 
 
-@kept_with_alike
+@memoized_for_alike
 def joints_of(group: PlanningGroup) -> JointTable:
     """Tables of the joints of a group's model; made once."""
     return joint_table(group.model)

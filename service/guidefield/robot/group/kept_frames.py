@@ -7,9 +7,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from guidefield.kept import kept_with
 from guidefield.kernels.kinematics.tip_chain import TipChain
 from guidefield.kernels.tree.path_constraints import CONE, EVEN_TURN, NEAR, VECTORS, KeptFrames
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, Near, PathConstraint
 from guidefield.robot.group.tip_chain import chain_to
@@ -17,7 +17,7 @@ from guidefield.robot.group.tip_chain import chain_to
 _KINDS: Mapping[type, int] = MappingProxyType({Cone: CONE, Near: NEAR, EvenTurn: EVEN_TURN})
 
 
-@kept_with
+@memoized
 def kept_frames(frames: ConstrainedFrames) -> KeptFrames:
     """The constraints, each with the chain of joints that moves its frame; there may be none."""
     assert not frames.constraints or frames.group.is_euclidean, "path constraints are for joints of one coordinate"

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from guidefield.kernels.kinematics.frame_positions import CarriedPoint, frame_positions, frame_slopes
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import chain_of, joints_of
 from guidefield.robot.group.lent_data import lent_data
@@ -78,7 +78,7 @@ class Kinematics:
         return jacobian
 
 
-@kept_with_alike
+@memoized_for_alike
 def _alike_tip(group: PlanningGroup, tip_id: int) -> CarriedPoint:
     """A frame of a group, but for where rotation vectors start; of the joints those that lead to it."""
     frame = group.model.frames[tip_id]

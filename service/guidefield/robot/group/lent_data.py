@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from typing import Any
 
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 
 MOST = 3
@@ -28,7 +28,7 @@ def lent_data(group: PlanningGroup, borrower: object) -> Any:
     return data
 
 
-@kept_with_alike
+@memoized_for_alike
 def _unused(group: PlanningGroup) -> list[Any]:  # noqa: ARG001 - they are its model's
     """Data that nobody has."""
     return []

@@ -6,7 +6,7 @@ import numpy as np
 
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.kinematics.integrate import Mover
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import TRANSLATION
@@ -18,7 +18,7 @@ LARGEST_SLIDE = 0.1
 """None slides more than this in one step [m]."""
 
 
-@kept_with_alike
+@memoized_for_alike
 def mover_of(group: PlanningGroup) -> Mover:
     """Tables of a group; computed once for each."""
     E, model = group.expand_velocity, group.model
@@ -54,7 +54,7 @@ def mover_of(group: PlanningGroup) -> Mover:
     )
 
 
-@kept_with_alike
+@memoized_for_alike
 def planned_values(group: PlanningGroup) -> np.ndarray:
     """Where a group's configuration stands in its model's, shape (nq,) of indices."""
     at, indices = [], joint_indices(group.model)

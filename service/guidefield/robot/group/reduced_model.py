@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import weakref
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from guidefield.errors import InvalidGroup, at_path
+from guidefield.memo import MISSING, Answers
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import Alike
 from guidefield.robot.group.group import PlanningGroup, reference_of, with_bound_rates
@@ -53,23 +53,18 @@ def select(
     standing = np.array(q_reference, float)
     for joint in free:
         standing[joint.idx_q : joint.idx_q + joint.nq] = 0.0
-    known = _KNOWN.setdefault(robot, {})
     key = (planned, tip, standing.tobytes(), placement.homogeneous.tobytes())
-    reduced = known.pop(key, None) or _reduce(robot, planned, followers, tip, q_reference, placement)
-    known[key] = reduced
-    while len(known) > MOST_KNOWN:
-        del known[next(iter(known))]
+    reduced = _REDUCED.of(robot, key)
+    if reduced is MISSING:
+        reduced = _REDUCED.keep(robot, key, _reduce(robot, planned, followers, tip, q_reference, placement))
     q_reference = np.array(q_reference, float)
     q_origin = q_reference[reduced["places"]]
     read_only(q_reference, q_origin)
     return PlanningGroup(robot=robot, tip=tip, q_reference=q_reference, q_origin=q_origin, **reduced)
 
 
-MOST_KNOWN = 16
-"""Groups of a robot whose models are kept, those asked for last: a sequence of ten steps goes back and forth between
-as many."""
-
-_KNOWN: weakref.WeakKeyDictionary[RobotModel, dict[tuple[Any, ...], dict[str, Any]]] = weakref.WeakKeyDictionary()
+_REDUCED = Answers[dict[str, Any]]()
+"""What alike groups of a robot have in common; a sequence of ten steps goes back and forth between as many."""
 
 
 def _reduce(

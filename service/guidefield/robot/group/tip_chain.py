@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.kept import kept_with
 from guidefield.kernels.kinematics.forward_kinematics import FLOATING, PLANAR, PRISMATIC, SPHERICAL
 from guidefield.kernels.kinematics.solution_choice import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
+from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.robot.group.alike import kept_with_alike
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.chart import ROTATION
@@ -51,14 +51,14 @@ class ChainToTip:
         return self.table._replace(first=_rows(placed))
 
 
-@kept_with
+@memoized
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
     """The chain to a group's tip; of groups that are alike it is the same, but for where balls' charts start."""
     turns_freely = any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints)
     return _found(group) if turns_freely else _found_once(group)
 
 
-@kept_with_alike
+@memoized_for_alike
 def _found_once(group: PlanningGroup) -> ChainToTip:
     return _found(group)
 

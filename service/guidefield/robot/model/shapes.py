@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
+from guidefield.bounded_map import TRIANGULATIONS, BoundedMap
 from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
@@ -143,7 +143,7 @@ def _told_volume(volume: float) -> str:
 def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull, read-only.
 
-    Coal hands out one triangle at a time, a microsecond each; the last `MOST_KNOWN` meshes with the same vertices, as
+    Coal hands out one triangle at a time, a microsecond each; the last meshes with the same vertices, as
     many triangles, and the same first, middle and last one are not read again.
     """
     if isinstance(shape, coal.BVHModelBase):
@@ -151,24 +151,17 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     else:
         vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
     some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
-    key = (type(shape), hashlib.sha256(vertices.tobytes()).digest(), count, some)
+    key = (type(shape), hashlib.blake2b(vertices.tobytes(), digest_size=32).digest(), count, some)
     triangles = _KNOWN.get(key)
     if triangles is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
-    with _KEEPING:
-        _KNOWN.pop(key, None)
-        _KNOWN[key] = triangles  # the last one asked for stands last
-        while len(_KNOWN) > MOST_KNOWN:
-            del _KNOWN[next(iter(_KNOWN))]
+        triangles = _KNOWN.put(key, triangles, triangles.nbytes)
     for array in (vertices, triangles):
         array.setflags(write=False)
     return vertices, triangles
 
 
-MOST_KNOWN = 256
-_KEEPING = threading.Lock()
-
-_KNOWN: dict[tuple[Any, ...], np.ndarray] = {}
+_KNOWN: BoundedMap[tuple[Any, ...], np.ndarray] = BoundedMap(TRIANGULATIONS)
 
 
 def hull(mesh: Any) -> Any | None:
