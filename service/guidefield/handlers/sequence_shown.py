@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -31,6 +32,9 @@ from guidefield.scene.scene import Scene
 
 RATE = 30.0
 """Rate at which a carried object's placement is given [Hz]."""
+
+MAX_SAMPLES = 800
+"""Most samples of distances, over all steps, but for the ends of each and where its distances are smallest."""
 
 MOST = 3000
 """Largest number of such times, over all steps."""
@@ -160,7 +164,8 @@ def profile_of(measured: Sequence[tuple[Stretch, Clearance]]) -> ClearanceProfil
     """Distances along all steps, one stretch after the other."""
     if not measured:
         return None
-    parts = [clearance_profile(one, stretch, stretch.scene) for stretch, one in measured]
+    every = math.ceil(sum(len(one.times) for _, one in measured) / MAX_SAMPLES)
+    parts = [clearance_profile(one, stretch, stretch.scene, every) for stretch, one in measured]
     starts = [0, *([1] * (len(parts) - 1))]
     travelled = np.cumsum([0.0, *(float(one.lengths[-1]) for one in parts)])
 

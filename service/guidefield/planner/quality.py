@@ -219,19 +219,20 @@ def survey(trajectory: MotionInTime, problem: Conditions, times: np.ndarray) -> 
     return Surveyor(with_nearest(problem.timed_world, curve, _coarse(times)), curve)
 
 
-def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene) -> ClearanceProfile:
+def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, every: int = 1) -> ClearanceProfile:
     """Return distances and potential at the samples of a measured trajectory, for its recording.
 
     Args:
         measured: What was measured.
         problem: Its conditions.
         charged: The scene whose field is felt: all of it, where the problem has what is in reach alone.
+        every: Of the samples one in so many is taken, the first and the last of them always.
     """
     from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
 
     group, surveyor = problem.group, measured.surveyor
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
-    times = np.unique(np.concatenate([measured.times, smallest_at]))
+    times = np.unique(np.concatenate([measured.times[::every], measured.times[-1:], smallest_at]))
     zs = surveyor.curve.at(times)[0]
     configurations = np.array([group.from_chart(z) for z in zs])
     half = np.unique(np.r_[0 : len(times) : 1 + (len(times) > FEW_SAMPLES), len(times) - 1])
