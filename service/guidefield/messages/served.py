@@ -20,8 +20,8 @@ class KeyInfo(Reply):
         key: Below the instance's, ``guidefield/<i>/``.
         what: What it is for.
         how: Whether it is queried, put by clients, published for subscribers, or a liveliness token.
-        worker: Whether a query waits for a worker: never, always, or with a payload only. What needs none is answered
-            while the service starts and ends, too.
+        worker: Whether a query waits for a worker: never, always, with a payload only, or while what is asked for is
+            owed. What needs none is answered while the service starts and ends, too.
         parameters: Those that a query may have, and what they do.
         takes: Names of the messages that its payload may be; none: it takes no payload.
         gives: Names of the messages that it answers or publishes; none: bytes.
@@ -30,7 +30,7 @@ class KeyInfo(Reply):
     key: str
     what: str
     how: Literal["query", "put", "published", "token"] = "query"
-    worker: Literal["never", "always", "with a payload"] = "never"
+    worker: Literal["never", "always", "with a payload", "while it is owed"] = "never"
     parameters: dict[str, str] = {}
     takes: list[str] = []
     gives: list[str] = []
@@ -91,7 +91,7 @@ KEYS = (
         parameters={"delete": "forgets it, with its recording", **SHARING},
         gives=["RunReply", "CertifyRunReply", "Done"],
     ),
-    KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file"),
+    KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file", worker="while it is owed"),
     KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),
     KeyInfo("runs/<id>/progress", "how far one run is, while it runs", how="published", gives=["Progress"]),
     KeyInfo(
