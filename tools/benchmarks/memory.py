@@ -1,6 +1,7 @@
 """How much memory a worker takes under requests that are all different: it levels off.
 
-Usage: tools/bench memory [--requests N] [--every N] [--most-growth SHARE]
+Usage: tools/bench memory [--requests N] [--every N] [--settled N] [--most-growth SHARE] [--robots NAME ...]
+       [--found MB]
 
 Plans, judgements, clearance and inverse kinematics for robots of the catalog and for arms that nobody has seen, with
 other scenes, allowed pairs, held objects and moving obstacles in each; an engine answers them in this process, as a
@@ -16,11 +17,14 @@ import os
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from benchmarks.grown import Made, boxes, cloud, moving, terrain
+from guidefield import memo
+from guidefield.bounded_map import FOUND, BoundedMap, Limit
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError
 from guidefield.messages.requests import ReadRobot
@@ -38,16 +42,20 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--every", type=int, default=50)
     parser.add_argument("--settled", type=int, default=SETTLED)
     parser.add_argument("--most-growth", type=float, default=0.02)
+    parser.add_argument("--robots", nargs="*", default=ROBOTS)
+    parser.add_argument("--found", type=int, help="another limit of what is found once [MiB]")
     asked = parser.parse_args(arguments)
-    grown = measure(asked.requests, asked.every, asked.settled)
+    if asked.found is not None:
+        memo._FOUND = BoundedMap(Limit(FOUND.entries, asked.found * 2**20))
+    grown = measure(asked.robots, asked.requests, asked.every, asked.settled)
     print(f"grown by {100 * grown:.1f} % after {asked.settled} requests")
     sys.exit(int(grown > asked.most_growth))
 
 
-def measure(requests: int, every: int, settled: int) -> float:
+def measure(names: Sequence[str], requests: int, every: int, settled: int) -> float:
     """Answer requests; return by which share the mean of the later half of rows is more, after some requests."""
     engine, ended, rows = Engine(), Counter[str](), list[tuple[int, float]]()
-    robots = [name for name in ROBOTS if _is_there(engine, name)]
+    robots = [name for name in names if _is_there(engine, name)]
     known = {name: engine.answer(ReadRobot(robot=name)) for name in robots}
     print(f"{'requests':>10} {'MB':>8} {'seconds':>8}  {', '.join(robots)}", flush=True)
     began = time.process_time()
@@ -77,7 +85,7 @@ def _is_there(engine: Engine, name: str) -> bool:
 def varied(rng: np.random.Generator, robots: dict[str, Any]) -> Made:
     """A request that differs from all others in robot, scene, allowed pairs and question."""
     kind = rng.integers(4)
-    scene = _scene(rng, may_move=kind > 0)
+    scene = _scene(rng, may_move=bool(kind > 0))
     if rng.random() < 0.2:
         robot: Any = {"type": "urdf", "text": _arm(rng)}
         moved, links = {f"joint{k}": (-2.0, 2.0) for k in range(5)}, [f"link{k}" for k in range(1, 6)]
