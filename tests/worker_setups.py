@@ -173,13 +173,10 @@ def _owe(value: str, call: Call) -> tuple[bool, bytes]:
     asked, written = map(Path, value.split())
 
     def pay() -> None:
-        while not asked.exists():
-            time.sleep(0.01)
+        _await_file(asked)
         written.write_text("whole")
-        call.owe(0)
 
-    call.owe(1)
-    threading.Thread(target=pay, daemon=True).start()
+    call.owe(pay)
     return True, b"owed"
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import threading
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -23,9 +22,6 @@ from guidefield.messages.requests import ChangeScene, MotionRequest, Request, St
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
-
-REPLY_FIRST_S = 0.01
-"""Pause between a reply and the rendering of its recording, so that the reply goes out first [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -78,40 +74,7 @@ class EngineSetup:
         logs.configure(self.log_level, json=self.json_logs)
         engines = self.engines()
         engines.of(PLAIN).warm_up(self.prepare)
-        return EngineWorker(engines, EagerRendering(engines) if self.eager else None)
-
-
-class EagerRendering:
-    """Renders the recording of a run after its reply, and has the next query wait until that is done.
-
-    Args:
-        engines: Render it.
-    """
-
-    def __init__(self, engines: Engines) -> None:
-        self._engines = engines
-        self._thread: threading.Thread | None = None
-
-    def wait(self) -> None:
-        """Return once nothing is rendered."""
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-
-    def begin(self, owner: str, run_id: str, call: Call) -> None:
-        """Render a recording in a thread; the worker that owes it lives until then, if it can."""
-
-        def render() -> None:
-            time.sleep(REPLY_FIRST_S)
-            try:
-                self._engines.render(owner, run_id)
-            except Exception:
-                _log.exception("the recording of run %s could not be rendered; its log is kept", run_id)
-            call.owe(0)
-
-        call.owe(1)
-        self._thread = threading.Thread(target=render, name="guidefield-eager", daemon=True)
-        self._thread.start()
+        return EngineWorker(engines, self.eager)
 
 
 @dataclass(frozen=True)
@@ -120,19 +83,14 @@ class EngineWorker:
 
     Attributes:
         engines: The engines.
-        eager: Renders recordings after their replies; None: another process does.
+        eager: True if recordings are rendered after their replies here, and not by another process.
     """
 
     engines: Engines
-    eager: EagerRendering | None = None
+    eager: bool = False
 
     def __call__(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         """Return whether it is a reply, not an error, and its bytes; None if the job was set back and ended early."""
-        if self.eager is not None:
-            self.eager.wait()
-        return self._answer(job, call)
-
-    def _answer(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         encoding = job.query.encoding
         try:
             return self._replied(job, call)
@@ -167,9 +125,15 @@ class EngineWorker:
         if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
-        if self.eager is not None and isinstance(reply, MotionReply) and reply.recording is not None:
-            self.eager.begin(query.owner, reply.run_id, call)
+        if self.eager and isinstance(reply, MotionReply) and reply.recording is not None:
+            call.owe(partial(self._render, query.owner, reply.run_id))
         return True, codec.encode(reply, query.encoding)
+
+    def _render(self, owner: str, run_id: str) -> None:
+        try:
+            self.engines.render(owner, run_id)
+        except Exception:
+            _log.exception("the recording of run %s could not be rendered; its log is kept", run_id)
 
 
 PAYLOADS = {StoreScene: "scene", ChangeScene: "diff", StoreRobot: "files"}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
 from pathlib import Path
 
 import msgspec
@@ -16,7 +16,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply, error_reply
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.pool.waiting import Answer
+from guidefield.pool.waiting import Answer, Deadline, Task
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import REQUEST, new_run
@@ -40,7 +40,7 @@ def _answer(
 ) -> Answer:
     """What is answered where a worker comes to an outcome."""
     runs, run = database.of(PLAIN), new_run("r1", REQUEST, PLAIN, encoding)
-    task: Future[Answer] = Future()
+    task = Task(None, PATIENCE)
     answer = keep_answer(runs, run, task)
     if begun:
         runs.begin(run)
@@ -63,6 +63,18 @@ def test_what_is_answered_is_kept_before(
     reader = RunDatabase(tmp_path)
     assert reader.of(PLAIN).read("r1").reply == reply
     reader.close()
+
+
+def test_an_answer_because_time_is_up_waits_for_no_disk_and_is_kept_all_the_same(database: RunDatabase) -> None:
+    runs, run, task = database.of(PLAIN), new_run("r1", REQUEST, PLAIN), Task(None, PATIENCE)
+    sent = True, codec.encode(plan_reply("r1"))
+    release = threading.Event()
+    database.writer.submit(lambda _: release.wait(PATIENCE))
+    answer = keep_answer(runs, run, task)
+    task.end_overdue(Deadline(0.0, lambda: sent))
+    assert answer.result(0) == sent
+    release.set()
+    assert [one.run_id for one in runs.list(ReadRuns()).runs] == ["r1"]
 
 
 def test_an_error_that_is_not_the_requests_fault_is_kept(database: RunDatabase) -> None:

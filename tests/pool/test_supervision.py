@@ -97,6 +97,20 @@ def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path:
     assert task.result(PATIENCE) == (True, b"done")
 
 
+def test_a_job_that_was_prepared_in_time_and_is_late_all_the_same_is_answered(pool: Pool, tmp_path: Path) -> None:
+    begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
+    prepared.touch()
+    late = Deadline(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
+    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
+    await_begun(begun.with_suffix(".prepared"))
+    task.late = Deadline(0.0, late.answer, at_last=time.monotonic() + 0.1)
+    assert task.result(PATIENCE) == (True, b"too late")
+    assert task.is_overdue
+    assert time.monotonic() >= task.late.at_last
+    done.touch()
+    assert _echoes(pool)
+
+
 def test_a_job_that_waits_is_withdrawn(pool: Pool, tmp_path: Path) -> None:
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
     waiting = pool.submit(Task(("until_cancelled", str(tmp_path / "never")), PATIENCE))

@@ -68,6 +68,8 @@ KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams",
 """What queries are timed under, by the first chunk of their key."""
 LATE, LATE_SHARE = 0.02, 0.03
 """How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
+LAST, LAST_SHARE = 0.04, 0.045
+"""The same for any request: a worker that minds its time by itself gets so much to say what it has found."""
 BRIEF = 1 << 14
 """A query of kinematics that is longer may take long [bytes]."""
 LAST_ANSWERS = 5.0
@@ -302,7 +304,7 @@ class Endpoint:
             Job(read, received, run_id),
             head.allowed + BACKSTOP,
             deadline=Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
-            late=Deadline(_late(received, head.allowed), partial(_timed_out_loading, run_id, head, read.encoding)),
+            late=_late(received, head.allowed, partial(_timed_out_loading, run_id, head, read.encoding)),
             asker=read.asker,
             size=size,
             hear=partial(self._tell_progress, read.user, run_id),
@@ -329,7 +331,7 @@ class Endpoint:
         """Have something done that makes no run."""
         head = keys.work_head(read)
         told = partial(error_answer, read.encoding)
-        late = Deadline(_late(received, head.allowed), partial(told, time_up_loading(head.allowed)))
+        late = _late(received, head.allowed, partial(told, time_up_loading(head.allowed)))
         task = Task(
             Job(read, received),
             head.allowed + BACKSTOP,
@@ -397,9 +399,10 @@ def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: fl
     return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
 
 
-def _late(received: float, allowed: float) -> float:
-    """When a request is answered that a worker still loads things for, by `time.monotonic()` [s]."""
-    return received + allowed + LATE + LATE_SHARE * allowed
+def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> Deadline:
+    """What is answered in place of a worker that is late, and when."""
+    at, at_last = (later + share * allowed for later, share in ((LATE, LATE_SHARE), (LAST, LAST_SHARE)))
+    return Deadline(received + allowed + at, answer, received + allowed + at_last)
 
 
 def _timed_out_loading(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:

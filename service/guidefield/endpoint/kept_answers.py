@@ -13,7 +13,7 @@ import msgspec
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, error_reply
-from guidefield.pool.waiting import Answer
+from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.files import decoded
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import UserRuns
@@ -21,7 +21,7 @@ from guidefield.stores.runs import UserRuns
 _log = logging.getLogger(__name__)
 
 
-def keep_answer(runs: UserRuns, run: NewRun, task: Future[Answer]) -> Future[Answer]:
+def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
     """Have the outcome of a task kept as that of its run.
 
     Args:
@@ -30,10 +30,10 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Future[Answer]) -> Future[Ans
         task: Comes to the answer, or to the error in its place.
 
     Returns:
-        The same, once the run is kept or can't be.
+        The same, once the run is kept or can't be; at once where time is up, whether it will be kept or not.
     """
     answer: Future[Answer] = Future()
-    task.add_done_callback(partial(_keep, runs, run, answer))
+    task.add_done_callback(lambda _: _keep(runs, run, answer, task))
     return answer
 
 
@@ -46,7 +46,9 @@ def hand_on(answer: Future[Answer], outcome: Future[Answer]) -> None:
         answer.set_result(outcome.result())
 
 
-def _keep(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Future[Answer]) -> None:
+def _keep(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Task) -> None:
+    if task.is_overdue:
+        hand_on(answer, task)
     error = task.exception()
     if error is None and task.result()[0]:
         written = runs.finish(run, task.result()[1])
@@ -64,6 +66,8 @@ def _answer(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Future[An
         _log.warning("run %s: it is not kept: %s", run.run_id, fault)
         with contextlib.suppress(OSError, GuidefieldError):
             runs.recordings.drop(run.run_id)
+    if answer.done():
+        return
     if fault is None or task.exception() is not None or not task.result()[0]:
         hand_on(answer, task)
         return

@@ -461,7 +461,7 @@ class Pool:
         self._listened.value = self._is_listened_to()
         for task in self.waiting.take_expired(now):
             assert task.deadline is not None, "only tasks with a deadline expire"
-            task.set_result(task.deadline.answer())
+            task.end_overdue(task.deadline)
         for slot in self._all_slots():
             if slot.worker is not None and slot.worker.current is not None:
                 self._look_after_worker(slot, slot.worker, slot.worker.current, now)
@@ -482,7 +482,7 @@ class Pool:
     def _look_after_worker(self, slot: Slot, worker: Worker, current: Current, now: float) -> None:
         task = current.task
         if now >= worker.late_at and task.late is not None:
-            task.set_result(task.late.answer())
+            task.end_overdue(task.late)
         if slot is self._standing_by and self.waiting.is_held_up(now - current.since):
             worker.set_back()
         if worker.memory > self._memory:

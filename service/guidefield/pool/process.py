@@ -21,7 +21,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import connection
 from typing import Any
 
@@ -54,7 +54,7 @@ class Line:
         cancelled: Number of the job that is to be ended early, in shared memory.
         set_back: Number of the job that is to be ended early because it will be begun anew, in shared memory.
         prepared: Number of the job that a worker is done preparing for, in shared memory.
-        owed: How much a worker still has to do after its answers, in shared memory.
+        owed: Whether a worker still has something to do after an answer, in shared memory.
         listened: Whether anybody listens to progress, in shared memory of all workers.
         socket: The worker's end of its pair of sockets.
     """
@@ -90,6 +90,7 @@ class Call:
     number: int
     line: Line
     mouth: Mouth
+    owed: list[Callable[[], None]] = field(default_factory=list)
 
     def cancelled(self) -> bool:
         """Whether the job is to be ended early, whatever for."""
@@ -103,9 +104,16 @@ class Call:
         """Say that what the job needs is loaded: from now on it minds its time by itself."""
         self.line.prepared.value = self.number
 
-    def owe(self, count: int) -> None:
-        """Say how much is owed, after answers that were given: the worker lives until that is done, if it can."""
-        self.line.owed.value = count
+    def owe(self, work: Callable[[], None]) -> None:
+        """Have work done after the answer, and before the next job; the worker lives until then, if it can."""
+        self.line.owed.value = 1
+        self.owed.append(work)
+
+    def pay(self) -> None:
+        """Do what is owed."""
+        for work in self.owed:
+            work()
+        self.line.owed.value = 0
 
     def is_listened_to(self) -> bool:
         """Whether anybody hears what is told."""
@@ -144,8 +152,10 @@ def be_worker(setup: Setup, line: Line, memory: int) -> None:
             number, size = JOB.unpack(_read(line.socket, JOB.size))
             line.begun.value = number
             began = time.process_time()
-            kind, what = _outcome(answer, _read(line.socket, size), Call(number, line, mouth))
+            call = Call(number, line, mouth)
+            kind, what = _outcome(answer, _read(line.socket, size), call)
             mouth.tell(kind, number, time.process_time() - began, what)
+            call.pay()
 
 
 def _outcome(answer: Work, job: bytearray, call: Call) -> tuple[int, bytes]:

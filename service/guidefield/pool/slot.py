@@ -157,11 +157,12 @@ class Worker:
 
     @property
     def late_at(self) -> float:
-        """When its job is answered if it still prepares for it then, by `time.monotonic()` [s]; infinite: never."""
+        """When its job is answered in its place, by `time.monotonic()` [s]; infinite: never."""
         current = self.current
         if current is None or current.task.late is None or current.task.done():
             return math.inf
-        return math.inf if self.line.prepared.value == current.number else current.task.late.at
+        late = current.task.late
+        return late.at_last if self.line.prepared.value == current.number else late.at
 
     def give(self, current: Current) -> bool:
         """Send it a job.

@@ -45,10 +45,17 @@ SOONEST, LATEST = 0.1, 30.0
 
 @dataclass(frozen=True)
 class Deadline:
-    """A time, by `time.monotonic()` [s], and what is answered then in a worker's place."""
+    """A time, by `time.monotonic()` [s], and what is answered then in a worker's place.
+
+    Attributes:
+        at: The time.
+        answer: Makes the answer.
+        at_last: The same for a worker that is done preparing, and minds its time by itself.
+    """
 
     at: float
     answer: Callable[[], Answer]
+    at_last: float = math.inf
 
 
 def _hear_nothing(_told: bytes) -> None:
@@ -66,7 +73,7 @@ class Task(Future[Answer]):
         job: What the worker is given.
         seconds: A worker that works longer on it is stopped [s].
         deadline: When it need not be begun any more, if ever.
-        late: When it is answered if it is begun and the worker still prepares for it; the worker goes on meanwhile.
+        late: When it is answered if the worker is late with it; the worker goes on meanwhile.
         asker: Who asks; the queue is fair between them.
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
@@ -78,6 +85,7 @@ class Task(Future[Answer]):
         since: When it began to wait, by `time.monotonic()` [s].
         set_back: How often it was begun and gave way to another one.
         handed: How often it was handed to a worker that ended.
+        is_overdue: Whether its answer stands in for a worker's that didn't come in time: nothing else is waited for.
     """
 
     def __init__(
@@ -108,6 +116,13 @@ class Task(Future[Answer]):
         self.since = time.monotonic()
         self.set_back = 0
         self.handed = 0
+        self.is_overdue = False
+
+
+    def end_overdue(self, deadline: Deadline) -> None:
+        """Answer it because a time is up."""
+        self.is_overdue = True
+        self.set_result(deadline.answer())
 
 
 @dataclass(frozen=True)
