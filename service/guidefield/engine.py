@@ -268,6 +268,20 @@ class Engine:
         for robot in robots:
             preparation.prepare(self._robot(robot))
 
+    def prepare(self, request: requests.PlanRequest, deadline: Deadline) -> None:
+        """Prepare what a plan needs of its robot, as far as the deadline allows.
+
+        Raises:
+            RobotInvalid: if the robot can't be used.
+            DeadlineExpired: if the deadline passed before all is prepared.
+        """
+        from guidefield.collision.preparation import prepare
+        from guidefield.handlers.plan import prepare_ahead
+
+        prepare(self._robot(request.robot), deadline)
+        deadline.check("the links were laid out")
+        prepare_ahead(request, self._robot, self._declared)
+
     def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _Asking) -> Reply:
         if isinstance(request, requests.PlanRequest):
             return self._plan(request, record_to, asking)

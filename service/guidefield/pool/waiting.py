@@ -118,7 +118,6 @@ class Task(Future[Answer]):
         self.handed = 0
         self.is_overdue = False
 
-
     def end_overdue(self, deadline: Deadline) -> None:
         """Answer it because a time is up."""
         self.is_overdue = True
