@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from guidefield import Client, NotAllowed, QuotaExceeded, Scene, Sphere, UnknownObject
-from guidefield.messages.quotas import OF_USERS, Quota
+from guidefield.messages.quotas import OF_ALL, OF_USERS
 from tests.journeys.service import (
     ANSWERED_WITHIN,
     CONNECTED_WITHIN,
@@ -67,7 +67,7 @@ def test_a_user_plans_and_hears_of_it_on_keys_of_its_own(service: Service) -> No
     with _as(service) as plain:
         told = plain.info()
         assert told.identity is not None
-        assert (told.identity.user, told.identity.quota) == ("plain", Quota())
+        assert (told.identity.user, told.identity.quota) == ("plain", OF_ALL)
         assert "alice" in told.users
 
 
