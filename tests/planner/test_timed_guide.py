@@ -75,7 +75,7 @@ def test_optimised_in_time_it_is_sooner_and_does_not_rest_at_waypoints(title: st
         for one in (shaped, found)
         for times in (np.linspace(0.0, one.trajectory.times[-1], 60),)
     ]
-    assert clearances[0] > min(0.02, clearances[1])
+    assert clearances[0] > min(0.02, 0.5 * clearances[1]), "room is bought, but not all of it"
 
 
 @pytest.mark.parametrize(("jerk", "steps"), [(50.0, None), (500.0, 0)])
