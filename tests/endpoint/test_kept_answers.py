@@ -16,7 +16,7 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import PlanReply, error_reply
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.pool.waiting import Answer, Deadline, Task
+from guidefield.pool.waiting import Answer, Task, TimedAnswer
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import REQUEST, new_run
@@ -71,7 +71,7 @@ def test_an_answer_because_time_is_up_waits_for_no_disk_and_is_kept_all_the_same
     release = threading.Event()
     database.writer.submit(lambda _: release.wait(PATIENCE))
     answer = keep_answer(runs, run, task)
-    task.end_overdue(Deadline(0.0, lambda: sent))
+    task.end_overdue(TimedAnswer(0.0, lambda: sent))
     assert answer.result(0) == sent
     release.set()
     assert [one.run_id for one in runs.list(ReadRuns()).runs] == ["r1"]

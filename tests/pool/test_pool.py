@@ -15,7 +15,7 @@ import pytest
 from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.messages.identities import Asker
 from guidefield.pool.pool import DEFAULT_LIMITS, LOOKED_AFTER, Pool
-from guidefield.pool.waiting import Answer, Deadline, Limits, Task
+from guidefield.pool.waiting import Answer, Limits, Task, TimedAnswer
 from tests import worker_setups
 
 PATIENCE = 120.0
@@ -121,7 +121,7 @@ def test_a_full_queue_refuses_and_the_rest_is_answered(tmp_path: Path) -> None:
 
 def test_a_job_that_waits_beyond_its_deadline_is_answered_then(pool: Pool, tmp_path: Path) -> None:
     running = pool.submit(Task(("until_cancelled", str(tmp_path / "begun")), PATIENCE))
-    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    late = TimedAnswer(time.monotonic() + 0.2, lambda: (True, b"too late"))
     assert pool.submit(Task(("echo", "in time"), PATIENCE, deadline=late)).result(PATIENCE) == (True, b"too late")
     assert not running.done()
     pool.cancel(running, _never)
@@ -131,7 +131,7 @@ def test_a_job_that_waits_beyond_its_deadline_is_answered_then(pool: Pool, tmp_p
 def test_a_deadline_does_not_touch_what_has_begun(pool: Pool, tmp_path: Path) -> None:
     for seconds in (0.3, 3.0, 30.0):  # the first is enough unless the machine is too busy to begin by then
         begun = tmp_path / str(seconds)
-        soon = Deadline(time.monotonic() + seconds, lambda: (True, b"too late"))
+        soon = TimedAnswer(time.monotonic() + seconds, lambda: (True, b"too late"))
         running = pool.submit(Task(("until_cancelled", str(begun)), PATIENCE, deadline=soon))
         while not begun.exists() and not running.done():
             time.sleep(0.01)

@@ -17,7 +17,7 @@ import pytest
 
 from guidefield.errors import WorkerCrashed
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import Deadline, Task
+from guidefield.pool.waiting import Task, TimedAnswer
 from tests import worker_setups
 from tests.journeys.service import await_death
 from tests.pool.test_pool import PATIENCE, await_begun, closing_ends
@@ -58,7 +58,7 @@ def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, 
 def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool: Pool, tmp_path: Path) -> None:
     crashes = pool.crashes
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
-    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    late = TimedAnswer(time.monotonic() + 0.2, lambda: (True, b"too late"))
     task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
     await_begun(begun)
     assert task.result(PATIENCE) == (True, b"too late")
@@ -72,7 +72,7 @@ def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool
 
 def test_a_worker_that_dies_after_its_job_was_answered_late_is_replaced(pool: Pool, tmp_path: Path) -> None:
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
-    late = Deadline(time.monotonic() + 0.2, lambda: (True, b"too late"))
+    late = TimedAnswer(time.monotonic() + 0.2, lambda: (True, b"too late"))
     begins: list[float] = []
     job = ("prepare", f"{begun} {prepared} {done}")
     task = pool.submit(Task(job, PATIENCE, late=late, begin=lambda: begins.append(time.monotonic())))
@@ -86,11 +86,11 @@ def test_a_worker_that_dies_after_its_job_was_answered_late_is_replaced(pool: Po
 def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path: Path) -> None:
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
     prepared.touch()
-    late = Deadline(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
+    late = TimedAnswer(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
     task = Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late)
     pool.submit(task)
     await_begun(begun.with_suffix(".prepared"))
-    task.late = Deadline(0.0, late.answer)  # as if its time were up long since
+    task.late = TimedAnswer(0.0, late.answer)  # as if its time were up long since
     time.sleep(0.2)
     assert not task.done()
     done.touch()
@@ -100,10 +100,10 @@ def test_a_job_that_is_prepared_in_time_has_its_own_answer(pool: Pool, tmp_path:
 def test_a_job_that_was_prepared_in_time_and_is_late_all_the_same_is_answered(pool: Pool, tmp_path: Path) -> None:
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
     prepared.touch()
-    late = Deadline(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
+    late = TimedAnswer(time.monotonic() + PATIENCE, lambda: (True, b"too late"))
     task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
     await_begun(begun.with_suffix(".prepared"))
-    task.late = Deadline(0.0, late.answer, at_last=time.monotonic() + 0.1)
+    task.late = TimedAnswer(0.0, late.answer, at_last=time.monotonic() + 0.1)
     assert task.result(PATIENCE) == (True, b"too late")
     assert task.is_overdue
     assert time.monotonic() >= task.late.at_last

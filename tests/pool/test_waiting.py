@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import Asker
 from guidefield.pool.usage import HALVED_IN, Usage
-from guidefield.pool.waiting import HELD_UP, TRIAL, Deadline, Limits, Task, Waiting
+from guidefield.pool.waiting import HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 
@@ -55,7 +55,7 @@ def test_whoever_waits_is_served_within_one_round(clients: list[str]) -> None:
 def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.DataObject) -> None:
     waiting = Waiting(Limits())
     tasks = [
-        Task(number, 1.0, asker=Asker(client=client), deadline=Deadline(float(number), lambda: (True, b"")))
+        Task(number, 1.0, asker=Asker(client=client), deadline=TimedAnswer(float(number), lambda: (True, b"")))
         for number, client in enumerate(clients)
     ]
     for task in tasks:

@@ -52,7 +52,7 @@ from guidefield.messages.replies import Done, Health, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
-from guidefield.pool.waiting import BACKSTOP, Answer, Deadline, Task
+from guidefield.pool.waiting import BACKSTOP, Answer, Task, TimedAnswer
 from guidefield.run import whole_recording
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun
@@ -303,7 +303,7 @@ class Endpoint:
         task = Task(
             Job(read, received, run_id),
             head.allowed + BACKSTOP,
-            deadline=Deadline(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
+            deadline=TimedAnswer(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
             late=_late(received, head.allowed, partial(_timed_out_loading, run_id, head, read.encoding)),
             asker=read.asker,
             size=size,
@@ -335,7 +335,7 @@ class Endpoint:
         task = Task(
             Job(read, received),
             head.allowed + BACKSTOP,
-            deadline=Deadline(received + head.allowed, partial(told, time_up_waiting(head.allowed))),
+            deadline=TimedAnswer(received + head.allowed, partial(told, time_up_waiting(head.allowed))),
             late=None if keys.changes_store(read) else late,
             asker=read.asker,
             size=len(read.payload),
@@ -399,10 +399,10 @@ def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: fl
     return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
 
 
-def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> Deadline:
+def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
     """What is answered in place of a worker that is late, and when."""
     at, at_last = (later + share * allowed for later, share in ((LATE, LATE_SHARE), (LAST, LAST_SHARE)))
-    return Deadline(received + allowed + at, answer, received + allowed + at_last)
+    return TimedAnswer(received + allowed + at, answer, received + allowed + at_last)
 
 
 def _timed_out_loading(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:

@@ -44,7 +44,7 @@ SOONEST, LATEST = 0.1, 30.0
 
 
 @dataclass(frozen=True)
-class Deadline:
+class TimedAnswer:
     """A time, by `time.monotonic()` [s], and what is answered then in a worker's place.
 
     Attributes:
@@ -93,8 +93,8 @@ class Task(Future[Answer]):
         job: Any,
         seconds: float,
         *,
-        deadline: Deadline | None = None,
-        late: Deadline | None = None,
+        deadline: TimedAnswer | None = None,
+        late: TimedAnswer | None = None,
         asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
@@ -118,7 +118,7 @@ class Task(Future[Answer]):
         self.handed = 0
         self.is_overdue = False
 
-    def end_overdue(self, deadline: Deadline) -> None:
+    def end_overdue(self, deadline: TimedAnswer) -> None:
         """Answer it because a time is up."""
         self.is_overdue = True
         self.set_result(deadline.answer())
