@@ -324,7 +324,7 @@ def test_a_held_job_that_its_worker_does_not_come_to_goes_to_another_one(tmp_pat
 
 
 def _both_ready(pool: Pool) -> None:
-    pids: set[int] = set()
+    pids = {_pid(pool)}
     deadline = time.monotonic() + PATIENCE
     while len(pids) < 2 and time.monotonic() < deadline:
         sleeping = pool.submit(Task(("sleep", "0.2"), PATIENCE))
