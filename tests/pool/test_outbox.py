@@ -187,3 +187,18 @@ def test_answers_come_while_who_polled_is_kept_by_one_that_does_not_read(name: s
     stopped.reads.set()
     stopped.await_all(3)
     source.close()
+
+
+def test_somebody_attends_while_every_thread_is_kept_by_users_who_do_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rooms, "MOST_THREADS", 2)
+    source, stopped, healthy = _Source(), _Reader(), _Reader()
+    healthy.reads.set()
+    for user in ("greedy", "greedier"):
+        source.have_posted(Asker(user), lambda: stopped.take(0))
+    for number in range(5):
+        source.have_posted(Asker("modest"), lambda number=number: healthy.take(number))
+    healthy.await_all(5)
+    assert not stopped.taken
+    stopped.reads.set()
+    stopped.await_all(2)
+    source.close()

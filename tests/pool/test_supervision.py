@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing.process
 import os
+import selectors
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.errors import WorkerCrashed
+from guidefield.errors import ServerBusy, WorkerCrashed
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Task, TimedAnswer
 from tests import worker_setups
@@ -293,3 +294,34 @@ def _fresh_worker(before: set[int | None]) -> multiprocessing.process.BaseProces
                 return child
         time.sleep(0.001)
     raise AssertionError("no new worker was started")
+
+
+def test_what_gives_way_while_the_pool_is_closed_is_refused(tmp_path: Path) -> None:
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    assert pool.ready(PATIENCE)
+    task = pool.submit(Task(("give_way", str(tmp_path / "begun")), PATIENCE))
+    await_begun(tmp_path / "begun")
+    pool._slots[0].worker.set_back()  # type: ignore[union-attr]
+    pool.waiting.close()
+    with pytest.raises(ServerBusy, match="shutting down"):
+        task.result(PATIENCE)
+    pool.close(0.0)
+
+
+def test_an_answer_that_was_sent_before_a_worker_ended_counts(pool: Pool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However both are noticed: here the process's end first."""
+    pid = int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1])
+    select = pool._selector.select
+
+    def select_ends_first(timeout: float | None) -> list[tuple[selectors.SelectorKey, int]]:
+        found = select(timeout)
+        time.sleep(0.05)  # long enough for the other event
+        return sorted(select(0.0) or found, key=lambda event: "_hear_last" not in str(event[0].data))
+
+    monkeypatch.setattr(pool._selector, "select", select_ends_first)
+    time.sleep(0.2)  # until the pool has looked up
+    task = pool.submit(Task(("answer_and_end", ""), PATIENCE))
+    assert task.result(PATIENCE) == (True, b"last words")
+    monkeypatch.undo()
+    assert int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1]) != pid

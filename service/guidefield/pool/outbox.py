@@ -174,7 +174,7 @@ class Outbox:
             self._start_thread()
 
     def _start_thread(self) -> None:
-        if self._threads < MOST_THREADS:
+        if self._threads < MOST_THREADS + self._is_unpolled():  # whoever doesn't read keeps all from attending else
             self._threads += 1
             threading.Thread(target=self._send_all, name="guidefield-outbox", daemon=True).start()
 

@@ -13,7 +13,7 @@ more worker can stand by, for those whom the others' requests hold up.
 While brief jobs wait, a worker that works on one holds the next: it begins that without anybody's help. If it doesn't
 come to it soon, another worker gets it, too, and the first answer counts.
 
-The thread that attends is one of the outbox's: what it has settled it sends by itself, while another one attends.
+The thread that attends is one of the outbox's: what it has settled it sends by itself.
 """
 
 from __future__ import annotations
@@ -253,7 +253,7 @@ class Pool:
             self._bury(slot, worker)
             return
         self._selector.register(worker.socket, selectors.EVENT_READ, partial(self._hear, slot, worker))
-        self._selector.register(worker.process.sentinel, selectors.EVENT_READ, partial(self._bury, slot, worker))
+        self._selector.register(worker.process.sentinel, selectors.EVENT_READ, partial(self._hear_last, slot, worker))
 
     def _call(self, what: Callable[[], None]) -> None:
         """Have something called by the thread that attends."""
@@ -268,20 +268,14 @@ class Pool:
         with contextlib.suppress(BlockingIOError):
             self._woken.recv(1 << 10)
         while self._calls:
-            self._calls.popleft()()
+            _do(self._calls.popleft())
 
     def _attend(self) -> None:
         """Wait for the workers or the clock, and do what is due; called by one thread at a time."""
         for key, _ in self._selector.select(self._pause()):
-            try:
-                key.data()
-            except Exception:  # the thread must outlive its own bugs
-                _log.exception("the pool failed")
+            _do(key.data)
         if (now := time.monotonic()) >= self._look_at:
-            try:
-                self._look_after(now)
-            except Exception:
-                _log.exception("the pool failed")
+            _do(partial(self._look_after, now))
 
     def _pause(self) -> float | None:
         """How long to wait [s]; None: until something comes."""
@@ -305,6 +299,12 @@ class Pool:
                 self._take(slot, worker, frame)
         except EOFError:
             worker.kill()
+            self._bury(slot, worker)
+
+    def _hear_last(self, slot: Slot, worker: Worker) -> None:
+        """Take what a worker told before it ended, which may be its answer."""
+        if slot.worker is worker:
+            self._hear(slot, worker)
             self._bury(slot, worker)
 
     def _take(self, slot: Slot, worker: Worker, frame: Frame) -> None:
@@ -331,7 +331,7 @@ class Pool:
                 return
             self._active_until = now + ACTIVE
             self.waiting.done(current.task, now - current.since, frame.processor)
-            waits = frame.kind == SET_BACK and not current.task.done() and self.waiting.put_back(current.task)
+            waits = frame.kind == SET_BACK and not current.task.done() and self._wait_again(current.task, gave_way=True)
             given = self._assign()
         self._give(given)
         task = current.task
@@ -362,12 +362,12 @@ class Pool:
                 task = self.waiting.take(brief=True)
                 if task is None:
                     break
-                holder.held, holder.is_given = Current(task, next(self._numbers), now), True
+                holder.held = Current(task, next(self._numbers), now)
                 given.append((holder, holder.held))
         return given
 
     def _occupy(self, worker: Worker, task: Task) -> Current:
-        worker.current, worker.is_given = Current(task, next(self._numbers), time.monotonic()), True
+        worker.current = Current(task, next(self._numbers), time.monotonic())
         worker.pass_on_cancel()
         return worker.current
 
@@ -382,7 +382,6 @@ class Pool:
             except Exception as error:  # it doesn't pickle, or its listener failed
                 _log.exception("a job could not be handed over")
                 self._call(partial(self._end, worker, Frame(FAILED, current.number, 0.0, str(error).encode())))
-            worker.is_given = False
 
     def _send_rest(self, worker: Worker) -> None:
         for slot in self._all_slots():
@@ -397,7 +396,7 @@ class Pool:
             self._selector.unregister(end)
         code = worker.end(REAPED_WITHIN)
         with self._lock:
-            slot.worker, current = None, worker.current
+            slot.worker, current, worker.current = None, worker.current, None
             now = time.monotonic()
             self._take_back(worker)
             is_begun = current is not None and worker.line.begun.value == current.number
@@ -406,7 +405,7 @@ class Pool:
                 self.waiting.done(current.task, now - current.since, now - current.since if is_begun else 0.0)
                 current.task.handed += 1
                 if not is_begun and worker.reason is None and current.task.handed < STARTS_TRIED:
-                    waits = current.task.done() or self._wait_again(current.task)
+                    waits = current.task.done() or self._wait_again(current.task, gave_way=False)
             slot.failed += not worker.is_ready
             slot.start_at = now + RESTART_PAUSE * (not worker.is_ready)
             given = self._assign()
@@ -426,12 +425,13 @@ class Pool:
         if worker.held is not None:
             task, worker.held = worker.held.task, None
             self.waiting.done(task, 0.0, 0.0)
-            if not self._wait_again(task) and not task.done():
+            if not self._wait_again(task, gave_way=False) and not task.done():
                 self._call(partial(_end_early, task))
 
-    def _wait_again(self, task: Task) -> bool:
+    def _wait_again(self, task: Task, *, gave_way: bool) -> bool:
+        """Whether a task that was taken waits again: not where it was cancelled, or the pool is closed."""
         with contextlib.suppress(ServerBusy):
-            return self.waiting.put_back(task, gave_way=False)
+            return self.waiting.put_back(task, gave_way=gave_way)
         return False
 
     def _tell_unprepared(self, slot: Slot, worker: Worker) -> None:
@@ -497,8 +497,15 @@ class Pool:
         if worker.reason is not None:
             worker.kill()
         if not worker.process.is_alive():
-            self._hear(slot, worker)  # it may have answered before
-            self._bury(slot, worker)
+            self._hear_last(slot, worker)
+
+
+def _do(what: Callable[[], None]) -> None:
+    """Do one of many things: the thread that attends must outlive its own bugs, and do the others."""
+    try:
+        what()
+    except Exception:
+        _log.exception("the pool failed")
 
 
 def _end_early(task: Task) -> None:

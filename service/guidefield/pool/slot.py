@@ -10,6 +10,7 @@ import math
 import multiprocessing
 import pickle
 import socket
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -56,7 +57,6 @@ class Worker:
     Attributes:
         current: What it works on.
         held: A brief job that it has beside that, and will begin by itself.
-        is_given: Whether a job is being handed to it.
         is_ready: Whether it is prepared.
         reason: Why it could not be prepared, or why it was stopped.
         awaits_room: Whether the pool waits for room to send it more.
@@ -74,12 +74,12 @@ class Worker:
         )
         self.current: Current | None = None
         self.held: Current | None = None
-        self.is_given = False
         self.is_ready = False
         self.reason: WorkerCrashed | str | None = None
         self._held = bytearray()
         self._room = bytearray(SENDING_ROOM)
         self._rest = memoryview(b"")
+        self._sending = threading.Lock()
         self.awaits_room = False
 
     def start(self) -> None:
@@ -100,7 +100,7 @@ class Worker:
 
     def could_hold(self, since: float) -> bool:
         """Whether it could be given a brief job beside the brief one that it works on, since a time [s] or later."""
-        if self.held is not None or self.is_given or self._rest or self.current is None:
+        if self.held is not None or self._rest or self.current is None:
             return False
         return self.current.task.is_brief and self.current.since >= since
 
@@ -172,15 +172,18 @@ class Worker:
         """
         job = pickle.dumps(current.task.job, pickle.HIGHEST_PROTOCOL)
         head = JOB.pack(current.number, len(job))
-        sent = self._send([head, job])
-        if sent < len(head) + len(job):
-            self._rest = memoryview(head + job)[sent:]
-        return not self._rest
+        with self._sending:  # several threads may hand something over; each frame goes whole
+            sent = 0 if self._rest else self._send([head, job])
+            if sent < len(head) + len(job):
+                self._rest = memoryview(b"".join([self._rest, memoryview(head + job)[sent:]]))
+            return not self._rest
 
     def send_rest(self) -> bool:
         """Send more of what is left; whether that was all."""
-        self._rest = self._rest[self._send([self._rest]) :]
-        return not self._rest
+        with self._sending:
+            if self._rest:
+                self._rest = self._rest[self._send([self._rest]) :]
+            return not self._rest
 
     def _send(self, parts: list[Any]) -> int:
         try:
