@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 
 import pytest
 
@@ -11,35 +12,35 @@ from guidefield.engine import Engine
 from guidefield.handlers.preparation import is_laid_out
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
-from guidefield.worker import ContinuedPreparation
+from guidefield.pool.pool import Pool
+from guidefield.pool.waiting import Task
+from tests import worker_setups
 from tests.robots import box_arm
+
+PATIENCE = 60.0
 
 
 @pytest.mark.parametrize("asked_again", [False, True])
-def test_a_preparation_goes_on_until_the_next_query(asked_again: bool) -> None:
-    parts: list[int] = []
-
-    def prepare(deadline: Deadline) -> None:
-        for part in range(30):
-            deadline.check(f"part {part}")
-            time.sleep(0.02)
-            parts.append(part)
-
-    continued = ContinuedPreparation()
-    continued.begin(prepare)
-    if asked_again:
-        time.sleep(0.1)
-        continued.end()
-        done = len(parts)
-        assert done < 30
-        time.sleep(0.1)
-        assert len(parts) == done
-    else:
-        until = time.monotonic() + 60.0
-        while len(parts) < 30 and time.monotonic() < until:
-            time.sleep(0.02)
-        assert len(parts) == 30
-        continued.end()
+def test_a_preparation_goes_on_until_the_next_query(asked_again: bool, tmp_path: Path) -> None:
+    (parts := tmp_path / "parts").touch()
+    pool = Pool(worker_setups.obedient, workers=1)
+    pool.start()
+    try:
+        assert pool.submit(Task(("go_on", str(parts)), PATIENCE)).result(PATIENCE) == (True, b"goes on")
+        if asked_again:
+            time.sleep(0.1)
+            assert pool.submit(Task(("echo", "next"), PATIENCE)).result(PATIENCE) == (True, b"next")
+            done = len(parts.read_bytes())
+            assert done < 30
+            time.sleep(0.1)
+            assert len(parts.read_bytes()) == done
+        else:
+            until = time.monotonic() + PATIENCE
+            while len(parts.read_bytes()) < 30 and time.monotonic() < until:
+                time.sleep(0.02)
+            assert len(parts.read_bytes()) == 30
+    finally:
+        pool.close(0.0)
 
 
 def test_an_engine_prepares_all_that_a_plan_needs_of_its_robot() -> None:

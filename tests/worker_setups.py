@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from guidefield.deadline import Deadline
 from guidefield.errors import RobotInvalid
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import error_reply
@@ -185,7 +186,23 @@ def _answer_and_end(_value: str, call: Call) -> tuple[bool, bytes]:
     return True, b"last words"
 
 
+def _go_on(path: str, call: Call) -> tuple[bool, bytes]:
+    """Answer at once, and go on in 30 parts, as `engine.prepare` does; each that is done is a byte in a file."""
+
+    def prepare() -> None:
+        deadline = Deadline(is_cancelled=call.is_awaited)
+        with Path(path).open("ab", buffering=0) as file:
+            for part in range(30):
+                deadline.check(f"part {part}")
+                time.sleep(0.02)
+                file.write(b".")
+
+    call.follow(prepare)
+    return True, b"goes on"
+
+
 _TALKATIVE = {
+    "go_on": _go_on,
     "answer_and_end": _answer_and_end,
     "give_way": _give_way,
     "last_word": _last_word,

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import msgspec
 
 from guidefield import logs
 from guidefield.deadline import Deadline, DeadlineExpired
+from guidefield.engine import Engine
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, Preempted, Status, unforeseen
 from guidefield.messages import codec, keys
@@ -25,9 +25,6 @@ from guidefield.messages.requests import ChangeScene, MotionRequest, PlanRequest
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
 from guidefield.stores.runs import RunDatabase
-
-REPLY_FIRST_S = 0.01
-"""Pause between a reply and the preparation that goes on after it, so that the reply goes out first [s]."""
 
 CONTINUED_S = 120.0
 """Time for which a robot is prepared after a reply at most [s]."""
@@ -86,40 +83,6 @@ class EngineSetup:
         return EngineWorker(engines, self.eager)
 
 
-class ContinuedPreparation:
-    """Goes on preparing a robot after a plan that it left no time, until the worker gets its next query."""
-
-    def __init__(self) -> None:
-        self._thread: threading.Thread | None = None
-        self._ended = threading.Event()
-
-    def end(self) -> None:
-        """Return once nothing is prepared; the part that was begun is finished."""
-        if self._thread is not None:
-            self._ended.set()
-            self._thread.join()
-            self._thread = None
-
-    def begin(self, prepare: Callable[[Deadline], None]) -> None:
-        """Prepare in a thread, until a deadline that passes with the next query."""
-        self._ended = ended = threading.Event()
-
-        def must_end() -> bool:
-            return ended.is_set() or not threading.main_thread().is_alive()
-
-        def go_on() -> None:
-            time.sleep(REPLY_FIRST_S)
-            try:
-                prepare(Deadline(time.monotonic() + CONTINUED_S, must_end))
-            except (DeadlineExpired, GuidefieldError):
-                return  # the next request goes on from there, or is told why it can't
-            except Exception:
-                _log.exception("a robot could not be prepared")
-
-        self._thread = threading.Thread(target=go_on, name="guidefield-prepare")
-        self._thread.start()
-
-
 @dataclass(frozen=True)
 class EngineWorker:
     """Answers jobs with the engine of their users.
@@ -127,16 +90,13 @@ class EngineWorker:
     Attributes:
         engines: The engines.
         eager: True if recordings are rendered after their replies here, and not by another process.
-        preparation: Goes on between queries.
     """
 
     engines: Engines
     eager: bool = False
-    preparation: ContinuedPreparation = field(default_factory=ContinuedPreparation)
 
     def __call__(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         """Return whether it is a reply, not an error, and its bytes; None if the job was set back and ended early."""
-        self.preparation.end()
         encoding = job.query.encoding
         try:
             return self._replied(job, call)
@@ -172,7 +132,7 @@ class EngineWorker:
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
         if isinstance(request, PlanRequest) and isinstance(reply, MotionReply) and _ended_loading(reply):
-            self.preparation.begin(partial(self.engines.of(query.user).prepare, request))
+            call.follow(partial(_go_on_preparing, self.engines.of(query.user), request, call))
         if self.eager and isinstance(reply, MotionReply) and reply.recording is not None:
             call.owe(partial(self._render, query.owner, reply.run_id))
         return True, codec.encode(reply, query.encoding)
@@ -182,6 +142,12 @@ class EngineWorker:
             self.engines.render(owner, run_id)
         except Exception:
             _log.exception("the recording of run %s could not be rendered; its log is kept", run_id)
+
+
+def _go_on_preparing(engine: Engine, request: PlanRequest, call: Call) -> None:
+    """Prepare what a plan had no time for, until the next query; the part that was begun is finished."""
+    with contextlib.suppress(DeadlineExpired, GuidefieldError):  # the next request goes on, or is told why it can't
+        engine.prepare(request, Deadline(time.monotonic() + CONTINUED_S, call.is_awaited))
 
 
 def _ended_loading(reply: MotionReply) -> bool:

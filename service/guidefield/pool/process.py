@@ -90,7 +90,7 @@ class Call:
     number: int
     line: Line
     mouth: Mouth
-    owed: list[Callable[[], None]] = field(default_factory=list)
+    later: list[Callable[[], None]] = field(default_factory=list)
 
     def cancelled(self) -> bool:
         """Whether the job is to be ended early, whatever for."""
@@ -104,15 +104,26 @@ class Call:
         """Say that what the job needs is loaded: from now on it minds its time by itself."""
         self.line.prepared.value = self.number
 
+    def follow(self, work: Callable[[], None]) -> None:
+        """Have work done after the answer; it asks `is_awaited`, and ends early then."""
+        self.later.append(work)
+
     def owe(self, work: Callable[[], None]) -> None:
         """Have work done after the answer, and before the next job; the worker lives until then, if it can."""
         self.line.owed.value = 1
-        self.owed.append(work)
+        self.follow(work)
 
-    def pay(self) -> None:
-        """Do what is owed."""
-        for work in self.owed:
-            work()
+    def is_awaited(self) -> bool:
+        """Whether the next job has come."""
+        return bool(connection.wait([self.line.socket], 0.0))
+
+    def finish(self) -> None:
+        """Do what is left until after the answer."""
+        for work in self.later:
+            try:
+                work()
+            except Exception:  # the worker outlives it
+                logging.getLogger(__name__).exception("what a worker does after an answer failed")
         self.line.owed.value = 0
 
     def is_listened_to(self) -> bool:
@@ -155,7 +166,7 @@ def be_worker(setup: Setup, line: Line, memory: int) -> None:
             call = Call(number, line, mouth)
             kind, what = _outcome(answer, _read(line.socket, size), call)
             mouth.tell(kind, number, time.process_time() - began, what)
-            call.pay()
+            call.finish()
 
 
 def _outcome(answer: Work, job: bytearray, call: Call) -> tuple[int, bytes]:
