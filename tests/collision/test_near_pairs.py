@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.box_tree import CHILDREN, BoxTree
-from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.obstacle_boxes import boxes_along_axes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import ROOM, TOUCHING
 from guidefield.messages import scene as messages
+from guidefield.prove.certificate import certify
 from guidefield.scene.scene import build
 from tests.collision.listed import touching
 from tests.collision.scenery import box, scattered, world_of

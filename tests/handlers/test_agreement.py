@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 import guidefield
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import InternalFailure
 from guidefield.handlers import plan, sequence
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.planner import judgement
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import load
 from guidefield.referee.verdict import Answer

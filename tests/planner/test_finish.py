@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.verdict import Reason
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
@@ -37,6 +35,8 @@ from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
+from guidefield.prove.certificate import certify
+from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build
 from tests.planner.walls import over_the_wall, smallest_clearance
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.certificate import certify
 from guidefield.errors import Status
 from guidefield.messages.scene import Sphere
 from guidefield.planner.in_motion import STOPS
@@ -16,6 +15,7 @@ from guidefield.planner.motion.limit_load import limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
+from guidefield.prove.certificate import certify
 from tests.planner.problems import problem, scene_of
 from tests.planner.walls import over_the_wall
 

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import Problem
+from guidefield.prove.certificate import certify
 from guidefield.robot.group.alike import Alike
 from tests.planner.limit_attack import extremes
 from tests.planner.problems import problem, scene_of, to_configuration

@@ -14,9 +14,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.certify.timed_certificate import certify_moving, certify_timed
-from guidefield.collision.certify.timed_world import TimedWorld
-from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
@@ -27,6 +24,9 @@ from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem
+from guidefield.prove.timed_certificate import certify_moving, certify_timed
+from guidefield.prove.timed_world import TimedWorld
+from guidefield.prove.verdict import Reason
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
 from tests.planner.guide.test_guide import plane_at
@@ -222,7 +222,7 @@ def test_balls_and_boxes_leave_out_no_pair_that_coal_would_refuse(kind: str, mon
         return [(one.reason, one.place, one.free_until, one.pair, one.evaluations) for one in found]
 
     by_both = verdicts()
-    judge = "guidefield.collision.certify.timed_certificate._Judge._near"
+    judge = "guidefield.prove.timed_certificate._Judge._near"
     monkeypatch.setattr(judge, lambda _self, pairs, _time, _margins: list(range(len(pairs))))
     assert by_both == verdicts()
 

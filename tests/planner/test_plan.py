@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.collision.certify.certificate import certify
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
@@ -22,6 +21,7 @@ from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
+from guidefield.prove.certificate import certify
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.connect.test_connect import wall_between

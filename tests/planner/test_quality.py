@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum.smallest import TOLERANCE
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.handlers.plan import answer_plan
@@ -22,6 +21,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import FEW_SAMPLES, clearance, clearance_profile, figures
 from guidefield.planner.settings import MEASURING
 from guidefield.potential import RobotField
+from guidefield.prove.smallest import TOLERANCE
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene import library
 from guidefield.scene.scene import build

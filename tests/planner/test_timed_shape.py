@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import guidefield.planner.timed_shape as room
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.messages import scene as messages
 from guidefield.planner.finish import Finished
 from guidefield.planner.optimize.optimization import Optimized, optimize
@@ -17,6 +16,7 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StageEntered
 from guidefield.planner.timed_shape import shaped_in_time
+from guidefield.prove.verdict import Reason, Verdict
 from tests.planner.problems import Listener
 from tests.planner.schedule.test_schedule import flight
 from tests.planner.test_timed_goal import DOOR, LEFT, RIGHT, asked, made_tip, require_free

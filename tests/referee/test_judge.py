@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from guidefield import case_file
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import AttachedObject, LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.prove.certificate import certify
+from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.timed_world import TimedWorld
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer

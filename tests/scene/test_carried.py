@@ -13,16 +13,16 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.bounded_map import Limit
 from guidefield.collision import box_tree
-from guidefield.collision.certify.cores import obstacle_cores
-from guidefield.collision.certify.tables import _obstacles as certified
 from guidefield.collision.lanes import scene_tables
 from guidefield.collision.lanes.scene_tables import lane_scene
-from guidefield.collision.minimum.tables import _obstacle_parts
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
+from guidefield.prove.certified_tables import _obstacles as certified
+from guidefield.prove.cores import obstacle_cores
+from guidefield.prove.tables import _obstacle_parts
 from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY, Rows, carried

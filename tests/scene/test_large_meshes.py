@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 from guidefield.collision.lanes import scene_tables
-from guidefield.collision.minimum import tables
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.geometry import cache, entries
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
+from guidefield.prove import tables
 from guidefield.scene import distance_tables as of_scene, obstacle
 from guidefield.scene.scene import Scene, build
 from guidefield.scene.within_ball import Ball, within_ball

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from guidefield.collision.certify.timed_world import TimedWorld
-from guidefield.collision.minimum.curve import Curve
-from guidefield.collision.minimum.places import Surveyor
-from guidefield.collision.minimum.smallest import Question, smallest
 from guidefield.collision.world import World
+from guidefield.prove.curve import Curve
+from guidefield.prove.places import Surveyor
+from guidefield.prove.smallest import Question, smallest
+from guidefield.prove.timed_world import TimedWorld
 
 FIRST_PLACES = 50
 """Where the search for the smallest distances begins, breaks apart."""

@@ -25,7 +25,6 @@ import numpy as np
 
 from benchmarks.connect_peers import beside, beside_vamp, kinematics_us, print_times
 from benchmarks.problems import ROBOTS, Problems, scene_message
-from guidefield.collision.certify.certificate import certify
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
@@ -34,6 +33,7 @@ from guidefield.messages.scene import Scene
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import polyline
+from guidefield.prove.certificate import certify
 from guidefield.robot.model.margin import MARGIN
 from guidefield.scene.scene import build
 

@@ -8,9 +8,9 @@ import pinocchio as pin
 from benchmarks import peers
 from benchmarks.problems import Problems, scene_message
 from benchmarks.timing import best
-from guidefield.collision.certify.certificate import certify
 from guidefield.collision.world import World
 from guidefield.planner.motion.waypoints import polyline
+from guidefield.prove.certificate import certify
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
 

@@ -26,11 +26,11 @@ import numpy as np
 from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
 from benchmarks.quality import AT_THE_ENDS, Judged, StageClock, judged
-from guidefield.collision.minimum.curve import Curve
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.plan import plan
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, Objective, Problem, TipGoal
+from guidefield.prove.curve import Curve
 from guidefield.robot.ik.pose_target import PoseTarget
 
 SECONDS = 20.0

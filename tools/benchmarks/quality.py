@@ -27,7 +27,6 @@ from benchmarks.along import smallest_along
 from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum.curve import Curve
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
@@ -37,6 +36,7 @@ from guidefield.planner.quality import figures
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
+from guidefield.prove.curve import Curve
 
 JUDGED_STEP = 0.02
 """Joint distance between two configurations that are judged on the exact geometry [rad or m]."""

@@ -21,7 +21,6 @@ import pinocchio as pin
 from benchmarks.along import smallest_along
 from benchmarks.posed import posed
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.minimum.curve import Curve
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner.guide import rounds
@@ -37,6 +36,7 @@ from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event, Step, StepKind
+from guidefield.prove.curve import Curve
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.link_chain import link_chain
 from guidefield.robot.group.reduced_model import select

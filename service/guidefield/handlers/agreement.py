@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.case_file import Motion, write
-from guidefield.collision.certify.settings import with_coal_error
-from guidefield.collision.minimum.along import smallest_along
-from guidefield.collision.minimum.places import Surveyor
-from guidefield.collision.minimum.tables import ROUNDED
 from guidefield.collision.pairs import PairNames
 from guidefield.geometry import cache
 from guidefield.planner.quality import Clearance
+from guidefield.prove.along import smallest_along
+from guidefield.prove.places import Surveyor
+from guidefield.prove.settings import with_coal_error
+from guidefield.prove.tables import ROUNDED
 
 ACCURACY = 2.0 * ROUNDED
 """What a distance that was found may be off [m]: what kernels round, and Coal's error."""

@@ -9,9 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from guidefield.collision.certify.tables import certified_robot
 from guidefield.collision.enclosure import closed_bodies
-from guidefield.collision.minimum.tables import robot_parts
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
@@ -40,6 +38,8 @@ from guidefield.planner.quality import (
 )
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
+from guidefield.prove.certified_tables import certified_robot
+from guidefield.prove.tables import robot_parts
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, build
 

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
@@ -22,6 +21,7 @@ from guidefield.planner.motion.limit_shares import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.refusal import refused_at
+from guidefield.prove.verdict import Reason, Verdict
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}
 """Limits of rates, by their fields in a reply."""

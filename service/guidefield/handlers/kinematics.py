@@ -12,7 +12,6 @@ import numpy as np
 from guidefield.collector import waiting_collector
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import ClearanceAt, clearance_gradient
-from guidefield.collision.minimum.closest import ClosestPairs
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import InvalidConfiguration, at_path
@@ -43,6 +42,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.values import Placement, Reply, Vector3
 from guidefield.potential import RobotField
+from guidefield.prove.closest import ClosestPairs
 from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
-from guidefield.collision.minimum.tables import prepare_obstacles, robot_parts
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
@@ -16,6 +15,7 @@ from guidefield.memo import MemoSet
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
 from guidefield.planner.task.problem import Problem
+from guidefield.prove.tables import prepare_obstacles, robot_parts
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.placed import unplaced

@@ -13,10 +13,6 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.settings import LIMITS
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.fewer_waypoints import fewer_waypoints
 from guidefield.planner.motion.limit_load import at_limits
@@ -43,6 +39,10 @@ from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
+from guidefield.prove.certificate import certify
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.settings import LIMITS
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 

@@ -11,15 +11,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
-from guidefield.collision.minimum.curve import restricted
 from guidefield.collision.world import World
 from guidefield.planner.leaving import distances_of, touching_pairs
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.certificate import certify
+from guidefield.prove.curve import restricted
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 SPACING = 0.005

@@ -13,8 +13,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.errors import Status
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion
@@ -25,6 +23,8 @@ from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 

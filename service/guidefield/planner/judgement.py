@@ -10,15 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.verdict import Reason, Verdict, first_refused
 from guidefield.planner.given_leaving import Leaving, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.certificate import certify
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 
 TOGETHER = 1000

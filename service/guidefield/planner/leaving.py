@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
@@ -20,6 +19,7 @@ from guidefield.planner.path_motion import motion_along
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 

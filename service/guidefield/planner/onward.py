@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import certify_timed
 from guidefield.planner.finish import Finished
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
+from guidefield.prove.timed_certificate import certify_timed
 
 
 def gone_on(

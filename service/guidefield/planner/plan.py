@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.ends import UNREACHED, check_start, goal_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
@@ -29,6 +28,7 @@ from guidefield.planner.timed_goal import reach_in_time
 from guidefield.planner.timed_guide import cross_planes_timed
 from guidefield.planner.timed_judgement import finish_timed
 from guidefield.planner.timed_shape import shaped_across
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 

@@ -10,14 +10,6 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
-from guidefield.collision.minimum.along import smallest_along
-from guidefield.collision.minimum.asked import among_resting
-from guidefield.collision.minimum.closest import ClosestPairs
-from guidefield.collision.minimum.curve import Curve
-from guidefield.collision.minimum.enclosures import enclosures_at
-from guidefield.collision.minimum.nearest import with_nearest
-from guidefield.collision.minimum.places import Surveyor
-from guidefield.collision.minimum.smallest import TOLERANCE, Smallest
 from guidefield.collision.world import World
 from guidefield.deadline import DeadlineExpired
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
@@ -26,6 +18,14 @@ from guidefield.memo import memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.along import smallest_along
+from guidefield.prove.asked import among_resting
+from guidefield.prove.closest import ClosestPairs
+from guidefield.prove.curve import Curve
+from guidefield.prove.enclosures import enclosures_at
+from guidefield.prove.nearest import with_nearest
+from guidefield.prove.places import Surveyor
+from guidefield.prove.smallest import TOLERANCE, Smallest
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations

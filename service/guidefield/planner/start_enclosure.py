@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartPoint
 
 

@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
@@ -37,6 +36,7 @@ from guidefield.planner.task.trace import Note
 from guidefield.planner.timed_judgement import judged_in_time
 from guidefield.planner.timed_shape import Judge, shaped_in_time
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
+from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 

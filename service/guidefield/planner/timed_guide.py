@@ -14,8 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import certify_moving
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.errors import Status
 from guidefield.planner.guide.aim import ANYWHERE, Aim
 from guidefield.planner.guide.guide import margin_at
@@ -32,6 +30,8 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.prove.timed_certificate import certify_moving
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint

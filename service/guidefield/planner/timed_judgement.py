@@ -6,9 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.finish import LAST_JUDGEMENT, Finished
 from guidefield.planner.motion.trajectory import Trajectory
@@ -16,6 +13,9 @@ from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.verdict import Verdict
 
 
 def judged_in_time(problem: Problem, motion: Trajectory, deadline: Deadline | None = None) -> Verdict:

@@ -14,7 +14,6 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.planner.finish import HURRIED, NO_PLANES, Crossed, Finished, settings_of
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
@@ -28,6 +27,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
 from guidefield.planner.timed_judgement import judged_in_time
+from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoints
 
 Judge = Callable[[Trajectory], Verdict]

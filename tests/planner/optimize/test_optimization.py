@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
@@ -36,6 +34,8 @@ from guidefield.planner.optimize.settings import (
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
+from guidefield.prove.certificate import certify
+from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build

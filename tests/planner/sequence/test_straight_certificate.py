@@ -9,10 +9,10 @@ from hypothesis import given, strategies as st
 from tests.planner.problems import scene_of
 from tests.robots import group
 
-from guidefield.collision.certify.verdict import Reason
 from guidefield.collision.world import World
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.prove.verdict import Reason
 from guidefield.robot.group.kinematics import Kinematics
 
 SEEDS = st.integers(0, 2**32 - 1)

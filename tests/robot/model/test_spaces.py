@@ -12,7 +12,7 @@ HOUSE = Path(__file__).resolve().parents[3]
 MIXED = """
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify, motion_free
+from guidefield.prove.certificate import certify, motion_free
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World

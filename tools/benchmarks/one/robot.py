@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.certificate import motion_free
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.preparation import prepare
 from guidefield.collision.world import World
@@ -22,6 +21,7 @@ from guidefield.errors import GuidefieldError, InvalidGroup, RobotInvalid
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.messages.scene import Box, Scene
+from guidefield.prove.certificate import motion_free
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.group import PlanningGroup

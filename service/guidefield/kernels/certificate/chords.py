@@ -1,4 +1,4 @@
-"""Boxes and straight ways about control points: see `collision.certify.chords`."""
+"""Boxes and straight ways about control points: see `prove.chords`."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class CertifiedRobot(NamedTuple):
         moving: The bodies that are tested against obstacles, ascending, shape (m,).
         own: The robot's own pairs, shape (p, 2).
         apart_from: The first column behind all joints that move both bodies of those, shape (p,).
-        corners: Of the cores that hold bodies (`collision.certify.cores`), in the frame of the joint that carries each,
+        corners: Of the cores that hold bodies (`prove.cores`), in the frame of the joint that carries each,
             shape (k, 3) [m].
         corners_from: Where those of each body begin, and the number of all, shape (r + 1,); a body of none has no core.
         disc_axes: Axes of the cores' discs, in the same frame, shape (r, 3).

@@ -14,7 +14,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import motion_free
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.quickest import quickest_way
@@ -23,6 +22,7 @@ from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.connect.unconnected import no_way, why_not
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
+from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints

@@ -11,13 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import motion_free
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.guide.settings import WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind
+from guidefield.prove.certificate import motion_free
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import ChartPoint, Configuration

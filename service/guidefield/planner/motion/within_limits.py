@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.certify.position_limits import excesses
+from guidefield.prove.position_limits import excesses
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
 ROUNDING = 1e-12

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from guidefield.collision.certify.timed_certificate import certify_moving
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.planner.task.problem import Problem
+from guidefield.prove.timed_certificate import certify_moving
+from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint
 
 KNOWN_TO = 0.01

@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.planner.finish import judged
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.sequence.composed import part
@@ -17,6 +16,7 @@ from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 
 

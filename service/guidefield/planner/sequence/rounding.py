@@ -12,13 +12,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Reason
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.sequence.corners import Curve, Rounded, rounded
 from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.task.stages import Stages
+from guidefield.prove.verdict import Reason
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from typing import Any, Generic, cast
 
 import numpy as np
 
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
 from guidefield.planner.finish import LAST_JUDGEMENT
@@ -37,6 +36,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Observer, StageLeft
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates

@@ -22,11 +22,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.certify.curve_segments import halved
-from guidefield.collision.certify.settings import CERTIFICATE
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.prove.curve_segments import halved
+from guidefield.prove.settings import CERTIFICATE
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints

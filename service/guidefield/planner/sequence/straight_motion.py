@@ -9,9 +9,6 @@ import math
 
 import numpy as np
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
@@ -28,6 +25,9 @@ from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.timed_goal import keep_schedule
 from guidefield.planner.timed_ways import among_what_rests
+from guidefield.prove.certificate import certify
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 

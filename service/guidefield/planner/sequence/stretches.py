@@ -11,10 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from guidefield.collision.certify.certificate import certify
-from guidefield.collision.certify.constraint_certificate import certify_constraints
-from guidefield.collision.certify.timed_certificate import certify_timed
-from guidefield.collision.certify.verdict import Verdict
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.trajectory import Trajectory
@@ -24,6 +20,10 @@ from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.certificate import certify
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.verdict import Verdict
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from guidefield.collision.certify.timed_world import TimedWorld
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.task.trace import Event, Observer, Silent
+from guidefield.prove.timed_world import TimedWorld
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from guidefield.collision.certify.verdict import Reason, Verdict
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
+from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.group.group import PlanningGroup
 
 SLACK = 1e-3

@@ -1,1 +1,0 @@
-"""The smallest distance along a whole motion, exact to a tolerance."""

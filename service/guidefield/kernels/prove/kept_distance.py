@@ -1,0 +1,274 @@
+"""Whether two bodies keep a distance as both move straight, from where they are in the middle: by trees of balls.
+
+Let n be a direction along which two convex parts A and B are apart in the middle, and v and w how far their points move
+by the whole of a twist each. Where both have moved by the share s of it, |s| <= h, the parts are apart along n by
+
+    min over x in A of n.(x + s v(x))  -  max over y in B of n.(y + s w(y))
+
+at least, and so in space. Bodies are rigid: v(x) = v + omega x x. So n.(x + s v(x)) = (n + s n x omega).x + s n.v, and
+the farthest points along two turned directions tell. It is concave in s, and least at one of both ends. Any direction
+will do: the last one is tried before the nearest points are looked for. A ball about a node needs no direction: it
+moves no farther than its centre and its own turning together.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import types
+
+from guidefield.kernels.collide.balls import ball_radius
+from guidefield.kernels.collide.gjk import PLACED, support
+from guidefield.kernels.collide.gjk_scratch import (
+    LEAF_A,
+    LEAF_B,
+    POSE_A,
+    POSE_B,
+    STACK,
+    X,
+    Y,
+    Z,
+    axis_in,
+    axis_length,
+    origins_apart,
+    place_ball,
+    place_part_of,
+)
+from guidefield.kernels.collide.parts import (
+    LEFT,
+    PART,
+    PLANE_OFFSET,
+    POINTED_PARTS,
+    RIGHT,
+    Parts,
+    child_of,
+    is_leaf,
+    kind_of,
+    part_of,
+)
+from guidefield.kernels.collide.primitive import HALF_SPACE
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.prove.dividing import divides_first
+from guidefield.kernels.prove.gjk_distance import ROUNDS, parts_distance
+
+FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
+"""Numbers of how two bodies move: the twist of each, how far the world's origin would move with it and how far it
+turns, and the lengths of the latter; then how many there are."""
+
+NODE_ROUNDS = 8
+"""After how many rounds of GJK two nodes are divided: with 5 a UR5's own pairs take a fifth longer, and with 12 a
+Baxter's a tenth."""
+
+RATE = 0.02
+"""Two nodes that would be told in a shorter time aren't divided, as long as few were looked at: what they are farther
+apart than asked in the middle is at least this share, for each pair of nodes so far, of what they may lose. With half
+or twice of it a UR5 takes a tenth longer."""
+
+LATER = 1e30
+"""What is told then is that share of this [m]: more than any distance."""
+
+NODE_A, NODE_B, ENTRY = range(3)
+"""Numbers of an entry of the stack: a node of each body; then how many there are."""
+
+
+@lane_part
+def _centres_move(twists: Floats, work: Floats) -> float:
+    """How far the origins of the two poses in the scratch space move relative to each other by both twists [m]."""
+    x, y, z = work[POSE_A + X], work[POSE_A + Y], work[POSE_A + Z]
+    u, v, w = work[POSE_B + X], work[POSE_B + Y], work[POSE_B + Z]
+    dx = twists[0] + twists[4] * z - twists[5] * y - (twists[6] + twists[10] * w - twists[11] * v)
+    dy = twists[1] + twists[5] * x - twists[3] * z - (twists[7] + twists[11] * u - twists[9] * w)
+    dz = twists[2] + twists[3] * y - twists[4] * x - (twists[8] + twists[9] * v - twists[10] * u)
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@lane_part
+def _farthest(
+    parts: Parts,
+    part: int,
+    pose: int,
+    twists: Floats,
+    twist: int,
+    radius: float,
+    n: tuple[float, float, float],
+    s: float,
+    work: Floats,
+) -> float:
+    """The most of (n + s n x omega).x + s n.v over the points x of a part, with what rounds it [m]."""
+    nx, ny, nz = n
+    ox, oy, oz = twists[twist + 3], twists[twist + 4], twists[twist + 5]
+    dx, dy, dz = nx + s * (ny * oz - nz * oy), ny + s * (nz * ox - nx * oz), nz + s * (nx * oy - ny * ox)
+    px, py, pz = support(parts.shapes, parts.numbers, parts.vertices, part, work, pose, dx, dy, dz)
+    moved = s * (nx * twists[twist] + ny * twists[twist + 1] + nz * twists[twist + 2])
+    rounded = radius * math.sqrt(dx * dx + dy * dy + dz * dz) if radius > 0.0 else 0.0
+    return float(dx * px + dy * py + dz * pz + moved + rounded)
+
+
+@lane_part
+def _second_rests(twists: Floats) -> bool:
+    """Whether the second body doesn't move."""
+    return bool(
+        twists[SECOND_TURNS] == 0.0
+        and twists[SECOND_TWIST] == 0.0
+        and twists[SECOND_TWIST + 1] == 0.0
+        and twists[SECOND_TWIST + 2] == 0.0
+    )
+
+
+@lane_step(
+    types.float64(
+        POINTED_PARTS,
+        types.int64,
+        types.float64,
+        POINTED_PARTS,
+        types.int64,
+        types.float64,
+        DOUBLE_POINTER,
+        types.float64,
+        types.float64,
+        DOUBLE_POINTER,
+    )
+)
+def _keep_along(
+    a: Parts,
+    part_a: int,
+    radius_a: float,
+    b: Parts,
+    part_b: int,
+    radius_b: float,
+    twists: Floats,
+    share: float,
+    asked: float,
+    work: Floats,
+) -> float:
+    """What two parts keep along the axis as both move by up to a share of their twists [m].
+
+    Where that is less than what is asked, something that isn't less and is less than what is asked.
+    """
+    x, y, z = axis_in(work)
+    length = axis_length(work)
+    n, back = (x / length, y / length, z / length), (-x / length, -y / length, -z / length)
+    far, rests, kept = 0.0, _second_rests(twists), math.inf
+    for side in range(2):
+        s = share if side == 0 else -share
+        if part_b >= 0 and kind_of(b, part_b) == HALF_SPACE:
+            far = b.numbers[PART * part_b + PLANE_OFFSET]
+        elif side == 0 or not rests:
+            far = _farthest(b, part_b, POSE_B, twists, SECOND_TWIST, radius_b, n, s, work)
+        kept = min(kept, -_farthest(a, part_a, POSE_A, twists, FIRST_TWIST, radius_a, back, s, work) - far)
+        if not kept >= asked:
+            break
+    return kept
+
+
+@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
+def _nodes_keep(
+    a: Parts,
+    node_a: int,
+    pose_a: Floats,
+    b: Parts,
+    node_b: int,
+    pose_b: Floats,
+    twists: Floats,
+    share: float,
+    asked: float,
+    bent: float,
+    work: Floats,
+) -> float:
+    """Infinite where all that two nodes hold keeps what is asked; else the distance of two leaves, or less than any.
+
+    Or, of other nodes, a share of `LATER`.
+    """
+    part_a, part_b, leaves = part_of(a, node_a), part_of(b, node_b), is_leaf(a, node_a) and is_leaf(b, node_b)
+    radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
+    place_ball(a, node_a, pose_a, work, POSE_A)
+    place_ball(b, node_b, pose_b, work, POSE_B)
+    travel = math.inf
+    if radius_b < math.inf:
+        apart = math.sqrt(origins_apart(work)) - float(radius_a + radius_b)
+        turning = twists[FIRST_TURNS] * radius_a + twists[SECOND_TURNS] * radius_b
+        travel = share * float(_centres_move(twists, work) + turning)
+        if apart >= asked + travel:
+            return math.inf
+        if part_a < 0 and part_b < 0:
+            return -math.inf
+    rounds_a = place_part_of(a, node_a, pose_a, work, POSE_A)
+    rounds_b = place_part_of(b, node_b, pose_b, work, POSE_B)
+    # the axis of what was looked at last often tells
+    if axis_length(work) > 0.0 and (
+        _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work) >= asked
+    ):
+        return math.inf
+    most, rounds, least = asked + travel, ROUNDS if leaves else NODE_ROUNDS, -math.inf if leaves else asked
+    apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, least, most, rounds, work)
+    if apart >= most:
+        return math.inf
+    later = -math.inf
+    if apart > (asked if leaves else asked - bent):
+        kept = _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work)
+        if kept >= asked:
+            return math.inf
+        later = LATER * float((apart - asked + bent) / (apart - kept + bent))
+    return float(apart) if leaves else later
+
+
+@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
+def bodies_keep(
+    a: Parts,
+    root_a: int,
+    pose_a: Floats,
+    b: Parts,
+    root_b: int,
+    pose_b: Floats,
+    twists: Floats,
+    share: float,
+    asked: float,
+    bent: float,
+    work: Floats,
+) -> float:
+    """Whether two bodies keep a distance as both move by the same share of their twists.
+
+    Args:
+        a: Tables that the first body is in.
+        root_a: Root of its tree of balls.
+        pose_a: Its placement in the middle, rotation and translation row by row, shape (12,) [m].
+        b: Tables that the second is in; only it may be a half-space, and that rests.
+        root_b: Its root.
+        pose_b: Its placement, (12,).
+        twists: How both move, shape (TWISTS,) [m and rad, world].
+        share: The most of these that they move by, there and back.
+        asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
+        bent: How much of it that is [m].
+        work: Scratch, shape (WORK,); the search begins with the axis and the leaves in it, and leaves its last axis,
+            and the leaves that didn't keep it.
+
+    Returns:
+        Infinite where they keep it; else the distance in the middle of two of their leaves, which may be larger, or
+        more than any distance, where it is sooner told in halves of the time [m].
+    """
+    top = STACK + ENTRY
+    work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b
+    if work[LEAF_A] > 0.0:
+        node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
+        if kept < math.inf or (node_a == root_a and node_b == root_b):
+            return kept
+    visited = 0
+    while top > STACK:
+        top -= ENTRY
+        visited += 1
+        node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
+        if kept == math.inf:
+            continue
+        if kept >= LATER * RATE * visited:
+            return kept
+        if is_leaf(a, node_a) and is_leaf(b, node_b):
+            work[LEAF_A], work[LEAF_B] = node_a + 1, node_b + 1
+            return kept
+        split_a = divides_first(a, node_a, b, node_b)
+        for side in (LEFT, RIGHT):
+            work[top + NODE_A] = child_of(a, node_a, side) if split_a else node_a
+            work[top + NODE_B] = node_b if split_a else child_of(b, node_b, side)
+            top += ENTRY
+    return math.inf

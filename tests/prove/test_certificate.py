@@ -1,0 +1,353 @@
+"""The certificate: what it calls free is free under dense sampling on other shapes; what touches is refused."""
+
+import functools
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.collision.clearance import clearance_at
+from guidefield.collision.contact import contacts_at
+from guidefield.deadline import Deadline
+from guidefield.messages import scene as messages
+from guidefield.prove.certificate import certify, motion_free
+from guidefield.prove.verdict import Reason
+from tests.collision.plain import dense, panda_among
+from tests.collision.scenery import box, panda_in, scattered, world_of
+from tests.collision.test_world import pair_distances
+from tests.robots import box_arm, group, grouped, rest
+from tests.scene.solids import l_prism, mesh_message
+
+FINGER = 0.001
+"""Where the Panda's fingers stand in its rest configuration [m]."""
+
+STEP = 5e-3
+"""Spacing of samples that judge a motion [rad or m]."""
+
+
+@functools.cache
+def plain(name: str):
+    return panda_among(panda_in(name).scene.message.obstacles, FINGER)
+
+
+@functools.cache
+def strewn(seed: int):
+    """A Panda among small obstacles of all primitive kinds, free at rest; and the plain judge."""
+    rng = np.random.default_rng(seed)
+    arm = group("panda")
+    obstacles = [o for o in scattered(rng, 14) if not world_of(arm, [o]).in_collision(rest(arm))]
+    obstacles.append(messages.HalfSpace(name="floor", normal=(0, 0, 1), offset=-0.02))
+    return world_of(arm, obstacles), panda_among(obstacles, FINGER)
+
+
+def motions(world, seed: int) -> np.ndarray:
+    """A Bezier curve of degree 1 to 4 in the chart: short about the rest configuration, or long anywhere."""
+    rng = np.random.default_rng(seed)
+    planned = world.group
+    start = rest(planned) if rng.random() < 0.7 else planned.random(rng)
+    spread = rng.choice([0.1, 0.4, 1.2])
+    steps = rng.normal(size=(int(rng.integers(2, 6)), planned.nv)) * spread / 3
+    return np.clip(start + np.cumsum(steps, axis=0) - steps[0], planned.lower, planned.upper)
+
+
+@settings(deadline=None, max_examples=40)  # `tools/doubt` looks at hundreds
+@given(st.integers(0, 3), st.integers(0, 10**6))
+def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
+    world, judge = strewn(place) if place < 3 else (panda_in("bookshelf"), plain("bookshelf"))
+    control = motions(world, seed)
+    verdict = certify(world, control[None])
+    samples = dense(control, STEP)
+    if verdict.free:
+        assert verdict.reason is Reason.FREE
+        assert not any(judge.collides(q) for q in samples)
+        assert not any(world.in_collision(q) for q in samples)
+    if not any(world.in_collision(q) for q in samples):
+        assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.chart_point)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2), st.integers(0, 10**6))
+def test_a_refusal_shows_where(place, seed):
+    world, _ = strewn(place)
+    verdict = certify(world, motions(world, seed)[None])
+    if verdict.free:
+        return
+    contacts = {contact.pair for contact in contacts_at(world, verdict.chart_point)}
+    assert (verdict.reason is Reason.CONTACT) == (verdict.pair in contacts)
+    control = motions(world, seed)
+    at = dense(control, 1e-4)
+    assert np.abs(at - verdict.chart_point).max(axis=1).min() < 1e-3
+    piece, until = verdict.free_until
+    assert piece == 0
+    assert 0.0 <= until <= verdict.parameter <= 1.0
+    before = dense(_until(control, until), STEP)
+    if until > 0:
+        assert not any(world.in_collision(q) for q in before)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2), st.integers(0, 10**6), st.integers(2, 40))
+def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, count):
+    world, _ = strewn(place)
+    whole = dense(motions(world, seed))
+    points = whole[np.linspace(0, len(whole) - 1, count + 1).astype(int)]
+    pieces = np.array([[a, b] for a, b in pairwise(points)])
+    verdict = certify(world, pieces)
+    if verdict.free:
+        return
+    piece, until = verdict.free_until
+    assert (piece, until) <= (verdict.piece, verdict.parameter)
+    last = pieces[piece, 0] + until * (pieces[piece, 1] - pieces[piece, 0])
+    before = np.array([*points[: piece + 1], last])
+    samples = np.concatenate([dense(np.array([a, b])) for a, b in pairwise(before)])[1:-1]
+    if (piece, until) > (0, 0.0):
+        assert not any(world.in_collision(world.group.from_chart(z)) for z in samples)
+
+
+def test_a_motion_that_touches_all_along_is_certified_nowhere():
+    world = world_of(grouped(box_arm("y", 2)), [box("wall", (0.1, 0.1, 0.1), (0.0, 0.0, 0.5))])
+    points = 1e-3 * np.arange(4)[:, None] * np.ones(world.group.nv)
+    verdict = certify(world, np.array([[a, b] for a, b in pairwise(points)]))  # short pieces are judged together
+    assert verdict.reason is Reason.CONTACT
+    assert verdict.piece > 0
+    assert verdict.free_until == (0, 0.0)
+
+
+def _until(control: np.ndarray, t: float) -> np.ndarray:
+    """Control points of a curve from 0 to t: the blossom with ever more arguments t."""
+    rows, row = [control[0]], control
+    while len(row) > 1:
+        row = (1 - t) * row[:-1] + t * row[1:]
+        rows.append(row[0])
+    return np.array(rows)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.integers(0, 2), st.integers(0, 10**6))
+def test_a_needle_in_the_way_is_refused(place, seed):
+    world, _ = strewn(place)
+    control = motions(world, seed)
+    if not certify(world, control[None]).free:
+        return
+    rng = np.random.default_rng(seed)
+    q = _until(control, rng.random())[-1]
+    data = world.model.createData()
+    pin.forwardKinematics(world.model, data, q)
+    bodies = [shape for shape in world.group.geometry.geometryObjects if hasattr(shape.geometry, "points")]
+    body = [shape for shape in bodies if shape.parentJoint > 0][
+        rng.integers(sum(shape.parentJoint > 0 for shape in bodies))
+    ]
+    point = (data.oMi[body.parentJoint] * body.placement).act(
+        np.array(body.geometry.points())[rng.integers(body.geometry.num_points)]
+    )
+    needle = box("needle", (1e-3, 1e-3, 0.05), point)
+    pierced = world_of(world.group, [*world.scene.message.obstacles, needle])
+    verdict = certify(pierced, control[None])
+    assert not verdict.free
+    assert verdict.pair[1] == "needle"
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_needle_through_a_mesh_is_refused_though_its_hull_is_asked_first(seed):
+    arm, rng = group("ur5"), np.random.default_rng(seed)
+    control = rest(arm) + np.cumsum(rng.normal(size=(3, arm.nv)) * 0.1, axis=0)
+    world = world_of(arm, [box("far", (0.1, 0.1, 0.1), (3, 0, 0))])
+    if not certify(world, control[None]).free:
+        return
+    data = arm.model.createData()
+    pin.forwardKinematics(arm.model, data, _until(control, rng.random())[-1])
+    meshes = [shape for shape in arm.geometry.geometryObjects if hasattr(shape.geometry, "vertices")]
+    meshes = [shape for shape in meshes if shape.parentJoint > 1]
+    body = meshes[rng.integers(len(meshes))]
+    vertices = np.array(body.geometry.vertices())
+    point = (data.oMi[body.parentJoint] * body.placement).act(vertices[rng.integers(len(vertices))])
+    verdict = certify(world_of(arm, [box("needle", (1e-3, 1e-3, 0.02), point)]), control[None])
+    assert not verdict.free
+    assert verdict.pair[1] == "needle"
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 2), st.integers(0, 10**6), st.floats(0.3, 3.0))
+def test_the_clearance_asked_for_is_kept(place, seed, share):
+    world, _ = strewn(place)
+    control = motions(world, seed)
+    if not certify(world, control[None]).free:
+        return
+    samples = dense(control, 2e-3)
+    least = min(clearance_at(world, q).obstacle_distance for q in samples)
+    verdict = certify(world, control[None], min_clearance=share * least)
+    if share > 1.0:
+        assert not verdict.free
+        assert verdict.reason in (Reason.TOO_CLOSE, Reason.UNDECIDED)
+        assert clearance_at(world, verdict.chart_point).obstacle_distance <= share * least + 2e-4
+    # Between samples the clearance may be less by what two millirad move, and the certificate needs its floor.
+    elif (1.0 - share) * least > 4e-3:
+        assert verdict.free
+
+
+def test_the_clearance_is_about_obstacles_only():
+    world = panda_in("bookshelf")
+    q = rest(world.group)
+    at = clearance_at(world, q)
+    assert at.self_distance < 0.14
+    folded = np.array([0, -0.785, 0, -2.9, 0, 1.571, 0.785])
+    close = clearance_at(world, folded)
+    asked = 0.5 * (close.self_distance + close.obstacle_distance)
+    assert close.self_distance < asked < close.obstacle_distance
+    assert motion_free(world, folded, folded + 1e-4, min_clearance=asked).free
+
+
+def test_contact_within_a_motion_whose_ends_are_free_is_found():
+    arm = group("panda")
+    start, end = rest(arm), rest(arm)
+    start[0], end[0] = -0.6, 0.6
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
+    assert not world.in_collision(start)
+    assert not world.in_collision(end)
+    verdict = motion_free(world, start, end)
+    assert verdict.reason is Reason.CONTACT
+    assert verdict.pair[1] == "pole"
+    assert 0.2 < verdict.parameter < 0.8
+    assert verdict.evaluations < 30
+
+
+def test_the_first_bad_piece_is_named():
+    arm = group("panda")
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
+    points = np.tile(rest(arm), (5, 1))
+    points[:, 0] = -1.2, -0.9, -0.6, 0.6, 0.9
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    verdict = certify(world, pieces)
+    assert verdict.piece == 2
+    assert certify(world, pieces[:2]).free
+    assert certify(world, pieces[3:]).free
+
+
+def test_a_motion_that_is_none_is_judged_too():
+    world = panda_in("bookshelf")
+    q = rest(world.group)
+    assert motion_free(world, q, q).free
+    inside = world_of(world.group, [box("crate", (0.1, 0.1, 0.1), (0.307, 0, 0.55))])
+    assert motion_free(inside, q, q).reason is Reason.CONTACT
+    assert certify(world, np.empty((0, 4, 7))).free
+
+
+def sliding_along(gap: float):
+    """An arm that slides along a wall at a distance; the motion is free."""
+    arm = grouped(box_arm("slide", 1))
+    return world_of(arm, [box("wall", (1.0, 0.1, 3.0), (0, 0.02 + 0.05 + gap, 0))])
+
+
+def test_what_passes_closer_than_the_floor_is_undecided():
+    start, end = np.array([0.05]), np.array([0.12])
+    verdict = motion_free(sliding_along(5e-6), start, end)
+    assert verdict.reason is Reason.UNDECIDED
+    assert not verdict.free
+    assert verdict.pair == ("l1", "wall")
+    assert motion_free(sliding_along(5e-6), start, end, floor=1e-6).free
+    assert motion_free(sliding_along(3e-5), start, end).free
+
+
+@pytest.mark.parametrize("pieces", [1, 3, 200])
+@pytest.mark.parametrize("clearance", [0.0, 0.01])
+def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pieces, clearance):
+    """Contact begins where a piece does, in the middle of one, and at places that halving doesn't meet."""
+    arm, (vertices, triangles) = grouped(box_arm("slide", 1)), l_prism()
+    far = clearance_at(world_of(arm, [box("wall", (1.0, 1.0, 0.2), (0, 0, 3.0))]), np.zeros(1)).obstacle_distance
+    for gap in (0.25, 0.2, 0.2 + 1e-4 / 3, 0.1):
+        bottom = 2.9 - far + gap
+        for wall in (
+            box("wall", (1.0, 1.0, 0.2), (0, 0, bottom + 0.1)),
+            mesh_message(vertices + np.array([-0.5, -0.5, bottom]), triangles, "wall"),
+        ):
+            world = world_of(arm, [wall])
+            way = np.linspace(-0.2, 0.4, pieces + 1)[:, None]
+            verdict = certify(world, np.array([*pairwise(way)]), clearance)
+            assert verdict.reason is Reason.CONTACT or (clearance and verdict.reason is Reason.TOO_CLOSE)
+            piece, until = verdict.free_until
+            assert 0.6 * (piece + until) / pieces - 0.2 <= gap - clearance <= verdict.chart_point[0] + 1e-5
+
+
+@pytest.mark.parametrize(
+    "joints",
+    ["slide y slide x", "y x mimic mimic", "continuous continuous y", "continuous x screw", "oblique oblique oblique"],
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_other_joints_are_certified_as_soundly(joints, seed):
+    rng = np.random.default_rng(seed)
+    arm = grouped(box_arm(joints, 0))
+    at_rest = arm.expand_from_chart(np.full(arm.nv, 0.1))
+    obstacles = [o for o in scattered(rng, 12, reach=1.2) if not world_of(arm, [o]).in_collision(at_rest)]
+    world = world_of(arm, obstacles)
+    outcomes = set()
+    for _ in range(25):
+        control = np.full(arm.nv, 0.1) + np.cumsum(rng.normal(size=(4, arm.nv)) * 0.25, axis=0)
+        verdict = certify(world, control[None])
+        outcomes.add(verdict.reason)
+        if verdict.free:
+            for z in dense(control, STEP):
+                assert (pair_distances(world, arm.from_chart(z)) > 0.0).all()
+        elif verdict.reason is Reason.CONTACT:
+            assert world.in_collision(arm.expand_from_chart(verdict.chart_point))
+    assert outcomes & {Reason.FREE, Reason.CONTACT}
+
+
+def test_a_whole_turn_of_a_continuous_joint_is_judged_as_a_turn():
+    arm = grouped(box_arm("y continuous", 0))
+    start, end = np.array([0.5, 0.0]), np.array([0.5, 2 * np.pi])
+    assert arm.from_chart(start) == pytest.approx(arm.from_chart(end))
+    turned = arm.expand_from_chart(np.array([0.5, 2.0]))
+    data = arm.model.createData()
+    pin.forwardKinematics(arm.model, data, turned)
+    hit = data.oMi[2].act(np.array([0, 0, 0.25]))
+    world = world_of(arm, [messages.Sphere(name="ball", radius=0.02, position=tuple(hit.tolist()))])
+    assert not motion_free(world, start, end).free
+    assert motion_free(world, start, start).free
+
+
+def test_surfaces_are_kept_away_from():
+    arm = group("panda")
+    vertices, triangles = l_prism()
+    shelf = mesh_message(0.1 * vertices, triangles, position=(0.45, 0.25, 0.4))
+    wall = messages.Polygon(
+        name="wall", vertices=[(0.6, -0.5, 0.2), (0.6, 0.5, 0.2), (0.6, 0.5, 0.9), (0.6, -0.5, 0.9)]
+    )
+    world = world_of(arm, [shelf, wall])
+    rng = np.random.default_rng(0)
+    outcomes = []
+    for _ in range(40):
+        control = rest(arm) + np.cumsum(rng.normal(size=(4, 7)) * 0.2, axis=0)
+        verdict = certify(world, control[None])
+        outcomes.append(verdict.reason)
+        if verdict.free:
+            assert not any(world.in_collision(q) for q in dense(control, STEP))
+    assert {Reason.FREE, Reason.CONTACT} <= set(outcomes)
+
+
+def test_questions_before_do_not_change_an_answer():
+    world, _ = strewn(0)
+    first = [certify(world, motions(world, seed)[None]) for seed in range(12)]
+    again = [certify(world, motions(world, seed)[None]) for seed in reversed(range(12))][::-1]
+    for a, b in zip(first, again, strict=True):
+        for fact in ("reason", "piece", "parameter", "free_until", "pair", "evaluations"):
+            assert getattr(a, fact) == getattr(b, fact)
+
+
+def test_a_judgement_that_is_stopped_certifies_what_comes_before():
+    arm = group("panda")
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.292, 0, 0.75))])
+    points = np.tile(rest(arm), (201, 1))
+    points[:, 0] = np.linspace(-1.2, -0.4, 201)
+    pieces = np.stack([points[:-1], points[1:]], axis=1)
+    whole = certify(world, pieces)
+    assert whole.free
+    for rounds in range(2):
+        left = iter([None] * rounds)
+        verdict = certify(world, pieces, deadline=Deadline(is_cancelled=lambda left=left: bool(next(left, "enough"))))
+        assert verdict.reason is Reason.STOPPED
+        assert not verdict.free
+        assert verdict.evaluations < whole.evaluations
+        assert (verdict.piece > 0) == (rounds > 0)
+        assert certify(world, pieces[: verdict.piece]).free
