@@ -34,7 +34,7 @@ class _Watcher:
     def be_prepared(self) -> None:
         self.prepared = True
 
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         return any(progress.stage == self._end_at for progress in self.heard)
 
 

@@ -99,9 +99,9 @@ def _allocate(mebibytes: str) -> tuple[bool, bytes]:
 def _until_cancelled(path: str, call: Call) -> tuple[bool, bytes]:
     Path(path).write_text(str(os.getpid()))
     deadline = time.monotonic() + LONG
-    while not call.cancelled() and time.monotonic() < deadline:
+    while not call.is_cancelled() and time.monotonic() < deadline:
         time.sleep(0.001)
-    return True, b"cancelled" if call.cancelled() else b"outlasted"
+    return True, b"cancelled" if call.is_cancelled() else b"outlasted"
 
 
 def _last_word(files: str, call: Call) -> tuple[bool, bytes]:
@@ -132,7 +132,7 @@ def _give_way(path: str, call: Call) -> tuple[bool, bytes] | None:
     if again:
         return True, b"begun anew"
     deadline = time.monotonic() + LONG
-    while not call.cancelled() and time.monotonic() < deadline:
+    while not call.is_cancelled() and time.monotonic() < deadline:
         time.sleep(0.001)
     return None if call.set_back() else (True, b"cancelled")
 

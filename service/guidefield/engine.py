@@ -303,7 +303,7 @@ class Engine:
         answer = answer_steps if request.steps else answer_plan
 
         def answered(run: Run, began: float) -> PlanReply:
-            deadline = Deadline(asking.received + request.allowed_planning_time, run.cancelled)
+            deadline = Deadline(asking.received + request.allowed_planning_time, run.is_cancelled)
             return answer(
                 request,
                 asking.load(request.robot),
@@ -322,7 +322,7 @@ class Engine:
         from guidefield.handlers.certify import answer_certify
 
         def answered(run: Run, began: float) -> CertifyReply:
-            deadline = Deadline(asking.received + request.allowed_time, run.cancelled)
+            deadline = Deadline(asking.received + request.allowed_time, run.is_cancelled)
             return answer_certify(
                 request,
                 asking.load(request.robot),
@@ -365,9 +365,9 @@ class Engine:
         try:
             return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
         except DeadlineExpired as late:
-            from guidefield.handlers.unbegun import stopped_loading
+            from guidefield.handlers.expired import ended_run
 
-            reply = stopped_loading(run_id, request, late, time.monotonic() - received)
+            reply = ended_run(run_id, request, late, time.monotonic() - received)
             return run.end(cast(_R, reply))
 
     def motion_of(self, request: requests.CertifyRequest) -> Motion:
@@ -406,12 +406,12 @@ class Engine:
         return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking, watching)
 
     def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
+        from guidefield.handlers.expired import ended_work
         from guidefield.handlers.kinematics import answer_kinematics
         from guidefield.handlers.preparation import prepare_field
-        from guidefield.handlers.unbegun import stopped_work
 
         until = received + request.allowed_time
-        deadline = Deadline(until) if watcher is None else Deadline(until, watcher.cancelled)
+        deadline = Deadline(until) if watcher is None else Deadline(until, watcher.is_cancelled)
         robot = None if request.robot is None else self._robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
         reference = request.scene if isinstance(request, kinds) else None
@@ -423,7 +423,7 @@ class Engine:
                 watcher.be_prepared()
             return answer_kinematics(request, robot, scene, deadline)
         except DeadlineExpired as late:
-            raise stopped_work(late, request.allowed_time) from None
+            raise ended_work(late, request.allowed_time) from None
 
     def _read_robots(self, _request: requests.ReadRobots) -> RobotsReply:
         from guidefield.handlers.robots import robots

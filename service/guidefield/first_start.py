@@ -44,12 +44,12 @@ PLAIN = "GUIDEFIELD_PLAIN_NUMBA"
 """The variable of the environment that has kernels compiled without changes to what is inside numba."""
 
 
-def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = lambda: False) -> None:
+def compile_kernels(told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False) -> None:
     """Compile what has no machine code yet, on all processors; at once if that was done for this version before.
 
     Args:
         told: Told, in one sentence each, how far it is.
-        stopped: Whether to leave it at that, asked all the while; what is compiled by then is kept.
+        is_cancelled: Asks whether to end early; what is compiled by then is kept.
 
     Raises:
         RuntimeError: if a kernel can't be compiled.
@@ -65,11 +65,11 @@ def compile_kernels(told: Callable[[str], None], stopped: Callable[[], bool] = l
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, process_group=0) as child,  # noqa: S603 - ourselves
     ):
         try:
-            for line in _lines(child, stopped):
+            for line in _lines(child, is_cancelled):
                 if time.monotonic() - last >= EVERY:
                     told(line)
                     last = time.monotonic()
-            if stopped():
+            if is_cancelled():
                 return
             child.wait()
         finally:
@@ -88,11 +88,11 @@ def compiled_mark() -> Path:
     return cache_parent() / "guidefield" / "kernels" / f"all-{kernels_fingerprint()}"
 
 
-def _lines(child: subprocess.Popen[bytes], stopped: Callable[[], bool]) -> Iterator[str]:
-    """What a child prints, line by line, until it has no more to print or is to be stopped."""
+def _lines(child: subprocess.Popen[bytes], is_cancelled: Callable[[], bool]) -> Iterator[str]:
+    """Yield what a child prints, line by line, until it ends or is to end."""
     assert child.stdout is not None, "it is piped"
     rest = b""
-    while not stopped():
+    while not is_cancelled():
         if select.select([child.stdout], [], [], PATIENCE)[0]:
             read = os.read(child.stdout.fileno(), 1 << 16)
             if not read:

@@ -23,8 +23,8 @@ PAUSE = 0.2
 class Watcher(Protocol):
     """Somebody who waits for a run."""
 
-    def cancelled(self) -> bool:
-        """Whether it is to end early."""
+    def is_cancelled(self) -> bool:
+        """Return whether the run is to end early."""
 
     def is_listened_to(self) -> bool:
         """Whether anybody hears how far it is; else nothing is measured for that."""
@@ -88,7 +88,7 @@ class ProgressTold:
     def pass_time_and_ask(self) -> bool:
         """Tell again if it is time; whether the run is to end early."""
         self._tell_if_due()
-        return self._watcher.cancelled()
+        return self._watcher.is_cancelled()
 
     def _tell_if_due(self) -> None:
         if time.monotonic() - self._told >= PAUSE:

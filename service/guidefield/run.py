@@ -83,7 +83,7 @@ class Run:
         self._warnings = _Warnings(run_id)
         self._recording: _Recording | None = None
 
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         """Return whether a client asked the run to end; called at every iteration, it also lets progress be told."""
         return self._progress is not None and self._progress.pass_time_and_ask()
 

@@ -37,7 +37,7 @@ class Heard:
     def is_listened_to(self) -> bool:
         return True
 
-    def cancelled(self) -> bool:
+    def is_cancelled(self) -> bool:
         return False
 
     def tell(self, what: bytes) -> None:

@@ -19,6 +19,7 @@ from guidefield.errors import (
     UnknownObject,
 )
 from guidefield.handlers.configurations import TOGETHER
+from guidefield.handlers.expired import ended_work
 from guidefield.handlers.kinematics import (
     FRAMES_TOGETHER,
     POINTS_AT_ONCE,
@@ -28,7 +29,6 @@ from guidefield.handlers.kinematics import (
     inverse_kinematics,
     potential,
 )
-from guidefield.handlers.unbegun import stopped_work
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.messages import requests
@@ -376,7 +376,7 @@ class TestAllowance:
     def test_time_that_is_up_is_told(self, request_: requests.KinematicsRequest):
         with pytest.raises(DeadlineExpired, match=r"^0 of") as late:
             self.answered(request_, Deadline(0.0))
-        told = stopped_work(late.value, 2.5)
+        told = ended_work(late.value, 2.5)
         assert isinstance(told, TimedOut)
         assert told.message.startswith("the 2.5 s that `allowed_time` allows were up after 0 of")
         assert told.details["done"] == 0
@@ -393,6 +393,6 @@ class TestAllowance:
         some = iter([False, False])
         with pytest.raises(DeadlineExpired, match=f"^{2 * POINTS_AT_ONCE} of {len(points)}$") as ended:
             self.answered(request, Deadline(is_cancelled=lambda: next(some, True)))
-        told = stopped_work(ended.value, 1.0)
+        told = ended_work(ended.value, 1.0)
         assert isinstance(told, Preempted)
         assert f"cancelled after {2 * POINTS_AT_ONCE} of" in told.message

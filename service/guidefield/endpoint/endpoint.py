@@ -34,16 +34,15 @@ from guidefield.endpoint.tracing import End, Trace, no_trace
 from guidefield.endpoint.under_way import UnderWay
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed, ServerBusy
-from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
-from guidefield.handlers.unbegun import (
-    cancelled_before,
-    cancelled_waiting,
+from guidefield.handlers.expired import (
+    Stage,
+    cancelled_run,
+    cancelled_work,
     error_answer,
-    time_up_loading,
-    time_up_waiting,
-    timed_out_loading,
-    timed_out_waiting,
+    expired_run,
+    expired_work,
 )
+from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
@@ -303,8 +302,8 @@ class Endpoint:
         task = Task(
             Job(read, received, run_id),
             head.allowed + BACKSTOP,
-            deadline=TimedAnswer(received + head.allowed, partial(_timed_out, run_id, head, read.encoding)),
-            late=_late(received, head.allowed, partial(_timed_out_loading, run_id, head, read.encoding)),
+            deadline=TimedAnswer(received + head.allowed, partial(_expired, run_id, head, "queue", read.encoding)),
+            late=_late(received, head.allowed, partial(_expired, run_id, head, "load", read.encoding)),
             asker=read.asker,
             size=size,
             hear=partial(self._tell_progress, read.user, run_id),
@@ -331,11 +330,11 @@ class Endpoint:
         """Have something done that makes no run."""
         head = keys.work_head(read)
         told = partial(error_answer, read.encoding)
-        late = _late(received, head.allowed, partial(told, time_up_loading(head.allowed)))
+        late = _late(received, head.allowed, partial(told, expired_work(head.allowed, "load")))
         task = Task(
             Job(read, received),
             head.allowed + BACKSTOP,
-            deadline=TimedAnswer(received + head.allowed, partial(told, time_up_waiting(head.allowed))),
+            deadline=TimedAnswer(received + head.allowed, partial(told, expired_work(head.allowed, "queue"))),
             late=None if keys.changes_store(read) else late,
             asker=read.asker,
             size=len(read.payload),
@@ -344,7 +343,7 @@ class Endpoint:
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
         words = (read.key, read.encoding, read.payload)
-        self._under_way.submit(name, task, partial(told, cancelled_before()), words).add_done_callback(asked.settle)
+        self._under_way.submit(name, task, partial(told, cancelled_work()), words).add_done_callback(asked.settle)
         if keys.is_scene(read):
             task.add_done_callback(partial(self._tell_change, read))
 
@@ -396,7 +395,7 @@ def _answer_again(runs: UserRuns, run_id: str, read: keys.Query) -> Answer:
 
 
 def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: float) -> Answer:
-    return True, codec.encode(cancelled_waiting(run_id, head, time.monotonic() - received), encoding)
+    return True, codec.encode(cancelled_run(run_id, head, time.monotonic() - received), encoding)
 
 
 def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
@@ -405,9 +404,5 @@ def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> Time
     return TimedAnswer(received + allowed + at, answer, received + allowed + at_last)
 
 
-def _timed_out_loading(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:
-    return True, codec.encode(timed_out_loading(run_id, head), encoding)
-
-
-def _timed_out(run_id: str, head: keys.RunHead, encoding: Encoding) -> Answer:
-    return True, codec.encode(timed_out_waiting(run_id, head), encoding)
+def _expired(run_id: str, head: keys.RunHead, stage: Stage, encoding: Encoding) -> Answer:
+    return True, codec.encode(expired_run(run_id, head, stage), encoding)

@@ -92,8 +92,8 @@ class Call:
     mouth: Mouth
     later: list[Callable[[], None]] = field(default_factory=list)
 
-    def cancelled(self) -> bool:
-        """Whether the job is to be ended early, whatever for."""
+    def is_cancelled(self) -> bool:
+        """Return whether the job is to end early, whatever for."""
         return self.number in (self.line.cancelled.value, self.line.set_back.value)
 
     def set_back(self) -> bool:
