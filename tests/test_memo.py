@@ -122,6 +122,18 @@ def test_sizes_are_those_of_arrays_each_counted_once() -> None:
     assert memo.size_of([table, table, b"12345678"]) < rows.nbytes + 300
 
 
+def test_what_answers_share_counts_once() -> None:
+    """A shared answer counts alone, and not in an answer that holds it."""
+
+    @dataclass(frozen=True)
+    class Shared(memo.SharedAnswer):
+        rows: np.ndarray
+
+    shared, rows = Shared(np.zeros(1000)), np.zeros(10)
+    assert memo.size_of(shared) >= shared.rows.nbytes
+    assert rows.nbytes <= memo.size_of((rows, shared)) < rows.nbytes + 200
+
+
 def test_what_fails_is_asked_again() -> None:
     """An error is nothing to keep."""
     tries = iter([ValueError("not yet"), None])

@@ -118,6 +118,10 @@ class MemoSet:
         self._done.keep(owner, None, True)
 
 
+class SharedAnswer:
+    """Base of answers that others hold: the memory of each counts where it is found alone."""
+
+
 def memoized(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concatenate[Key, Rest], Found]:
     """Call a function once for the same arguments, and keep what it finds at most as long as its first argument lives.
 
@@ -166,14 +170,14 @@ def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
 
 
 def size_of(answer: object) -> int:
-    """Estimate the memory of an answer [bytes]: its arrays, without what belongs to objects that have answers."""
+    """Estimate the memory of an answer [bytes]: its arrays, without those of objects that have or share answers."""
     sizes = dict[int, int]()
     _add_sizes(answer, sizes)
     return sum(sizes.values())
 
 
 def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
-    if id(value) in sizes or isinstance(value, int | float | str | None):
+    if id(value) in sizes or isinstance(value, int | float | str | None) or (sizes and isinstance(value, SharedAnswer)):
         return
     if isinstance(value, np.ndarray):
         address = value.__array_interface__["data"][0]  # of which there are several views

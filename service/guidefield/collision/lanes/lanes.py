@@ -14,20 +14,22 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.lanes.memory import LaneMemory, lane_memory
-from guidefield.collision.lanes.never import without_never_touching
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.arena import MEMORY_WORDS, SCENE_WORDS, lay_out
-from guidefield.kernels.collide.layout import Scratch
+from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, Scratch
 from guidefield.kernels.collide.motion_validation import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.collide.never_colliding import STACK, LaneAlone, never_touching
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized
-from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
+
+MOST_JUDGED_CELLS = 2000
+"""Cells of a grid that are judged to remove a pair of links: a millisecond or two."""
 
 TRIES = 60
 """Straight ways between places on a path that are looked at, unless told otherwise."""
@@ -50,12 +52,36 @@ def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same, wherever the group starts."""
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
-    robot = lane_robot(group, coverage(group.robot).shapes, pairs_of_bodies)
-    return _with_words(without_never_touching(robot, group.nv), group)
+    robot = lane_robot(group, pairs_of_bodies)
+    return _with_words(without_never_colliding(robot, group.nv), group)
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
     return robot, packed((robot.joints, robot.bodies, robot.parts, FRACTIONS, group.nv))
+
+
+def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
+    """Remove pairs of links that keep apart wherever their coordinates are within their limits.
+
+    A robot's description rarely names all pairs that can't collide.
+
+    Args:
+        robot: The robot.
+        nv: Its coordinates.
+    """
+    bodies = robot.bodies
+    layout = lane_memory(robot, nv, len(bodies.pairs) // PAIR, 0)
+    views = layout.views(np.zeros(layout.size, np.int64), 0)
+    alone = LaneAlone(robot.joints, bodies, robot.parts, Scratch(**{name: views[name] for name in Scratch._fields}))
+    never = np.zeros(bodies.n_meetings, np.bool_)
+    never_touching(packed(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
+    meetings = bodies.meetings.reshape(-1, MEETING)[~never].ravel()
+    grids = bodies.grids.reshape(-1, GRID_PLACES)[~never].ravel()
+    numbers = bodies.grid_numbers.reshape(-1, GRID_NUMBERS)[~never].ravel()
+    for array in (meetings, grids, numbers):
+        array.setflags(write=False)
+    left = bodies._replace(n_meetings=len(meetings) // MEETING, meetings=meetings, grids=grids, grid_numbers=numbers)
+    return dataclasses.replace(robot, bodies=left)
 
 
 @dataclass(frozen=True, eq=False)

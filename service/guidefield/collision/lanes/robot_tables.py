@@ -31,8 +31,10 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     TURNING,
     LaneJoints,
 )
+from guidefield.memo import SharedAnswer
 from guidefield.robot.bodies.convex_parts import convex_parts
-from guidefield.robot.bodies.sphere_cover import ShapeCoverage
+from guidefield.robot.bodies.sphere_cover import coverage
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.joint_tables import joint_table
@@ -57,29 +59,30 @@ _SAME = 3e-8
 
 
 @dataclass(frozen=True, eq=False)
-class LaneRobot:
-    """A robot for lanes: joints that turn about z or slide along it where they have one axis, bodies in their frames.
+class LinkTables(SharedAnswer):
+    """The collision shapes of a group as the kernels read them, whichever pairs of them must not touch.
 
     Attributes:
-        joints: Its joints.
-        bodies: Its collision shapes, as the group's geometry has them, each with its cover and inner balls.
-        parts: The shapes themselves.
-        pieces_paired: How many pairs of pieces there are.
+        joints: Its joints; rotation vectors start from the identity, see `turned_from`.
+        parts: The shapes.
+        roots: The root of each shape's tree, shape (n,).
+        pieces: Nodes of each shape that are nearly convex.
+        balls: Bounding spheres, inscribed spheres, groups of the first and one sphere about each shape, in its joint's
+            frame; arrays (k, 4) [m].
+        sizes: How many bounding spheres each group has.
     """
 
     joints: LaneJoints
-    bodies: LaneBodies
     parts: Parts
-    pieces_paired: int
+    roots: np.ndarray
+    pieces: list[np.ndarray]
+    balls: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]
+    sizes: list[np.ndarray]
 
 
-def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.ndarray) -> LaneRobot:
-    """Build the tables of a group; rotation vectors start from the identity, see `turned_from`.
-
-    Args:
-        group: The robot's planned joints.
-        balls: For each collision shape, balls that contain it and balls inside it.
-        pairs: Indices of the shapes that must not touch each other, shape (p, 2).
+@memoized_for_alike
+def link_tables(group: PlanningGroup) -> LinkTables:
+    """Build the tables of a group's collision shapes.
 
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
@@ -87,7 +90,7 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
     turns = _turns(group.model)
     table, roots, pieces = PartsTable(), [], []
     covers, inners, grouped, bounds, sizes = [], [], [], [], []
-    shapes = list(group.geometry.geometryObjects)
+    shapes, balls = group.geometry.geometryObjects, coverage(group.robot).shapes
     for shape, ball, cut in zip(shapes, balls, convex_parts(group.robot), strict=True):
         placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
         if cut is None:
@@ -101,21 +104,54 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         grouped.append(_moved(placement, ball.cover.groups))
         sizes.append(np.diff(ball.cover.first))
         bounds.append(_moved(placement, ball.cover.bound[None]))
-    joints = np.array([shape.parentJoint for shape in shapes], np.int64)
+    joints, parts, all_roots = _joints(group, turns), table.tables(), np.array(roots, np.int64)
+    return LinkTables(joints, parts, all_roots, pieces, (covers, inners, grouped, bounds), sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class LaneRobot:
+    """A robot for lanes: joints that turn about z or slide along it where they have one axis, bodies in their frames.
+
+    Attributes:
+        links: Its collision shapes, which sets of pairs share.
+        joints: Its joints, from where the group starts.
+        bodies: Its shapes, as the group's geometry has them, each with its bounding and inscribed spheres.
+        pieces_paired: How many pairs of pieces there are.
+    """
+
+    links: LinkTables
+    joints: LaneJoints
+    bodies: LaneBodies
+    pieces_paired: int
+
+    @property
+    def parts(self) -> Parts:
+        """The shapes themselves."""
+        return self.links.parts
+
+
+def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
+    """Build the tables of a group and the pairs (p, 2) of its shapes' indices that must not touch each other.
+
+    Raises:
+        UnservedError: if a shape is of a kind that the kernels don't know.
+    """
+    links = link_tables(group)
+    pieces, (covers, inners, grouped, bounds) = links.pieces, links.balls
+    joints = np.array([shape.parentJoint for shape in group.geometry.geometryObjects], np.int64)
     carrying = np.unique(joints)[::-1]
     members = [np.flatnonzero(joints == joint) for joint in carrying]
     meetings, ordered = _meetings(pairs, np.searchsorted(-carrying, -joints))
     counts = np.array([len(nodes) for nodes in pieces], np.int64)
     products = counts[ordered].prod(axis=1)
     places = _offsets_of(products + (products > 1))
-    parts = table.tables()
-    lane_joints = _joints(group, turns)
     whole = [np.concatenate([covers[body] for body in bodies]) for bodies in members]
     several = [bool((products[first:last] > 1).any()) for first, last in meetings[:, 2:].tolist()]
     most = np.where(several, GRID_SIDES, GRID_SIDES - 1)
-    grids = lane_grids(lane_joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
+    grids = lane_grids(links.joints, meetings, carrying, whole, np.column_stack([group.lower, group.upper]), most)
+    nodes = np.concatenate([np.empty(0, np.int64), *pieces])
     bodies = LaneBodies(
-        size=len(shapes),
+        size=len(joints),
         carriers=len(carrying),
         moving=int(np.count_nonzero(carrying)),
         n_meetings=len(meetings),
@@ -125,29 +161,24 @@ def lane_robot(group: PlanningGroup, balls: Sequence[ShapeCoverage], pairs: np.n
         members=_offsets(members),
         order=np.concatenate([np.empty(0, np.int64), *members]),
         groups=_offsets(grouped),
-        covers=_offsets_of(np.concatenate([np.empty(0, np.int64), *sizes])),
+        covers=_offsets_of(np.concatenate([np.empty(0, np.int64), *links.sizes])),
         inners=_offsets(inners),
-        roots=np.array(roots, np.int64),
+        roots=links.roots,
         pieces=_offsets(pieces),
-        piece_roots=np.concatenate([np.empty(0, np.int64), *pieces]),
+        piece_roots=nodes,
         meetings=meetings.ravel(),
         pairs=np.column_stack([ordered, places[:-1]]).ravel(),
         around=_balls([_ball_about(np.concatenate([bounds[body] for body in bodies])) for bodies in members]),
         bounds=_balls(bounds),
-        piece_bounds=parts.balls.reshape(-1, 4)[np.concatenate([np.empty(0, np.int64), *pieces])]
-        .astype(np.float32)
-        .ravel(),
+        piece_bounds=links.parts.balls.reshape(-1, 4)[nodes].astype(np.float32).ravel(),
         grouped=_balls(grouped),
         cover=_balls(covers),
         inner=_balls(inners),
-        grids=grids.grids,
-        grid_numbers=grids.grid_numbers,
-        cells=grids.cells,
-        apart=grids.apart,
+        **grids._asdict(),
     )
     for array in bodies[5:-2]:
         array.setflags(write=False)
-    return LaneRobot(lane_joints, bodies, parts, int(places[-1]))
+    return LaneRobot(links, links.joints, bodies, int(places[-1]))
 
 
 def _surface_points(shape: Any) -> np.ndarray:

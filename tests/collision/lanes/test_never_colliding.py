@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.collision.lanes.never import without_never_touching
+from guidefield.collision.lanes.lanes import BatchCollision, without_never_colliding
 from guidefield.collision.lanes.robot_tables import lane_robot
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import LaneBodies
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.scene import build
 from tests.collision.lanes.test_cell_grids import distance
@@ -35,8 +34,8 @@ def meeting(bodies: LaneBodies) -> set[tuple[int, int]]:
 def left_out(planned: PlanningGroup) -> tuple[World, set[tuple[int, int]], set[tuple[int, int]]]:
     """The robot among nothing, its pairs, and those of them that are left out."""
     world = World.build(planned, build(messages.Scene(name="nothing")))
-    robot = lane_robot(planned, coverage(planned.robot).shapes, world.pairs.own)
-    left = meeting(without_never_touching(robot, planned.nv).bodies)
+    robot = lane_robot(planned, world.pairs.own)
+    left = meeting(without_never_colliding(robot, planned.nv).bodies)
     every = meeting(robot.bodies)
     assert left <= every
     return world, every, every - left
@@ -60,3 +59,12 @@ def test_what_comes_within_a_millimetre_is_kept(x: float, touch: bool) -> None:
     _, every, out = left_out(grouped(UrdfText(text=TWO_BALLS.format(x=x))))
     assert len(every) == 1
     assert out == (set() if touch else every)
+
+
+def test_worlds_with_other_pairs_share_the_shapes() -> None:
+    """Megabytes of parts are there once, whatever may touch."""
+    planned, scene = group("panda"), build(messages.Scene(name="nothing"))
+    worlds = [World.build(planned, scene, pairs) for pairs in ((), [("panda_link1", "panda_link5")])]
+    one, other = (BatchCollision.build(world).robot for world in worlds)
+    assert one.bodies.n_meetings > other.bodies.n_meetings
+    assert one.parts is other.parts
