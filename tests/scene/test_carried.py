@@ -26,12 +26,11 @@ from guidefield.prove.tables import _obstacle_parts
 from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY, Rows, carried
+from guidefield.scene.crop import Ball, nearest_obstacles
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.moving_tables import moving_tables
-from guidefield.scene.nearest_to_ball import nearest_to_ball
 from guidefield.scene.placed import placed_rows
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.within_ball import Ball
 from tests.scene.solids import l_prism
 
 BALL = Ball(0.1, 0.2, 0.3, 0.9)
@@ -147,12 +146,12 @@ def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count
         if rng.random() < 0.3:
             continue  # a version that nobody asks for
         scene = kept.of(versions[-1])
-        nearest_to_ball(seen[-1], BALL)
+        nearest_obstacles(seen[-1], BALL)
         seen.append(scene)
         before.append(bits(tables(scene)))
         alone = build(copied(versions[-1]))
         assert before[-1] == bits(tables(alone))
-        near, expected = nearest_to_ball(scene, BALL), nearest_to_ball(alone, BALL)
+        near, expected = nearest_obstacles(scene, BALL), nearest_obstacles(alone, BALL)
         assert bits(near[:3]) == bits(expected[:3])
         assert bits(tables(near.of(scene))) == bits(tables(expected.of(alone)))
     assert [bits(tables(scene)) for scene in seen] == before, "what an earlier version was it is still"

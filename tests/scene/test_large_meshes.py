@@ -23,8 +23,8 @@ from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
 from guidefield.prove import tables
 from guidefield.scene import distance_tables as of_scene, obstacle
+from guidefield.scene.crop import Ball, crop
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.within_ball import Ball, within_ball
 from tests.scene.test_mesh import box_mesh, room
 
 SIDE = 105
@@ -88,7 +88,7 @@ def everything(scene: Scene) -> list[Any]:
 
 def met(scene: Scene) -> Scene:
     """What is met of it in a ball above the terrain."""
-    part = within_ball(scene, Ball(0.2, 0.1, 0.5, 0.25))
+    part = crop(scene, Ball(0.2, 0.1, 0.5, 0.25))[0]
     assert part.obstacles[0].faces < 0.5 * scene.obstacles[0].faces
     return part
 
@@ -151,9 +151,9 @@ def test_what_is_seen_is_read_alone_and_is_what_was_found(monkeypatch: pytest.Mo
 
 def test_another_ball_or_shape_sees_something_else() -> None:
     scene = new_scene()
-    parts = [within_ball(scene, Ball(x, 0.1, 0.5, 0.25)).obstacles[0] for x in (0.2, 0.3)]
+    parts = [crop(scene, Ball(x, 0.1, 0.5, 0.25))[0].obstacles[0] for x in (0.2, 0.3)]
     moved = msgspec.structs.replace(message().obstacles[0], position=[0.1, 0.1, 0.2])
-    parts.append(within_ball(build(Message(name="kept", obstacles=[moved])), Ball(0.2, 0.1, 0.5, 0.25)).obstacles[0])
+    parts.append(crop(build(Message(name="kept", obstacles=[moved])), Ball(0.2, 0.1, 0.5, 0.25))[0].obstacles[0])
     assert len({part.recipe.content for part in parts}) == 3
     assert len(list(cache.folder().glob("seen-*"))) == 3
     assert len({part.recipe.surface(part.message)[0].tobytes() for part in parts}) == 3
@@ -261,7 +261,7 @@ def of_cloud(one: obstacle.Obstacle) -> list[bytes]:
     """What is made of a cloud, and of what is met of it, as bytes."""
     scene = build(Message(name="kept", obstacles=[one.message]))
     parts = [replace(scene, obstacles=(one,))]
-    parts.append(within_ball(parts[0], Ball(0.2, 0.1, 0.5, 0.25)))
+    parts.append(crop(parts[0], Ball(0.2, 0.1, 0.5, 0.25))[0])
     assert parts[1].obstacles[0].faces < 0.7 * len(POINTS)
     made = [array for part in parts for array in tables._obstacle_parts(part)[1]]
     return [array.tobytes() for array in (*made, *(part.obstacles[0].cloud.points for part in parts))]

@@ -78,7 +78,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
-        kind: SOLID, SEEN_SOLID or SHEET.
+        kind: SOLID, CROPPED_SOLID or SHEET.
         neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
             which side is which at its edges and corners, and nothing else.
     """
@@ -86,7 +86,7 @@ def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: I
 
 
 def of_surface(rows: SurfaceRows, kind: int) -> Body:
-    """The body of a surface whose rows are made, SOLID, SEEN_SOLID or SHEET; without an anchor."""
+    """The body of a surface whose rows are made, SOLID, CROPPED_SOLID or SHEET; without an anchor."""
     return Body(kind, (0.0, 0.0, 0.0), rows.bounds, _IDENTITY, rows.tables)
 
 

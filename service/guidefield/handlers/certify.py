@@ -18,8 +18,7 @@ from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_case import motion_of
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
-from guidefield.handlers.in_reach import in_reach
-from guidefield.handlers.preparation import prepare_plan
+from guidefield.handlers.preparation import crop_to_reach, prepare_plan
 from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Record
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
@@ -86,7 +85,7 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
     problem, warnings = certify_problem(request, robot, scene, deadline)
-    problem = in_reach(problem, deadline, limited=False)
+    problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
     uses = _uses(problem)
@@ -113,7 +112,7 @@ def answer_certify(
 def restore_certify(request: CertifyRequest, robot: RobotModel, scene: Scene, packed: PackedMotion) -> JudgedMotion:
     """The motion of a judgement that was packed; arguments as those of `answer_certify`."""
     problem, _ = certify_problem(request, robot, scene, UNLIMITED)
-    problem = in_reach(problem, UNLIMITED, limited=False)
+    problem = crop_to_reach(problem, UNLIMITED, limited=False)
     found = None if packed.found is None else packed.found.clearance(_motion(problem), problem)
     return _recorded(scene, problem, found)
 

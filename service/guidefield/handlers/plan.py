@@ -17,11 +17,10 @@ from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.end_limits import refuse_ends
-from guidefield.handlers.in_reach import in_reach
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
-from guidefield.handlers.preparation import connects, is_laid_out, prepare_links, prepare_problem
+from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
 from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Record
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
@@ -72,7 +71,7 @@ def answer_plan(
     problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
     if not guided:
-        problem = in_reach(problem, deadline)
+        problem = crop_to_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
     refusal, derivation = refuse_ends(problem), Derivation()
     if refusal is None:
@@ -104,7 +103,7 @@ def restore_plan(request: PlanRequest, robot: RobotModel, scene: Scene, packed: 
     """The motion of a plan that was packed; arguments as those of `answer_plan`."""
     problem, _ = problem_of(request, robot, scene, UNLIMITED)
     if not _is_guided(request, problem):
-        problem = in_reach(problem, UNLIMITED)
+        problem = crop_to_reach(problem, UNLIMITED)
     trajectory = None if packed.knots is None else packed.knots.trajectory()
     found = None
     if packed.found is not None and trajectory is not None:

@@ -1,26 +1,34 @@
-"""Preparation of a robot and a scene for their first plan: each part is kept, and the next request goes on from it."""
+"""Prepare a robot and a scene for their first plan: each part is kept, and the next request continues from it."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
+from itertools import chain
+from typing import TypeVar
 
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.preparation import Told, is_prepared, prepare
+from guidefield.collision.robot_ball import robot_reach
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.memo import MemoSet
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
+from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.problem import Problem
 from guidefield.prove.tables import prepare_obstacles, robot_parts
 from guidefield.robot.model.model import RobotModel
+from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.placed import unplaced
 from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
+
+Asked = TypeVar("Asked", bound=Conditions)
 
 MANY_HELD = 10_000
 """Obstacles that move, of fewer triangles and points, are held somewhere within some milliseconds."""
@@ -71,6 +79,29 @@ def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
     prepare_plan(robot, problem.scene, problem.deadline, told, field=field)
     if robot is not None:
         prepare_links(problem.world, problem.deadline)
+
+
+def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -> Asked:
+    """Crop the scene of a problem to what its robot can reach: distances from the nearest obstacles are the same.
+
+    Args:
+        problem: The problem.
+        deadline: Checked before each search.
+        limited: Whether the joints keep their limits.
+
+    Raises:
+        DeadlineExpired: if time was up before.
+    """
+    scene, world = problem.scene, problem.world
+    reach = robot_reach(problem.group, limited) if has_many(scene) or has_large(scene) else None
+    if reach is None:
+        return problem
+    named = scene.names.intersection(chain.from_iterable(problem.allowed_collisions))
+    cropped, chosen = crop(scene, reach, named, deadline)
+    if cropped is scene:
+        return problem
+    pairs = world.pairs if chosen is None else world.pairs.among(chosen)
+    return dataclasses.replace(problem, scene=cropped, world=World(problem.group, cropped, pairs, world.held_contacts))
 
 
 def connects(request: PlanRequest) -> bool:

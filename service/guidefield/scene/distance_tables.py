@@ -31,7 +31,7 @@ from guidefield.kernels.collide.primitive import (
     HALF_SPACE as HALF_SPACE_PLACED,
 )
 from guidefield.kernels.collide.primitive_bodies import primitive_bodies
-from guidefield.kernels.distance.distance import HALF_SPACE, SEEN_SOLID, SHEET, SOLID, DistanceTables
+from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.read_only import read_only
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
@@ -164,7 +164,7 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
         return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
         solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
-        return [body.placed(rotation, translation) for body in _as_seen(obstacle, solids)]
+        return [body.placed(rotation, translation) for body in _as_cropped(obstacle, solids)]
     if _is_small_sheet(obstacle):
         return bodies_in(_small_sheets([obstacle]))
     found = [triangulated(vertices, triangles, SHEET, beside) for vertices, triangles, beside in obstacle.surfaces]
@@ -173,7 +173,7 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
 
 def _is_small_sheet(obstacle: Obstacle) -> bool:
     """Tell if an obstacle is a thin surface of few triangles that is seen whole."""
-    return not (obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.seen) and obstacle.faces <= FEW
+    return not (obstacle.solid or obstacle.convex or obstacle.cloud or obstacle.cropped) and obstacle.faces <= FEW
 
 
 def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
@@ -194,15 +194,15 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
 
     made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
     bodies = [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
-    return _as_seen(obstacle, bodies) if obstacle.solid else bodies
+    return _as_cropped(obstacle, bodies) if obstacle.solid else bodies
 
 
-def _as_seen(obstacle: Obstacle, solids: list[Body]) -> list[Body]:
+def _as_cropped(obstacle: Obstacle, solids: list[Body]) -> list[Body]:
     """The solids of an obstacle, those of which only a part is seen as such."""
-    if obstacle.seen is None:
+    if obstacle.cropped is None:
         return solids
-    parts = zip(solids, obstacle.seen.parts, obstacle.seen.anchors, strict=True)
+    parts = zip(solids, obstacle.cropped.parts, obstacle.cropped.anchors, strict=True)
     return [
-        dataclasses.replace(body, kind=SEEN_SOLID, anchor=anchor) if len(neighbours) else body
+        dataclasses.replace(body, kind=CROPPED_SOLID, anchor=anchor) if len(neighbours) else body
         for body, (_, _, neighbours), anchor in parts
     ]

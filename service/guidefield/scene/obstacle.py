@@ -20,13 +20,13 @@ from guidefield.messages import scene as messages
 from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of
+from guidefield.scene.cropped_surface import CroppedSurface
 from guidefield.scene.facets import Facets
 from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
 from guidefield.scene.recipe import Recipe
-from guidefield.scene.seen_surface import SeenSurface
 from guidefield.scene.sheets import Sheet, build_sheets
 from guidefield.scene.size import size_warnings
 from guidefield.scene.solids import solids_of
@@ -43,7 +43,7 @@ class Obstacle:
         warnings: What was odd about it but harmless.
         motion: How it moves; None at rest.
         cloud: Its points and their radius, if it is a cloud.
-        seen: What is seen of its surface from some ball, if it is that part of another obstacle; see `within_ball`.
+        cropped: Its surface, if it is a part of another obstacle's; see `crop`.
     """
 
     message: messages.Obstacle
@@ -52,7 +52,7 @@ class Obstacle:
     warnings: tuple[str, ...] = ()
     motion: ObstacleMotion | None = None
     cloud: Cloud | None = None
-    seen: SeenSurface | None = None
+    cropped: CroppedSurface | None = None
 
     @property
     def name(self) -> str:
@@ -104,10 +104,10 @@ class Obstacle:
     def box(self) -> np.ndarray:
         """Lower and upper corner of the box about `shape` along the axes of its own frame, shape (2, 3) [m].
 
-        Of a solid of which a part is seen it is about all of it: what is wholly inside is found by it.
+        Of a cropped solid it is about all of it: what is wholly inside is found by it.
         """
-        if self.seen is not None and self.solid:
-            return self.seen.box
+        if self.cropped is not None and self.solid:
+            return self.cropped.box
         if self.recipe.facets is not None:
             return self.recipe.facets.box
         self.shape.computeLocalAABB()
@@ -155,16 +155,16 @@ class Obstacle:
     @cached_property
     def surfaces(self) -> tuple[Triangulated, ...]:
         """The triangles of what isn't convex in its own frame: those of each solid, or of the thin surface."""
-        if self.seen is not None:
-            return self.seen.parts
+        if self.cropped is not None:
+            return self.cropped.parts
         vertices, triangles = self.recipe.surface(self.message)
         parts = solids_of(vertices, triangles) if self.solid else [triangles]
         return tuple((vertices, part, NO_TRIANGLES) for part in parts)
 
     @property
     def whole_surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, whatever is seen of it."""
-        return self.recipe.surface(self.message) if self.seen is None else self.seen.whole()
+        """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, if it is cropped, too."""
+        return self.recipe.surface(self.message) if self.cropped is None else self.cropped.whole()
 
     @cached_property
     def charges(self) -> Charges:

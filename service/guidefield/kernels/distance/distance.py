@@ -39,8 +39,8 @@ from guidefield.kernels.jit.signatures import (
 )
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
 
-BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, SEEN_SOLID = range(8)
-"""Kinds of bodies; of a seen solid only a part of the closed surface is there, see scene/seen_surface.py."""
+BOX, CYLINDER, CAPSULE, HALF_SPACE, SOLID, SHEET, CLOUD, CROPPED_SOLID = range(8)
+"""Kinds of bodies; of a cropped solid only a part of the closed surface is there, see scene/cropped_surface.py."""
 
 
 _STACK = 64

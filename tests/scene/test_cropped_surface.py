@@ -7,10 +7,10 @@ import pytest
 
 from guidefield.geometry.box_tree import box_tree
 from guidefield.kernels.cover.anchors import distance_to_triangles
-from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
+from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
 from guidefield.read_only import read_only
-from guidefield.scene.anchor import anchor_of, no_anchor
+from guidefield.scene.cropped_surface import anchor_of
 from tests.geometry import solids
 from tests.kernels.distance.test_closed_meshes import voxels
 
@@ -93,7 +93,6 @@ def test_a_ball_about_a_place_on_the_surface_has_it_elsewhere() -> None:
 
 def test_where_windings_are_no_whole_numbers_there_is_no_room() -> None:
     assert anchor_of(*solids.bowl(), np.array([0.0, 0.0, -0.04]), 0.2)[ROOM] == 0.0
-    np.testing.assert_array_equal(no_anchor(), np.zeros(ANCHOR))
 
 
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)

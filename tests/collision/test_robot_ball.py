@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.bodies import bodies, joint_placements
-from guidefield.collision.robot_reach import robot_reach
+from guidefield.collision.robot_ball import robot_reach
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from tests.robots import box_arm, group, grouped, random_configuration, robot

@@ -9,22 +9,23 @@ import numpy as np
 import pytest
 import trimesh
 
-from guidefield.collision.robot_reach import robot_reach
+from guidefield.collision.robot_ball import robot_reach
 from guidefield.deadline import Deadline, DeadlineExpired
-from guidefield.handlers import in_reach as room
+from guidefield.handlers import preparation
 from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
+from guidefield.handlers.preparation import crop_to_reach
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.values import Placement
 from guidefield.planner.task.conditions import Conditions
-from guidefield.scene.nearest_to_ball import nearest_to_ball
+from guidefield.scene import crop as room
+from guidefield.scene.crop import Ball, crop, nearest_obstacles
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.within_ball import Ball, within_ball
 from tests.handlers.test_plan import PATIENT, READY
 from tests.robots import group, random_configuration, robot
-from tests.scene.test_within_ball import grid, mesh
+from tests.scene.test_crop_large import grid, mesh
 
 COUNT = 90
 """Squares a side: more than ten thousand triangles."""
@@ -49,6 +50,12 @@ def ask(scene: Scene, **request: Any) -> PlanReply:
     return answer_plan(message, robot("panda"), scene, run_id="run", received=time.monotonic())
 
 
+def leave_whole(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
+    """Have no scene cropped for having many obstacles, or large ones."""
+    for module in (room, preparation):
+        monkeypatch.setattr(module, asked, lambda _: False)
+
+
 @pytest.fixture(scope="module")
 def yard() -> Scene:
     return ground()
@@ -56,7 +63,7 @@ def yard() -> Scene:
 
 def test_answers_are_those_among_all_of_it(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     met = ask(yard)
-    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    leave_whole(monkeypatch, "has_large")
     whole = ask(yard)
     assert met.status.name == whole.status.name == "SUCCESS"
     np.testing.assert_allclose(met.trajectory.positions, whole.trajectory.positions, atol=1e-3)
@@ -71,7 +78,7 @@ def test_what_is_touched_is_named_as_among_all_of_it(yard: Scene, monkeypatch: p
     impatient = {"allowed_planning_time": 30.0, "optimization_iterations": 0}
     some = [goal for goal in asked if ask(yard, goal=goal, **impatient).status.name == "GOAL_IN_COLLISION"]
     met = [ask(yard, goal=goal).status for goal in some]
-    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    leave_whole(monkeypatch, "has_large")
     assert [ask(yard, goal=goal).status.message for goal in some] == [status.message for status in met]
     named = " ".join(status.message for status in met)
     assert "and ground" in named
@@ -84,7 +91,7 @@ def test_a_judgement_is_among_what_is_met(yard: Scene, monkeypatch: pytest.Monke
         {"type": "certify", "robot": "panda", "scene": "yard", "path": positions, "recording": "off"}
     )
     found = [answer_certify(request, robot("panda"), yard, run_id="run", received=time.monotonic())]
-    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    leave_whole(monkeypatch, "has_large")
     found.append(answer_certify(request, robot("panda"), yard, run_id="run", received=time.monotonic()))
     assert found[0].status == found[1].status
     assert found[0].clearance.minimum == pytest.approx(found[1].clearance.minimum, abs=2e-4)
@@ -99,7 +106,7 @@ def test_a_robot_inside_of_a_solid_of_which_it_sees_one_side_is_in_collision() -
     scene = build(messages.Scene(name="yard", obstacles=[mesh("block", vertices, block.faces)]))
     reach = robot_reach(group("panda"))
     assert reach is not None
-    met = within_ball(scene, reach)
+    met = crop(scene, reach)[0]
     assert met.obstacles[0].faces < 0.5 * scene.obstacles[0].faces
     assert ask(scene).status.name == "START_STATE_IN_COLLISION"
     positions = [[*READY.values()], [*{**READY, "panda_joint1": 1.0}.values()]]
@@ -117,8 +124,8 @@ def test_time_that_is_up_before_is_told() -> None:
     )
     problem, _ = certify_problem(request, robot("panda"), yard, Deadline())
     with pytest.raises(DeadlineExpired, match="in reach of scene yard"):
-        room.in_reach(problem, Deadline(0.0))
-    assert room.in_reach(problem, Deadline()).scene.obstacles[0].faces < yard.obstacles[0].faces
+        crop_to_reach(problem, Deadline(0.0))
+    assert crop_to_reach(problem, Deadline()).scene.obstacles[0].faces < yard.obstacles[0].faces
 
 
 def shelves(seed: int, wide: float = 3.0) -> Scene:
@@ -138,8 +145,8 @@ def test_answers_among_very_many_are_those_among_all(seed: int, monkeypatch: pyt
     allowed = [["panda_hand", scene.obstacles[0].name], ["panda_link4", near], ["panda_hand", near]]
     asked = {"allowed_collisions": allowed, "seed": seed}
     met = ask(scene, **asked)
-    assert len(nearest_to_ball(scene, robot_reach(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
-    monkeypatch.setattr(room, "has_many", lambda _: False)
+    assert len(nearest_obstacles(scene, robot_reach(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
+    leave_whole(monkeypatch, "has_many")
     whole = ask(scene, **asked)
     assert met.status.name == whole.status.name == "SUCCESS"
     assert met.certificate.collision_free
@@ -176,10 +183,10 @@ def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch
     scene = crowd(seed)
     asked = {"allowed_collisions": [["panda_hand", "c0"], ["panda_hand", "p7"]], "seed": seed}
     met = ask(scene, **asked)
-    left = room.in_reach(of(scene), Deadline()).scene
+    left = crop_to_reach(of(scene), Deadline()).scene
     assert left.moves
     assert len(left.obstacles) < 0.5 * len(scene.obstacles)
-    monkeypatch.setattr(room, "has_many", lambda _: False)
+    leave_whole(monkeypatch, "has_many")
     whole = ask(scene, **asked)
     assert met.status.name == whole.status.name == "SUCCESS"
     assert met.certificate.collision_free
@@ -192,11 +199,11 @@ def test_answers_among_many_that_move_are_those_among_all(seed: int, monkeypatch
 def test_of_what_is_large_a_part_is_met_where_something_moves_too(yard: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     across = drifting("across", np.array([0.55, 0.9, 0.5]), np.array([0.55, -0.6, 0.5]))
     scene = build(messages.Scene("yard", obstacles=[*yard.message.obstacles, across]))
-    left = room.in_reach(of(scene), Deadline()).scene
+    left = crop_to_reach(of(scene), Deadline()).scene
     assert left.moves
     assert left.resting.obstacles[0].faces == left.at(1.0).obstacles[0].faces < 0.5 * yard.obstacles[0].faces
     met = ask(scene)
-    monkeypatch.setattr(room, "is_large_scene", lambda _: False)
+    leave_whole(monkeypatch, "has_large")
     whole = ask(scene)
     assert met.status.name == whole.status.name == "SUCCESS"
     assert met.certificate.collision_free
@@ -211,5 +218,5 @@ def test_what_is_touched_among_very_many_is_named(monkeypatch: pytest.MonkeyPatc
     impatient = {"allowed_planning_time": 30.0, "optimization_iterations": 0}
     met = [ask(scene, goal=goal, **impatient).status for goal in asked]
     assert any(status.name == "GOAL_IN_COLLISION" and " and c" in status.message for status in met)
-    monkeypatch.setattr(room, "has_many", lambda _: False)
+    leave_whole(monkeypatch, "has_many")
     assert [ask(scene, goal=goal, **impatient).status for goal in asked] == met

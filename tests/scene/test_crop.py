@@ -13,9 +13,8 @@ from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY
-from guidefield.scene.nearest_to_ball import MANY_MOVE, has_many, nearest_to_ball
+from guidefield.scene.crop import MANY_MOVING, Ball, has_many, nearest_obstacles
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.within_ball import Ball
 from tests.scene.test_carried import OTHERS, PLACED
 
 
@@ -42,7 +41,7 @@ def test_no_place_in_the_ball_has_lost_its_nearest(seed: int, odd: float) -> Non
     rng = np.random.default_rng(seed)
     scene = build(scattered(seed, 120, odd))
     ball = Ball(*rng.normal(scale=1.5, size=3).tolist(), float(rng.uniform(0.05, 0.8)))
-    kept = nearest_to_ball(scene, ball)
+    kept = nearest_obstacles(scene, ball)
     met = kept.of(scene)
     assert met.obstacles == tuple(scene.obstacles[k] for k in kept.chosen)
     assert met.message.obstacles == [scene.message.obstacles[k] for k in kept.chosen]
@@ -58,13 +57,13 @@ def test_no_place_in_the_ball_has_lost_its_nearest(seed: int, odd: float) -> Non
 def test_what_is_far_behind_something_near_is_left_out() -> None:
     far = [messages.Sphere(name=f"f{k}", radius=0.1, position=(10.0, 0.1 * k, 0.0)) for k in range(50)]
     near = messages.Box(name="near", size=(0.1, 0.1, 0.1), position=(0.5, 0.0, 0.0))
-    kept = nearest_to_ball(build(messages.Scene("s", obstacles=[*far, near])), Ball(0.0, 0.0, 0.0, 1.0))
+    kept = nearest_obstacles(build(messages.Scene("s", obstacles=[*far, near])), Ball(0.0, 0.0, 0.0, 1.0))
     assert kept.chosen.tolist() == [50]
     floor = messages.HalfSpace(name="floor", normal=(0.0, 0.0, 2.0), offset=-1.0)
-    kept = nearest_to_ball(build(messages.Scene("s", obstacles=[*far, floor])), Ball(0.0, 0.0, 0.0, 1.0))
+    kept = nearest_obstacles(build(messages.Scene("s", obstacles=[*far, floor])), Ball(0.0, 0.0, 0.0, 1.0))
     assert kept.chosen.tolist() == [50]
     assert kept.most[50] == pytest.approx(1.5)
-    kept = nearest_to_ball(build(messages.Scene("s", obstacles=far)), Ball(0.0, 0.0, 0.0, 1.0))
+    kept = nearest_obstacles(build(messages.Scene("s", obstacles=far)), Ball(0.0, 0.0, 0.0, 1.0))
     assert 0 < len(kept.chosen) <= 50
 
 
@@ -72,9 +71,9 @@ def test_what_may_be_touched_is_kept_and_nothing_is_left_out_for_it() -> None:
     balls = [messages.Sphere(name=f"f{k}", radius=0.1, position=(2.0 + 2.0 * k, 0.0, 0.0)) for k in range(9)]
     scene = build(messages.Scene("s", obstacles=balls))
     ball = Ball(0, 0, 0, 0.5)
-    assert nearest_to_ball(scene, ball).chosen.tolist() == [0]
-    assert nearest_to_ball(scene, ball, frozenset({"f0"})).chosen.tolist() == [0, 1]
-    assert nearest_to_ball(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
+    assert nearest_obstacles(scene, ball).chosen.tolist() == [0]
+    assert nearest_obstacles(scene, ball, frozenset({"f0"})).chosen.tolist() == [0, 1]
+    assert nearest_obstacles(scene, ball, frozenset({"f0", "f5"})).chosen.tolist() == [0, 1, 5]
 
 
 def passing(name: str, begin: tuple[float, float, float], end: tuple[float, float, float]) -> messages.Sphere:
@@ -87,11 +86,14 @@ def test_what_moves_is_left_out_where_it_never_gets_near_and_nothing_for_where_i
     ball = Ball(0.0, 0.0, 0.0, 0.5)
     far, near = passing("far", (9.0, 0.0, 0.0), (9.0, 1.0, 0.0)), passing("near", (0.0, 9.0, 0.0), (0.0, 0.7, 0.0))
     rests = messages.Sphere(name="rests", radius=0.1, position=(3.0, 0.0, 0.0))
-    assert nearest_to_ball(build(messages.Scene("s", obstacles=[far, near, rests])), ball).chosen.tolist() == [1, 2]
+    assert nearest_obstacles(build(messages.Scene("s", obstacles=[far, near, rests])), ball).chosen.tolist() == [1, 2]
     comes = passing("comes", (20.0, 0.0, 0.0), (0.6, 0.0, 0.0))
     stays = passing("stays", (0.7, 0.0, 0.0), (0.8, 0.0, 0.0))
-    assert nearest_to_ball(build(messages.Scene("s", obstacles=[comes, rests])), ball).chosen.tolist() == [0, 1]
-    assert nearest_to_ball(build(messages.Scene("s", obstacles=[comes, stays, rests])), ball).chosen.tolist() == [0, 1]
+    assert nearest_obstacles(build(messages.Scene("s", obstacles=[comes, rests])), ball).chosen.tolist() == [0, 1]
+    assert nearest_obstacles(build(messages.Scene("s", obstacles=[comes, stays, rests])), ball).chosen.tolist() == [
+        0,
+        1,
+    ]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -100,7 +102,7 @@ def test_no_place_in_the_ball_has_lost_its_nearest_at_any_time(seed: int) -> Non
     places = rng.uniform(-3.0, 3.0, (40, 2, 3))
     movers = [passing(f"m{k}", tuple(a.tolist()), tuple((a + 0.2 * b).tolist())) for k, (a, b) in enumerate(places)]
     scene, ball = build(messages.Scene("s", obstacles=movers)), Ball(*rng.normal(size=3).tolist(), 0.3)
-    kept = nearest_to_ball(scene, ball)
+    kept = nearest_obstacles(scene, ball)
     assert 0 < len(kept.chosen) < len(movers)
     for time in np.linspace(-0.1, 1.1, 13):
         held, away = scene.at(float(time)), rng.normal(size=(5, 3))
@@ -113,7 +115,7 @@ def test_few_are_not_looked_at() -> None:
     balls = [messages.Sphere(name=f"f{k}", radius=0.1) for k in range(MANY)]
     assert has_many(build(messages.Scene("s", obstacles=[*balls])))
     assert not has_many(build(messages.Scene("s", obstacles=balls[1:])))
-    movers = [passing(f"m{k}", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) for k in range(MANY_MOVE)]
+    movers = [passing(f"m{k}", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)) for k in range(MANY_MOVING)]
     assert has_many(build(messages.Scene("s", obstacles=movers)))
     assert not has_many(build(messages.Scene("s", obstacles=[*balls[2:], movers[0]])))
 
@@ -124,14 +126,14 @@ def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:
     places = rng.uniform(-6.0, 6.0, (2000, 3)).tolist()
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=tuple(place)) for k, place in enumerate(places)]
     scene = make_own(messages.Scene("s", obstacles=boxes))
-    first = nearest_to_ball(kept.of(scene), ball)
+    first = nearest_obstacles(kept.of(scene), ball)
     out, within = f"b{(set(range(2000)) - set(first.chosen.tolist())).pop()}", f"b{first.chosen[0]}"
     moved = changed(scene, SceneDiff(move={out: Placement((5.0, 5.0, 5.0))}))
-    assert nearest_to_ball(kept.of(moved), ball).some is first.some
+    assert nearest_obstacles(kept.of(moved), ball).some is first.some
     removed = changed(moved, SceneDiff(remove=[out]))
-    assert nearest_to_ball(kept.of(removed), ball).some is first.some
+    assert nearest_obstacles(kept.of(removed), ball).some is first.some
     comes = changed(removed, SceneDiff(move={within: Placement((0.5, 0.0, 0.0))}))
-    last = nearest_to_ball(kept.of(comes), ball).some
+    last = nearest_obstacles(kept.of(comes), ball).some
     assert last is not first.some
     assert first.some.obstacle(within).message == scene.obstacles[first.chosen[0]]
     assert last.obstacle(within).message.position == (0.5, 0.0, 0.0)

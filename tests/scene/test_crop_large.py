@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import cache
-from guidefield.kernels.distance.distance import SEEN_SOLID, distance_at_points
+from guidefield.kernels.distance.distance import CROPPED_SOLID, distance_at_points
 from guidefield.kernels.distance.ray_winding import ROOM
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
-from guidefield.scene import seen_surface, within_ball as room
+from guidefield.scene import crop as room, cropped_surface
+from guidefield.scene.crop import Ball, crop, has_large
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.within_ball import Ball, is_large_scene, within_ball
 
 BALL = Ball(0.1, -0.2, 0.5, 0.7)
 
@@ -73,7 +73,7 @@ def everything() -> messages.Scene:
 
 @pytest.fixture(autouse=True)
 def _small_is_large(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (room, seen_surface):
+    for module in (room, cropped_surface):
         monkeypatch.setattr(module, "is_large", lambda count: count >= 500)
 
 
@@ -92,7 +92,7 @@ def one_alone(scene: messages.Scene, index: int) -> Scene:
 @pytest.mark.parametrize("ball", [BALL, Ball(4.2, 0.0, 1.0, 0.9), Ball(7.0, 1.0, 0.0, 0.5)])
 def test_every_place_in_the_ball_is_as_far_from_it(index: int, ball: Ball) -> None:
     whole = one_alone(everything(), index)
-    met = within_ball(whole, ball)
+    met = crop(whole, ball)[0]
     assert met.obstacles[0].faces < 0.7 * whole.obstacles[0].faces
     points = places(ball, 400)
     tables = distance_tables(whole), distance_tables(met)
@@ -107,7 +107,7 @@ def test_what_is_inside_a_wall_is_told_as_before() -> None:
     far = distance_at_points(distance_tables(whole), points)[0]
     assert (far < -0.05).any()
     assert (far > 0.05).any()
-    near = distance_at_points(distance_tables(within_ball(whole, ball)), points)[0]
+    near = distance_at_points(distance_tables(crop(whole, ball)[0]), points)[0]
     np.testing.assert_allclose(near, far, atol=1e-12)
 
 
@@ -115,10 +115,10 @@ def test_what_is_inside_a_wall_is_told_as_before() -> None:
 @pytest.mark.parametrize("ball", [Ball(4.1, 0.2, 1.0, 0.6), Ball(3.3, 0.0, 1.2, 0.5)])
 def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutoff: float) -> None:
     whole = one_alone(everything(), 1)
-    points, met = places(ball, 400), distance_tables(within_ball(whole, ball))
-    assert SEEN_SOLID in met.kinds
+    points, met = places(ball, 400), distance_tables(crop(whole, ball)[0])
+    assert CROPPED_SOLID in met.kinds
     assert (met.anchors[:, ROOM] > 0.0).all()
-    assert len(met.anchors) == met.spans[:, 4].max() == (met.kinds == SEEN_SOLID).sum()
+    assert len(met.anchors) == met.spans[:, 4].max() == (met.kinds == CROPPED_SOLID).sum()
     far = distance_at_points(distance_tables(whole), points)[0]
     near = distance_at_points(met, points, cutoff)[0]
     assert (far > cutoff).any()
@@ -127,7 +127,7 @@ def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutof
 
 def test_field_names_and_what_is_small_stay() -> None:
     whole = build(everything())
-    met = within_ball(whole, BALL)
+    met = crop(whole, BALL)[0]
     points = places(BALL, 20)
     np.testing.assert_array_equal(
         field_at_points(met.tables, points).potential, field_at_points(whole.tables, points).potential
@@ -141,7 +141,7 @@ def test_field_names_and_what_is_small_stay() -> None:
 
 def test_coal_sees_what_is_met() -> None:
     whole = build(everything())
-    met = within_ball(whole, BALL)
+    met = crop(whole, BALL)[0]
     for index in range(3):
         part, one = met.obstacles[index], whole.obstacles[index]
         assert part.facets is not None
@@ -152,10 +152,10 @@ def test_coal_sees_what_is_met() -> None:
 
 def test_the_same_is_met_once_and_forgotten_with_the_scene() -> None:
     whole = build(everything())
-    met = within_ball(whole, BALL)
-    assert within_ball(whole, BALL) is met
+    met = crop(whole, BALL)[0]
+    assert crop(whole, BALL)[0] is met
     again = build(msgspec.structs.replace(everything(), name="other"))
-    assert within_ball(again, BALL).obstacles[0] is met.obstacles[0]
+    assert crop(again, BALL)[0].obstacles[0] is met.obstacles[0]
     gone = weakref.ref(whole)
     del whole, again
     gc.collect()
@@ -164,22 +164,22 @@ def test_the_same_is_met_once_and_forgotten_with_the_scene() -> None:
 
 def test_where_most_is_met_it_is_the_scene_itself() -> None:
     whole = build(everything())
-    assert within_ball(whole, Ball(0.0, 0.0, 0.0, 20.0)) is whole
+    assert crop(whole, Ball(0.0, 0.0, 0.0, 20.0))[0] is whole
 
 
 def test_only_what_is_large_and_rests_is_asked() -> None:
     scene = build(everything())
-    assert is_large_scene(scene)
-    assert not is_large_scene(build(messages.Scene(name="small", obstacles=[everything().obstacles[3]])))
+    assert has_large(scene)
+    assert not has_large(build(messages.Scene(name="small", obstacles=[everything().obstacles[3]])))
     moving = messages.ObstacleTrajectory([0.0, 1.0], [messages.Placement(), messages.Placement((0.0, 0.1, 0.0))])
     ball = messages.Sphere(name="ball", radius=0.1, trajectory=moving)
     beside = build(msgspec.structs.replace(everything(), obstacles=[*everything().obstacles, ball]))
-    assert is_large_scene(beside)
-    met = within_ball(beside, BALL)
+    assert has_large(beside)
+    met = crop(beside, BALL)[0]
     assert met.obstacles[-1] is beside.obstacles[-1]
-    assert [one.faces for one in met.obstacles[:-1]] == [one.faces for one in within_ball(scene, BALL).obstacles]
+    assert [one.faces for one in met.obstacles[:-1]] == [one.faces for one in crop(scene, BALL)[0].obstacles]
     alone = [msgspec.structs.replace(one, trajectory=moving) for one in everything().obstacles]
-    assert not is_large_scene(build(messages.Scene(name="hall", obstacles=alone)))
+    assert not has_large(build(messages.Scene(name="hall", obstacles=alone)))
     assert cache.LARGE == 10_000
 
 
@@ -190,9 +190,9 @@ def test_what_has_no_area_hides_no_surface() -> None:
     count = len(vertices)
     with_line = np.concatenate([triangles, [[count, count + 1, count + 2]]])
     whole = build(messages.Scene(name="yard", obstacles=[mesh("m", np.concatenate([vertices, line]), with_line)]))
-    met = within_ball(whole, Ball(0.0, 0.0, 0.3, 1.2)).obstacles[0]
+    met = crop(whole, Ball(0.0, 0.0, 0.3, 1.2))[0].obstacles[0]
     assert met is not whole.obstacles[0]
-    assert met.seen is not None
+    assert met.cropped is not None
     below = (met.vertices[met.triangles][:, :, 2] < -4.0).all(axis=1)
     assert 0 < below.sum() < len(triangles)
     assert (~below).sum() == 1

@@ -1,0 +1,248 @@
+"""Crop a scene to what may be nearest to some place in a ball: distances from all places in the ball stay the same.
+
+Of very many obstacles those are kept that may be nearest, of large surfaces and clouds the triangles and points that
+may be: tables of all others are never made. The field stays that of the whole scene's surfaces and clouds.
+
+Let r be the ball's radius and d the distance of its centre from that of an obstacle, which contains a ball of radius a
+and is within one of radius b. From anywhere in the ball the obstacle is at least d - r - b away, and at most d + r - a.
+So an obstacle that is at least farther away than another is at most is never the nearest. For an obstacle that moves
+the distances are those at all times: it is left out if it never gets near, and others only for where it always is.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.geometry.cache import is_large, remembered
+from guidefield.geometry.entries import Arrays
+from guidefield.kernels.collide.gaps_from_ball import gaps_from_ball
+from guidefield.memo import memoized_by
+from guidefield.scene.carried import MANY, Rows, carried
+from guidefield.scene.cloud import Cloud, cloud_specks
+from guidefield.scene.cropped_surface import crop_surface, nearest_parts
+from guidefield.scene.facets import Facets
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.placed import rows_of
+from guidefield.scene.scene import Scene, declared_with, with_others
+from guidefield.scene.swept import gaps_from_boxes, moving_ball, swept
+
+NOBODY: frozenset[str] = frozenset()
+
+RELATIVE_ROUNDING = 1e-9
+"""Bounds on distances are wider by this, in metres and for each metre that places are from the origin."""
+
+MANY_MOVING = 16
+"""Among so many moving obstacles some are left out, however few there are: each is looked at at many times."""
+
+KEPT_BALLS = 2
+"""Crops of an obstacle that are kept: tables of crops of large meshes are large."""
+
+MAX_CROPPED_SHARE = 0.7
+"""An obstacle of which more is kept is as soon prepared whole."""
+
+
+class Ball(NamedTuple):
+    """A ball in the world: centre and radius [m]."""
+
+    x: float
+    y: float
+    z: float
+    radius: float
+
+
+class NearestObstacles(NamedTuple):
+    """The obstacles of a scene that may be nearest to some place in a ball.
+
+    Attributes:
+        least: Smallest distance of each obstacle from any place in the ball, at any time, shape (n,) [m].
+        most: Its largest distance, shape (n,) [m].
+        chosen: Those that may be nearest, ascending indices, shape (k,).
+        some: The scene with these alone; None: they are all of it.
+    """
+
+    least: np.ndarray
+    most: np.ndarray
+    chosen: np.ndarray
+    some: Scene | None
+
+    def of(self, scene: Scene) -> Scene:
+        """Return what is kept of the scene that this was found of."""
+        return self.some or scene
+
+
+def has_many(scene: Scene) -> bool:
+    """Return whether a scene has so many obstacles, or so many that move, that it pays to leave some out."""
+    return (
+        len(scene.obstacles) >= MANY or sum(scene.obstacles[k].motion is not None for k in scene.others) >= MANY_MOVING
+    )
+
+
+def has_large(scene: Scene) -> bool:
+    """Return whether a scene has an obstacle at rest that is sooner prepared in part."""
+    return is_large(scene.most_faces) and any(map(_is_large, map(scene.obstacles.__getitem__, scene.others)))
+
+
+def crop(
+    scene: Scene, ball: Ball, named: frozenset[str] = NOBODY, deadline: Deadline = UNLIMITED
+) -> tuple[Scene, np.ndarray | None]:
+    """Crop a scene to a ball.
+
+    Args:
+        scene: The scene.
+        ball: The ball.
+        named: Obstacles that are kept, and that no other is left out for: something may touch them, and then the
+            nearest of the others counts.
+        deadline: Checked before each search.
+
+    Returns:
+        The scene, itself if all of it is kept, and its obstacles' indices in the whole scene, shape (k,), ascending;
+        None if it has all of them.
+
+    Raises:
+        DeadlineExpired: if time was up before.
+    """
+    chosen = None
+    if has_many(scene):
+        deadline.check(f"what is in reach of scene {scene.name}")
+        nearest = nearest_obstacles(scene, ball, named)
+        if nearest.some is not None:
+            scene, chosen = nearest.some, nearest.chosen
+    if has_large(scene):
+        deadline.check(f"what is in reach of scene {scene.name}")
+        scene = _crop_large(scene, ball) or scene
+    return scene, chosen
+
+
+def _over(
+    known: NearestObstacles, rows: Rows, scene: Scene, ball: Ball, named: frozenset[str] = NOBODY
+) -> NearestObstacles:
+    fresh = _gaps([scene.obstacles[index] for index in rows.fresh], ball, named)
+    least, most = rows.carry(known.least, fresh[0]), rows.carry(known.most, fresh[1])
+    chosen = _choose(least, most)
+    return NearestObstacles(least, most, chosen, _some(known, rows, scene, chosen))
+
+
+def _some(known: NearestObstacles, rows: Rows, scene: Scene, chosen: np.ndarray) -> Scene | None:
+    """Return the scene with the chosen obstacles, None if they are all of it; the one before if it has the same."""
+    some = known.some
+    if some is None or len(chosen) == rows.count:
+        return _of(scene, chosen)
+    if len(chosen) < MANY:
+        obstacles = tuple(map(scene.obstacles.__getitem__, chosen.tolist()))
+        return some if obstacles == some.obstacles else _of(scene, chosen)
+    step = rows.among(known.chosen, chosen)
+    if not step.fresh and not step.gone:
+        return some
+    new = chosen[step.fresh].tolist()
+    declared = step.listed(some.message.obstacles, [scene.message.obstacles[index] for index in new])
+    fresh = [scene.obstacles[index] for index in new]
+    return with_others(some, step, fresh, declared_with(scene.message, declared))
+
+
+def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
+    return None if len(chosen) == len(scene.obstacles) else scene.of(chosen.tolist())
+
+
+@carried(_over)
+def nearest_obstacles(scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> NearestObstacles:
+    """Find the obstacles that may be nearest at some time, and all at rest that are no primitives; see `crop`.
+
+    In a changed scene only the distances of other obstacles are found anew; `some` is the scene before if the chosen
+    obstacles are the same.
+    """
+    least, most = _gaps(scene.obstacles, ball, named)
+    chosen = _choose(least, most)
+    return NearestObstacles(least, most, chosen, _of(scene, chosen))
+
+
+def _choose(least: np.ndarray, most: np.ndarray) -> np.ndarray:
+    return np.flatnonzero(least <= most.min(initial=np.inf))
+
+
+def _gaps(obstacles: Sequence[Obstacle], ball: Ball, named: frozenset[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return bounds on obstacles' distances from any place in the ball at any time, both of shape (n,) [m].
+
+    They are infinite for those that are named, and for what is no primitive at rest.
+    """
+    placed, least, most = rows_of(obstacles), np.empty(len(obstacles)), np.empty(len(obstacles))
+    gaps_from_ball(placed, np.array(ball, float), RELATIVE_ROUNDING, least, most)
+    moving = [index for index, one in enumerate(obstacles) if one.motion is not None]
+    if moving:
+        some = [obstacles[index] for index in moving]
+        boxes, first, _ = swept(some, list(map(moving_ball, some)))
+        nearest, farthest = gaps_from_boxes(boxes, np.array(ball[:3]), ball.radius)
+        least[moving], most[moving] = np.minimum.reduceat(nearest, first), np.maximum.reduceat(farthest, first)
+    if named:
+        unknown = [one.name in named for one in obstacles]
+        least[unknown], most[unknown] = -np.inf, np.inf
+    return least, most
+
+
+def _is_large(obstacle: Obstacle) -> bool:
+    return obstacle.motion is None and is_large(obstacle.faces)
+
+
+def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
+    """Return a scene with its large obstacles at rest cropped; None if most of all of them is kept."""
+    parts = [_crop_obstacle(one, ball) if _is_large(one) else None for one in scene.obstacles]
+    if not any(parts):
+        return None
+    cropped = tuple(part or one for part, one in zip(parts, scene.obstacles, strict=True))
+    return dataclasses.replace(scene, obstacles=cropped)
+
+
+def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
+    """Crop an obstacle that rests; None if most of it is kept."""
+    centre, recipe = obstacle.placement.actInv(np.array(ball[:3])), obstacle.recipe
+    if obstacle.cloud is not None:
+        return _cropped_cloud(obstacle, obstacle.cloud, centre, ball.radius)
+    part = crop_surface(
+        lambda: recipe.surface(obstacle.message),
+        lambda: [surface[1] for surface in obstacle.surfaces],
+        recipe.content,
+        centre,
+        ball.radius,
+        solid=obstacle.solid,
+        most=MAX_CROPPED_SHARE,
+    )
+    if part is None:
+        return None
+    made = _with_facets(obstacle, Facets(part.count, lambda: part.surface, part.content), part.content)
+    return dataclasses.replace(made, recipe=made.recipe._replace(surface=lambda _: part.surface), cropped=part)
+
+
+def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
+    """Crop a cloud; a large one is read from disk if it was cropped before."""
+
+    def found() -> Arrays:
+        chosen = nearest_parts(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
+        return {"points": cloud.points[chosen] if chosen.mean() <= MAX_CROPPED_SHARE else np.empty((0, 3))}
+
+    content = obstacle.recipe.content
+    if content:
+        known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, MAX_CROPPED_SHARE])}
+        content = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+        points = remembered("points", known, found)["points"]
+    else:
+        points = found()["points"]
+    if not len(points):
+        return None
+    points.setflags(write=False)
+    made = _with_facets(obstacle, Facets(len(points), lambda: cloud_specks(points), content), content)
+    return dataclasses.replace(made, cloud=Cloud(points, cloud.radius))
+
+
+def _with_facets(obstacle: Obstacle, facets: Facets, content: bytes) -> Obstacle:
+    placement = obstacle.placement
+    recipe = obstacle.recipe._replace(facets=facets, body=lambda _: (facets.whole, placement), content=content)
+    return dataclasses.replace(obstacle, recipe=recipe)
+
+
+_crop_large = memoized_by(lambda scene: scene, _with_cropped, KEPT_BALLS)
+_crop_obstacle = memoized_by(lambda obstacle: obstacle, _cropped, KEPT_BALLS)

@@ -1,0 +1,187 @@
+"""Crop a large surface to the triangles that may be nearest to some place in a ball."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from guidefield.geometry.cache import is_large, remembered
+from guidefield.geometry.closed import used_alone
+from guidefield.geometry.entries import Arrays
+from guidefield.geometry.extents import box_about
+from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
+from guidefield.kernels.cover.anchors import distance_to_triangles
+from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
+from guidefield.kernels.cover.winding import winding_by_angles
+from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS
+
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface; not before they are needed."""
+
+_GOOD_ANCHOR = 0.05
+"""The ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded."""
+
+_WINDING_TOLERANCE = 0.01
+"""Distance of a winding number from a whole one."""
+
+
+@dataclass(frozen=True, eq=False)
+class CroppedSurface:
+    """A part of a surface.
+
+    Attributes:
+        parts: The kept triangles of each of its solids, or of the thin surface, with their neighbours; all of the same
+            vertices.
+        anchors: Places outside or inside of each solid, see `anchor_of`; zeros of one that is whole.
+        box: Lower and upper corner about all of the surface, shape (2, 3) [m].
+        whole: Makes all of the surface.
+        content: The key of the part on disk; empty if it isn't kept there.
+    """
+
+    parts: tuple[Triangulated, ...]
+    anchors: np.ndarray
+    box: np.ndarray
+    whole: Whole
+    content: bytes
+
+    @property
+    def count(self) -> int:
+        """Number of kept triangles."""
+        return sum(len(triangles) for _, triangles, _ in self.parts)
+
+    @cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices, each used, (v, 3) [m] and triangles (t, 3)."""
+        alone = used_alone(self.parts[0][0], np.concatenate([triangles for _, triangles, _ in self.parts]))
+        for array in alone:
+            array.setflags(write=False)
+        return alone
+
+
+def crop_surface(
+    whole: Whole,
+    solids: Callable[[], list[np.ndarray]],
+    content: bytes,
+    centre: np.ndarray,
+    radius: float,
+    *,
+    solid: bool,
+    most: float,
+) -> CroppedSurface | None:
+    """Crop a surface to a ball: from everywhere in the ball each solid is as far as its part. Small ones stay whole.
+
+    Args:
+        whole: Makes the surface; kept with the part.
+        solids: Makes the triangles of each solid, or all of them.
+        content: The surface's key; its part is kept on disk. If empty, it is found each time.
+        centre: Of the ball, shape (3,) [m].
+        radius: Of the ball [m].
+        solid: Whether the surface is closed; else it is thin.
+        most: None is returned if a larger share of its triangles is kept.
+    """
+
+    def found() -> Arrays:
+        return _found(whole(), solids(), solid, centre, radius, most)
+
+    if not content:
+        return _restored(found(), whole, b"")
+    known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
+    own = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+    return _restored(remembered("seen", known, found), whole, own)
+
+
+def _found(
+    surface: tuple[np.ndarray, np.ndarray],
+    solids: list[np.ndarray],
+    solid: bool,
+    centre: np.ndarray,
+    radius: float,
+    most: float,
+) -> Arrays:
+    """Return the part as arrays, numbers of vertices in four bytes; of too much, no counts alone."""
+    vertices, triangles = surface
+    parts = [_part(vertices, one, centre, radius) for one in solids]
+    if sum(len(kept) for kept, _ in parts) > most * len(triangles):
+        return {"counts": np.empty((0, 2), np.int64)}
+    alone, numbers = used_alone(vertices, np.concatenate([one for part in parts for one in part]))
+    anchors = np.zeros((len(parts), ANCHOR))
+    for row, one, (_, beside) in zip(anchors, solids, parts, strict=True):
+        if solid and len(beside):
+            row[:] = anchor_of(vertices, one, centre, radius)
+    return {
+        "counts": np.array([[len(kept), len(beside)] for kept, beside in parts]),
+        "anchors": anchors,
+        "box": box_about(vertices),
+        "vertices": alone,
+        "triangles": numbers.astype(np.int32),
+    }
+
+
+def _restored(found: Arrays, whole: Whole, content: bytes) -> CroppedSurface | None:
+    counts = found["counts"]
+    if not len(counts):
+        return None
+    numbers = np.split(found["triangles"].astype(np.int64), np.cumsum(counts.ravel())[:-1])
+    parts = zip(numbers[0::2], numbers[1::2], strict=True)
+    kept = tuple((found["vertices"], *part) for part in parts)
+    return CroppedSurface(kept, found["anchors"], found["box"], whole, content)
+
+
+def _part(
+    vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the triangles of a solid that are kept, and their neighbours."""
+    wide = are_wide(vertices, triangles)  # what has no area counts for Coal alone, and hides nothing
+    chosen = np.ones(len(triangles), bool)
+    if is_large(int(wide.sum())):
+        chosen[wide] = nearest_parts(vertices, triangles[wide], centre, radius)
+    if chosen.all():
+        return triangles, NO_TRIANGLES
+    marked = np.zeros(len(vertices), bool)
+    marked[triangles[chosen]] = True
+    a, b, c = triangles.T
+    beside = (marked[a] | marked[b] | marked[c]) & ~chosen
+    return triangles[chosen], triangles[beside]
+
+
+def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """Choose the parts of a surface or cloud that may be nearest, shape (n,); see `nearest_somewhere`."""
+    chosen = np.empty(len(corners), bool)
+    vertices, corners = np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64)
+    nearest_somewhere(vertices, corners, np.ascontiguousarray(centre, float), radius, chosen)
+    return chosen
+
+
+def anchor_of(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
+    """Return a place from which the sides of a solid are told within a ball, see `ray_winding.surely_outside_seen`.
+
+    It is the ball's centre, or the place around it about which most is free of the surface.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Those of the solid, shape (t, 3).
+        centre: Of the ball, shape (3,) [m].
+        radius: Of the ball [m].
+
+    Returns:
+        Shape (ANCHOR,); with no room where nothing is known.
+    """
+    wide = triangles[are_wide(vertices, triangles)]
+    surface, row = (np.ascontiguousarray(vertices, float), np.ascontiguousarray(wide, np.int64)), np.zeros(ANCHOR)
+    row[BALL:REACH], row[REACH] = centre, radius
+    for off in np.vstack([np.zeros(3), 0.5 * np.eye(3), -0.5 * np.eye(3)]):
+        x, y, z = (float(one) for one in centre + radius * off)
+        free = min(distance_to_triangles(x, y, z, *surface), radius * (1.0 - float(np.linalg.norm(off))))
+        if 0.5 * free > row[ROOM]:
+            row[PLACE:ROOM], row[ROOM] = (x, y, z), 0.5 * free
+        if row[ROOM] >= 0.5 * _GOOD_ANCHOR * radius:
+            break
+    turns = winding_by_angles(row[PLACE], row[PLACE + 1], row[PLACE + 2], *surface) if row[ROOM] > 0.0 else 0.0
+    row[TURNS] = round(turns)
+    if abs(turns - row[TURNS]) > _WINDING_TOLERANCE:
+        row[ROOM] = 0.0
+    return row
