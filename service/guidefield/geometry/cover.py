@@ -55,7 +55,7 @@ CHUNK = 30_000
 _ROUNDING = 1.0 - 1e-9
 """Which share of delta is used, so that no rounding leads beyond it."""
 
-LEAST_CANDIDATES, MOST_CANDIDATES = 1_000, 2_000
+LEAST_CANDIDATES, MOST_CANDIDATES = 300, 2_000
 """Of candidates for the elements that are looked at together."""
 
 EXCHANGES = 200
@@ -77,10 +77,6 @@ class Cover:
         groups: Balls about groups of them, shape (g, 4) [m]: what touches none of these touches none of those.
         first: First sphere of each group, and the number of all, shape (g + 1,).
         bound: One small ball about the body, shape (4,) [m].
-        triangles: Which of the triangles that were given a sphere has to answer for, one sphere's together; empty for a
-            primitive. The spheres that have one contain it together: what touches it touches one that has it.
-        first_triangle: Where those of each sphere begin, and the number of all, shape (n + 1,).
-        solid: Whether what the surface encloses is contained too; an open surface encloses nothing.
     """
 
     spheres: Floats
@@ -88,9 +84,6 @@ class Cover:
     groups: Floats
     first: Integers
     bound: Floats
-    triangles: Integers
-    first_triangle: Integers
-    solid: bool
 
     @property
     def overhang(self) -> float:
@@ -117,39 +110,29 @@ def cover(body: Solid, delta: float) -> Cover:
     delta *= _ROUNDING
     margin = MARGIN * delta
     balls, elements = _chosen(body, delta, margin)
-    balls, owners = shrunk(body, balls, elements, delta, margin)
+    balls = shrunk(body, balls, elements, delta, margin)
     if body.closed:
         balls = contain_interior(body, balls, delta, margin)
-    bound = enclosing_ball(body.surface.vertices)
-    return assembled(balls, body.depths(balls[:, :3]), bound, _owned(body, elements, owners), solid=body.closed)
+    return assembled(balls, body.depths(balls[:, :3]), enclosing_ball(body.surface.vertices))
 
 
-def assembled(balls: Floats, depths: Floats, bound: Floats, owned: tuple[Integers, Integers], *, solid: bool) -> Cover:
+def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:
     """Balls in groups, with what is known about them.
 
     Args:
         balls: Centre and radius, shape (n, 4) [m].
         depths: Depths of their centres, shape (n,) [m]; negative outside.
         bound: A ball that contains the body, shape (4,) [m].
-        owned: Spheres and triangles: which sphere has which, both of shape (k,).
-        solid: Whether the balls contain what the surface encloses.
     """
     order, groups, first = grouped(balls)
-    place = np.empty(len(balls), np.int64)
-    place[order] = np.arange(len(balls))
-    spheres, triangles = place[owned[0]], owned[1]
-    by_sphere = np.lexsort((triangles, spheres))
     result = Cover(
         spheres=np.ascontiguousarray(balls[order]),
         overhangs=np.maximum(balls[:, 3] - depths, 0.0)[order],
         groups=groups,
         first=first,
         bound=bound,
-        triangles=triangles[by_sphere],
-        first_triangle=np.searchsorted(spheres[by_sphere], np.arange(len(balls) + 1)),
-        solid=solid,
     )
-    for array in (result.spheres, result.overhangs, groups, first, bound, result.triangles, result.first_triangle):
+    for array in (result.spheres, result.overhangs, groups, first, bound):
         array.setflags(write=False)
     return result
 
@@ -219,13 +202,3 @@ def _unite(bits: np.ndarray, count: int) -> np.ndarray:
     """Which of `count` elements are in any ball."""
     together = np.bitwise_or.reduce(bits, axis=0, initial=np.uint64(0))
     return np.unpackbits(together.view(np.uint8), bitorder="little", count=count).astype(bool)
-
-
-def _owned(body: Solid, elements: Elements, owners: Integers) -> tuple[Integers, Integers]:
-    """Which ball has which of the triangles that were given: all with a piece in an element of its own."""
-    of_pieces = np.repeat(owners, np.diff(elements.first))
-    triangles = body.given[elements.pieces.sources]
-    kept = triangles >= 0
-    count = max(len(body.given), int(triangles.max(initial=0)) + 1)
-    pairs = np.unique(of_pieces[kept] * count + triangles[kept])
-    return pairs // count, pairs % count

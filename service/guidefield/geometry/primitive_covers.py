@@ -92,9 +92,6 @@ def cover_box(size: ArrayLike, delta: float) -> Cover:
     return _indirect(around, (half - np.abs(around[:, :3])).min(axis=1), float(np.linalg.norm(half)))
 
 
-_NOTHING = np.empty(0, np.int64), np.empty(0, np.int64)
-
-
 def _direct(centres: Floats, radius: float, depths: Floats, bound: float) -> Cover:
     """Equal balls about centres of those depths, and a ball about the origin that contains the shape."""
     return _indirect(np.column_stack([centres, np.full(len(centres), radius * _ROUNDING)]), depths, bound)
@@ -102,7 +99,7 @@ def _direct(centres: Floats, radius: float, depths: Floats, bound: float) -> Cov
 
 def _indirect(balls: Floats, depths: Floats, bound: float) -> Cover:
     """Balls about centres of those depths, and a ball about the origin that contains the shape."""
-    return assembled(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]), _NOTHING, solid=True)
+    return assembled(balls, depths, np.array([0.0, 0.0, 0.0, bound * _ROUNDING]))
 
 
 def _in_row(count: float) -> int:

@@ -21,7 +21,7 @@ One that fits a surface closely all over would make the proof for the inside loo
 """
 
 
-def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> tuple[Floats, Integers]:
+def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> Floats:
     """Balls that contain all elements by a margin, no larger than they have to be.
 
     Args:
@@ -32,8 +32,7 @@ def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin:
         margin: By how much [m].
 
     Returns:
-        Balls that leave the body by no more, without those that nothing is left for, shape (m, 4); for each element the
-        ball that contains it.
+        Balls that leave the body by no more, without those that nothing is left for, shape (m, 4).
     """
     radii, owners = np.empty(len(balls)), np.empty(len(elements.bounds), np.int64)
     reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
@@ -43,7 +42,7 @@ def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin:
     small = np.column_stack([balls[kept, :3], radii[kept] + margin])
     small = _recentred(body, small, elements, owners, delta, margin)
     small[:, 3] = np.maximum(small[:, 3], body.depths(small[:, :3]) + EASE * delta)
-    return small, owners
+    return small
 
 
 def _recentred(body: Solid, balls: Floats, elements: Elements, owners: Integers, delta: float, margin: float) -> Floats:

@@ -165,17 +165,16 @@ _KINDS: dict[type, tuple[Callable[[Any], Arrays], Callable[[Arrays, float], Shap
 }
 """What the balls of each kind of shape depend on, and how they are found."""
 
-_FIELDS = ("spheres", "overhangs", "groups", "first", "bound", "triangles", "first_triangle")
+_FIELDS = ("spheres", "overhangs", "groups", "first", "bound")
 
 
 def _stored(found: ShapeCoverage) -> Arrays:
     arrays = {name: getattr(found.cover, name) for name in _FIELDS}
-    return {**arrays, "inner": found.inner, "solid": np.array([found.cover.solid])}
+    return {**arrays, "inner": found.inner}
 
 
 def _restored(arrays: Arrays) -> ShapeCoverage:
-    fields = {name: arrays[name] for name in _FIELDS}
-    return ShapeCoverage(Cover(**fields, solid=bool(arrays["solid"][0])), arrays["inner"].reshape(-1, 4))
+    return ShapeCoverage(Cover(**{name: arrays[name] for name in _FIELDS}), arrays["inner"].reshape(-1, 4))
 
 
 COVERS = ByShape("covering", _question, _restored)
