@@ -20,12 +20,11 @@ from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.solid_cache import clear_solids
 from guidefield.memo import MemoSet
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
-from guidefield.robot.bodies.convex_parts import PARTS
+from guidefield.robot.bodies.convex_parts import MOST, PARTS
 from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.shapes import hull
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +59,7 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
         deadline.check(piece.told)
         told(piece.told)
 
-    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, None)
+    covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST)
     # the cover and the parts of a mesh one after the other, from the same solid
     found_at_once(sorted([*covers.pieces, *parts.pieces], key=lambda piece: -piece.extent), progress)
     clear_solids()
@@ -88,10 +87,9 @@ def _trees(robot: RobotModel, parts: Sequence[Decomposition | None]) -> list[Pie
 
 
 def _surfaces(robot: RobotModel) -> list[Piece]:
-    """What measuring knows of the meshes, and the hulls that stand for them, in the geometry's order."""
+    """What measuring knows of the meshes, in the geometry's order."""
     return [
-        Piece.of("laying out", robot, index, 0.0, functools.partial(work, shape.geometry))
-        for work in (known_surface, hull)
+        Piece.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
         for index, shape in enumerate(robot.geometry.geometryObjects)
         if isinstance(shape.geometry, coal.BVHModelBase)
     ]

@@ -18,6 +18,9 @@ from guidefield.robot.model.joint_tables import CODES, axis_of
 from guidefield.stream.shapes import Convexes, convex_of, polytope, solids_of
 from guidefield.stream.views import read_only_views
 
+MOST_PARTS = 8
+"""Most parts of a mesh, which stand for it: nothing asks its triangles."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointRows:
@@ -79,7 +82,7 @@ def judged_robot(group: PlanningGroup, joints: JointRows, own: np.ndarray) -> Ju
     """
     shapes = list(group.geometry.geometryObjects)
     bodies: list[list[Convexes]] = []
-    for shape, cut in zip(shapes, convex_parts(group.robot), strict=True):
+    for shape, cut in zip(shapes, convex_parts(group.robot, MOST_PARTS), strict=True):
         solid = convex_of(shape.geometry)
         if solid is not None:
             solids = [solid]

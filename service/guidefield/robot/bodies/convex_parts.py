@@ -18,11 +18,11 @@ from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
 TIGHT = 0.005
 """A part that stands off its mesh by no more isn't halved [m]."""
 
-MOST = 8
-"""Most parts of a mesh."""
+MOST = 4
+"""Most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long."""
 
 
-def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
+def convex_parts(robot: RobotModel, most: int = MOST, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
     """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
 
     They take some tenths of a second for each mesh, are found once, and kept on disk. None for a primitive or hull,
@@ -31,17 +31,18 @@ def convex_parts(robot: RobotModel, progress: Progress = logged) -> tuple[Decomp
 
     Args:
         robot: The robot.
+        most: Most parts of a mesh.
         progress: Called before each mesh that isn't known yet; what it raises comes through.
     """
-    return PARTS.all(robot, None, progress)
+    return PARTS.all(robot, most, progress)
 
 
 def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     """What `convex_parts` gives, where it is known without computing anything; None elsewhere, or without parts."""
-    return PARTS.known(robot, None)
+    return PARTS.known(robot, MOST)
 
 
-def _question(shape: Any, _: None) -> Question | None:
+def _question(shape: Any, most: int) -> Question | None:
     """What the parts of a mesh are kept under: a name, what they depend on, and how they are found."""
     if not isinstance(shape, coal.BVHModelBase):
         return None
@@ -50,15 +51,15 @@ def _question(shape: Any, _: None) -> Question | None:
         "vertices": vertices,
         "triangles": triangles,
         "limits": np.array([WIDEST_GAP, TIGHT]),
-        "most": np.array(MOST),
+        "most": np.array(most),
     }
-    return "parts", inputs, lambda: _stored(_found(vertices, triangles))
+    return "parts", inputs, lambda: _stored(_found(vertices, triangles, most))
 
 
-def _found(vertices: np.ndarray, triangles: np.ndarray) -> tuple[Part, ...]:
+def _found(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
     """The hull and the parts; nothing of what is flat."""
     try:
-        found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, MOST)
+        found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)
     except ValueError:
         return ()
     return (found.hull, *found.parts)
@@ -92,4 +93,4 @@ def _restored(arrays: Arrays) -> Decomposition | None:
 
 
 PARTS = ByShape("cutting", _question, _restored)
-"""By robot."""
+"""By robot and by how many parts a mesh may have."""

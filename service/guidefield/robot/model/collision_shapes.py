@@ -15,6 +15,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.geometry.bvh import bvh
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh
+from guidefield.robot.model.shapes import know_triangulation
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.links import THICKNESS
 
@@ -86,6 +87,7 @@ def put_meshes(geometry: Any, meshes: Meshes) -> None:
         if _has_area(mesh):
             if id(mesh) not in trees:
                 trees[id(mesh)] = bvh(mesh.vertices, mesh.triangles)
+                know_triangulation(trees[id(mesh)], mesh.triangles)
             shape.geometry, shape.meshPath, shape.meshScale = trees[id(mesh)], str(path), scale
         else:
             shape.geometry, placement = _thin_box(mesh.vertices)

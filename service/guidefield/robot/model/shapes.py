@@ -146,12 +146,8 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     Coal hands out one triangle at a time, a microsecond each; the last meshes with the same vertices, as
     many triangles, and the same first, middle and last one are not read again.
     """
-    if isinstance(shape, coal.BVHModelBase):
-        vertices, face, count = np.array(shape.vertices()), shape.tri_indices, shape.num_tris
-    else:
-        vertices, face, count = np.array(shape.points()), shape.polygons, shape.num_polygons
-    some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
-    key = (type(shape), hashlib.blake2b(vertices.tobytes(), digest_size=32).digest(), count, some)
+    vertices, face, count = _faces(shape)
+    key = _identify(shape)
     triangles = _KNOWN.get(key)
     if triangles is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
@@ -161,13 +157,39 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     return vertices, triangles
 
 
+def know_triangulation(shape: Any, triangles: np.ndarray) -> None:
+    """Keep the triangles (t, 3) that a Coal mesh was made of, which needn't be read from it then."""
+    _KNOWN.put(_identify(shape), np.array(triangles, np.int64), triangles.nbytes)
+
+
+def _faces(shape: Any) -> tuple[np.ndarray, Callable[[int], Any], int]:
+    """Vertices of a Coal mesh or hull, shape (v, 3) [m], what returns a triangle, and how many there are."""
+    if isinstance(shape, coal.BVHModelBase):
+        return np.array(shape.vertices()), shape.tri_indices, shape.num_tris
+    return np.array(shape.points()), shape.polygons, shape.num_polygons
+
+
+def _identify(shape: Any) -> tuple[Any, ...]:
+    """What a Coal mesh or hull is told from others by."""
+    vertices, face, count = _faces(shape)
+    some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
+    return type(shape), hashlib.blake2b(vertices.tobytes(), digest_size=32).digest(), count, some
+
+
 _KNOWN: BoundedMap[tuple[Any, ...], np.ndarray] = BoundedMap(TRIANGULATIONS)
+
+_HULLS: BoundedMap[tuple[Any, ...], tuple[Any | None]] = BoundedMap(TRIANGULATIONS)
 
 
 def hull(mesh: Any) -> Any | None:
     """The convex hull of a Coal mesh, computed once; None if the mesh is flat, or too fine for Coal."""
-    found = _remembered_hull(mesh)
-    return convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None
+    key = _identify(mesh)
+    known = _HULLS.get(key)
+    if known is None:
+        found = _remembered_hull(mesh)
+        known = (convex(found["vertices"], found["triangles"]) if len(found["triangles"]) else None,)
+        known = _HULLS.put(key, known, sum(found[name].nbytes for name in ("vertices", "triangles")))
+    return known[0]
 
 
 def _settled(mesh: Any, found: Arrays) -> _Settled:
