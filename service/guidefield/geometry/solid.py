@@ -7,17 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.geometry.box_tree import box_tree
 from guidefield.geometry.closed import closing_lids, compact, connected_pieces, volume, volumes
 from guidefield.geometry.cracks import WIDEST_CRACK, crack_lids, seams
-from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.geometry.entries import in_memory
+from guidefield.geometry.surface_rows import NO_TRIANGLES, are_wide, surfaces_in, write_surfaces
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 from guidefield.kernels.cover.inscribed import depths_at, distances_at
 from guidefield.kernels.distance.ray_winding import windings_at
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
-
-_SLIVER = 1e-12
-"""Twice the area of a triangle over its longest edge's square, below which it is a line that its neighbours share."""
 
 MOST_SOLIDS = 64
 """Of more solids all but the largest count as one, in which depths are then less: every look goes through each."""
@@ -102,8 +99,7 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
         ValueError: if there is no triangle with an area, or a vertex is not finite.
     """
     vertices, triangles, given = compact(vertices, triangles)
-    across = _with_area(vertices, triangles)
-    if not across.any():
+    if not are_wide(vertices, triangles).any():
         raise ValueError("a surface needs a triangle with an area")
     lids, widest = _lids(vertices, triangles, widest_gap)
     closed = widest <= widest_gap
@@ -179,18 +175,9 @@ class _Around:
     def _made(self, solid: int) -> tuple[SurfaceTables, Integers] | None:
         """The tables of a solid; None if it has no triangle with an area."""
         own = self._pieces[solid]
-        if not _with_area(self._vertices, own).any():
+        if not are_wide(self._vertices, own).any():
             return None
         return surface_tables(self._vertices, own, np.zeros(len(own), np.int64))
-
-
-def _with_area(vertices: Floats, triangles: Integers) -> np.ndarray:
-    """Which triangles are more than a line, shape (t,)."""
-    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    across = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    longest = np.maximum.reduce([np.linalg.norm(edge, axis=1) for edge in (b - a, c - b, a - c)])
-    wide: np.ndarray = across > _SLIVER * longest**2
-    return wide
 
 
 def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
@@ -204,20 +191,14 @@ def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> t
     Returns:
         The tables, and a row for each owner, shape (k, 4).
     """
-    wide = _with_area(vertices, triangles)
+    wide = are_wide(vertices, triangles)
     triangles, owners = triangles[wide], owners[wide]
-    nodes, corners, normals, spans = [], [], [], []
-    node = first = 0
-    for own in np.split(triangles[np.argsort(owners, kind="stable")], np.cumsum(np.unique_counts(owners).counts)[:-1]):
-        a, b, c = np.moveaxis(vertices[own], 1, 0)
-        tree = box_tree(np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c))
-        nodes.append(tree.nodes)
-        corners.append(np.hstack([a, b - a, c - a])[tree.order])
-        normals.append(pseudonormals(vertices, own)[tree.order])
-        spans.append((node, tree.leaves, first, len(own)))
-        node, first = node + len(tree.nodes), first + len(own)
-    arrays = [np.ascontiguousarray(np.concatenate(rows)) for rows in (nodes, corners, normals)]
-    where = np.array(spans, np.int64)
-    for array in (*arrays, where):
+    each = np.split(triangles[np.argsort(owners, kind="stable")], np.cumsum(np.unique_counts(owners).counts)[:-1])
+    made = write_surfaces([(vertices, own, NO_TRIANGLES) for own in each], in_memory)
+    counts = np.array([(len(one.tables.nodes), len(one.tables.corners)) for one in surfaces_in(made)])
+    first = np.cumsum(counts, axis=0) - counts
+    spans = np.column_stack([first[:, 0], (counts[:, 0] + 1) // 2, first[:, 1], counts[:, 1]])
+    tables = SurfaceTables(made["nodes"], made["corners"], made["normals"])
+    for array in (*tables, spans):
         array.setflags(write=False)
-    return SurfaceTables(*arrays), where
+    return tables, spans
