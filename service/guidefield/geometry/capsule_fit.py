@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.axes import across
+from guidefield.geometry.directions import furthest, spread_directions
 from guidefield.geometry.surfaces import Floats
 from guidefield.kernels.cover.enclosing_circle import SLACK, enclosing_circle
 
@@ -15,6 +16,9 @@ _ROUNDING = 16.0 * float(np.finfo(np.float64).eps)
 
 _RADII = 1.0 + 0.25 * np.linspace(0.0, 1.0, 11) ** 2
 """Radii to try, as multiples of the least: a wider capsule may be shorter; 1.225 makes a cube's a ball."""
+
+_DIRECTIONS = spread_directions(512)
+"""Of many points those furthest in these directions choose the direction of the axis."""
 
 _FIRST_TILT = 0.2
 _LAST_TILT = 0.01
@@ -66,17 +70,21 @@ def fit_capsule(points: Floats) -> Capsule:
     Raises:
         ValueError: if there is no point, or one is not finite.
     """
-    cloud = np.unique(np.asarray(points, dtype=np.float64).reshape(-1, 3), axis=0)
+    cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if len(cloud) == 0 or not np.isfinite(cloud).all():
         raise ValueError("a capsule needs at least one point, and all finite")
-    centred = cloud - cloud.mean(axis=0)
+    few = cloud
+    if len(cloud) > len(_DIRECTIONS):
+        few = cloud[furthest(cloud, _DIRECTIONS / np.maximum(np.ptp(cloud, axis=0), 1e-9))]
+    few = np.unique(few, axis=0)
+    centred = few - few.mean(axis=0)
     principal = np.linalg.svd(centred.T @ centred)[2]
-    direction = min(principal, key=lambda axis: _along(cloud, axis).volume)
-    return _tilted(cloud, direction)
+    best, direction = _tilted(few, min(principal, key=lambda axis: _along(few, axis).volume))
+    return best if len(cloud) <= len(_DIRECTIONS) else _along(cloud, direction)
 
 
-def _tilted(cloud: Floats, direction: Floats) -> Capsule:
-    """The best capsule that tilting the direction, less and less, leads to."""
+def _tilted(cloud: Floats, direction: Floats) -> tuple[Capsule, Floats]:
+    """The best capsule that tilting the direction, less and less, leads to, and its direction."""
     best = _along(cloud, direction)
     tilt = _FIRST_TILT
     while tilt > _LAST_TILT:
@@ -88,7 +96,7 @@ def _tilted(cloud: Floats, direction: Floats) -> Capsule:
             best, direction = trial, tilted
         else:
             tilt *= 0.5
-    return best
+    return best, direction
 
 
 def _along(cloud: Floats, direction: Floats) -> Capsule:

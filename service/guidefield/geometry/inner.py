@@ -27,11 +27,13 @@ RESOLUTION = 0.01
 SLACK = 0.02
 """By how much candidates may miss the surface that they were grown from, as a share of the body's extent."""
 
-STEPS = 16
+STEPS = 12
 """Moves of a chosen ball to where it is deeper."""
 
-CANDIDATES = 600
-SAMPLES = 2000
+CANDIDATES = 200
+"""About how many balls they are chosen from. With three times as many the chosen ones fill 1 % more of a link."""
+
+SAMPLES = 1000
 """About how many points of a grid within the body stand for its volume."""
 
 _MOST_ALONG = 64

@@ -14,7 +14,6 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.cache import remembered
 from guidefield.geometry.capsule_fit import Capsule, fit_capsule
 from guidefield.geometry.charges import SurfacePoints, surface_points
-from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.entries import Arrays
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
@@ -115,7 +114,7 @@ def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Cha
 
 
 def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Arrays:
-    capsule = fit_capsule(_hull_vertices(vertices))
+    capsule = fit_capsule(vertices)
     # a thin edge must not slip between the points of a thin link
     across = max(2.0 * capsule.radius, LEAST_SPACING)
     points: SurfacePoints = surface_points(vertices, triangles, min(spacing, across))
@@ -125,14 +124,6 @@ def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Array
         "axis": np.array([capsule.p0, capsule.p1]),
         "radius": np.array([capsule.radius]),
     }
-
-
-def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
-    """The vertices that decide what contains a shape; all of them where it has no hull."""
-    try:
-        return convex_hull(vertices).vertices
-    except ValueError:  # it is flat, or too fine for Coal
-        return vertices
 
 
 def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
