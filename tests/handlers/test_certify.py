@@ -410,7 +410,7 @@ def test_a_path_constraint_is_refused_where_it_is_left_first() -> None:
 
 
 def test_a_time_that_is_up_tells_how_far_it_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [[0.3 * (-1.0) ** k, *HOME[1:]] for k in range(2_000)]
+    rows = [[-1.2 + 2.4e-3 * k, *HOME[1:]] for k in range(1_000)]
     asked = itertools.count()  # a machine may be too quick, or too slow, for any number of seconds
 
     class Short(Deadline):
@@ -424,6 +424,7 @@ def test_a_time_that_is_up_tells_how_far_it_is_free(monkeypatch: pytest.MonkeyPa
         return judge(dataclasses.replace(problem, deadline=Short()), uses)
 
     monkeypatch.setattr("guidefield.handlers.certify.judge", judged)
+    monkeypatch.setattr("guidefield.prove.search.SEGMENTS_AT_ONCE", 5)
     reply = certify(path=rows, position_names=NAMES)
     assert reply.status.name == "TIMED_OUT"
     assert reply.certificate.reason == "stopped"

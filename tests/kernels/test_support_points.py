@@ -17,8 +17,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.kernels.certificate import slabs
-from guidefield.kernels.certificate.tables import CertifiedObstacles, CertifiedRobot
 from guidefield.kernels.collide.gjk import reach_along, support
 from guidefield.kernels.collide.gjk_scratch import WORK
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, away_from_primitive
@@ -125,65 +123,7 @@ def compiled(part: Any) -> Callable[..., Any]:
     return numba.njit(fastmath={"contract"}, error_model="numpy")(part.py_func)
 
 
-_OF_BODY, _OF_OBSTACLE = compiled(slabs._farthest_of_body), compiled(slabs._farthest_of_obstacle)
 _FURTHEST = compiled(separation._furthest)
-
-
-def _with_zeros(kind: type, widths: dict[str, Any], **known: Any) -> Any:
-    """A table of which only what is known is asked for."""
-    return kind(**{name: known.get(name, widths.get(name, np.zeros(1))) for name in kind._fields})
-
-
-def of_certified_body(body: Body, direction: np.ndarray, sign: float) -> np.ndarray:
-    """The certificate's, of a robot's body."""
-    half, disc, ball = body.core
-    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    robot = _with_zeros(
-        CertifiedRobot,
-        {},
-        corners=np.ascontiguousarray((signs * half) @ body.rotation.T),
-        corners_from=np.array([0, 8]),
-        disc_axes=np.ascontiguousarray(body.rotation[:, 2:].T),
-        discs=np.array([disc]),
-        rounded=np.array([ball]),
-    )
-    found = np.empty(3)
-    _OF_BODY(robot, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), sign * direction, sign, found)
-    return found
-
-
-def of_placed_body(body: Body, direction: np.ndarray, sign: float) -> np.ndarray:
-    """The same where the joint that carries it is turned, not it in the joint's frame."""
-    half, disc, ball = body.core
-    signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-    robot = _with_zeros(
-        CertifiedRobot,
-        {},
-        corners=signs * half,
-        corners_from=np.array([0, 8]),
-        disc_axes=np.array([[0.0, 0.0, 1.0]]),
-        discs=np.array([disc]),
-        rounded=np.array([ball]),
-    )
-    found = np.empty(3)
-    _OF_BODY(robot, 0, np.c_[body.rotation, np.zeros(3)].ravel(), sign * direction, sign, found)
-    return found
-
-
-def of_certified_obstacle(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
-    """The certificate's, of an obstacle: against a direction."""
-    half, disc, _ball = body.core
-    obstacles = _with_zeros(
-        CertifiedObstacles,
-        {"children": 1},
-        axes=np.ascontiguousarray(body.rotation.reshape(1, 9)),
-        cores=half[None].copy(),
-        middles=np.zeros((1, 3)),
-        discs=np.array([disc]),
-    )
-    found = np.empty(3)
-    _OF_OBSTACLE(obstacles, 0, -direction, found)
-    return found
 
 
 def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
@@ -204,15 +144,11 @@ def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
     return found
 
 
-CERTIFIED = [of_certified_body, of_placed_body, of_certified_obstacle, of_streamed_body]
-
-
-@pytest.mark.parametrize("support_point", CERTIFIED)
 @settings(deadline=None, max_examples=200)
 @given(data=st.data(), body=bodies(), sign=st.sampled_from((-1.0, 1.0)))
-def test_judges_find_the_support_point(support_point: Any, data: Any, body: Body, sign: float) -> None:
+def test_the_judge_of_streams_finds_the_support_point(data: Any, body: Body, sign: float) -> None:
     direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-150, 1e-9, 1e9, 1e150))))
-    body.check(direction, support_point(body, direction, sign), False, SHARE)
+    body.check(direction, of_streamed_body(body, direction, sign), False, SHARE)
 
 
 @numba.njit(error_model="numpy")

@@ -24,8 +24,7 @@ from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem
-from guidefield.prove.timed_certificate import certify_moving, certify_timed
-from guidefield.prove.timed_world import TimedWorld
+from guidefield.prove.certificate import certify_timed
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
@@ -192,7 +191,7 @@ def test_the_timed_certificate_says_what_coal_says_of_every_kind(kind: str, clea
     for seed in range(14):
         motion, rng = swing(seed), np.random.default_rng(100 + seed)
         scene = scene_of(moving(kind, kind, rng))
-        worlds = TimedWorld.of(World.build(planned, scene.resting), World.build(planned, scene))
+        worlds = World.build(planned, scene)
         verdict = certify_timed(worlds, motion.bezier(), motion.piece_times(), clearance)
         if verdict.pair is not None and kind not in verdict.pair:
             continue  # the arm meets itself
@@ -206,25 +205,6 @@ def test_the_timed_certificate_says_what_coal_says_of_every_kind(kind: str, clea
             assert least_apart(planned, obstacles, motion, there) <= clearance + 1e-5
         verdicts.append(verdict.free)
     assert len(set(verdicts)) == 2, "some are free, some aren't"
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_balls_and_boxes_leave_out_no_pair_that_coal_would_refuse(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    planned, motions = group("panda"), [swing(seed) for seed in range(4)]
-    scenes = [scene_of(moving(kind, kind, np.random.default_rng(200 + seed))) for seed in range(4)]
-    worlds = [TimedWorld.of(World.build(planned, one.resting), World.build(planned, one)) for one in scenes]
-
-    def verdicts() -> list[tuple[Any, ...]]:
-        found = [
-            certify_moving(world, motion.bezier(), motion.piece_times(), 0.01)
-            for world, motion in zip(worlds, motions, strict=True)
-        ]
-        return [(one.reason, one.place, one.free_until, one.pair, one.evaluations) for one in found]
-
-    by_both = verdicts()
-    judge = "guidefield.prove.timed_certificate._Judge._near"
-    monkeypatch.setattr(judge, lambda _self, pairs, _time, _margins: list(range(len(pairs))))
-    assert by_both == verdicts()
 
 
 def test_what_is_kept_is_asked_of_a_motion_that_only_got_part_of_the_way() -> None:

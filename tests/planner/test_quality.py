@@ -21,7 +21,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import FEW_SAMPLES, clearance, clearance_profile, figures
 from guidefield.planner.settings import MEASURING
 from guidefield.potential import RobotField
-from guidefield.prove.smallest import TOLERANCE
+from guidefield.prove.search import TOLERANCE
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.scene import library
 from guidefield.scene.scene import build

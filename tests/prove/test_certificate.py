@@ -12,6 +12,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
+from guidefield.prove import search
 from guidefield.prove.certificate import certify, motion_free
 from guidefield.prove.verdict import Reason
 from tests.collision.plain import dense, panda_among
@@ -109,10 +110,9 @@ def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, co
 def test_a_motion_that_touches_all_along_is_certified_nowhere():
     world = world_of(grouped(box_arm("y", 2)), [box("wall", (0.1, 0.1, 0.1), (0.0, 0.0, 0.5))])
     points = 1e-3 * np.arange(4)[:, None] * np.ones(world.group.nv)
-    verdict = certify(world, np.array([[a, b] for a, b in pairwise(points)]))  # short pieces are judged together
+    verdict = certify(world, np.array([[a, b] for a, b in pairwise(points)]))
     assert verdict.reason is Reason.CONTACT
-    assert verdict.piece > 0
-    assert verdict.free_until == (0, 0.0)
+    assert verdict.free_until == (verdict.piece, verdict.parameter) == (0, 0.0)
 
 
 def _until(control: np.ndarray, t: float) -> np.ndarray:
@@ -182,7 +182,7 @@ def test_the_clearance_asked_for_is_kept(place, seed, share):
         assert not verdict.free
         assert verdict.reason in (Reason.TOO_CLOSE, Reason.UNDECIDED)
         assert clearance_at(world, verdict.chart_point).obstacle_distance <= share * least + 2e-4
-    # Between samples the clearance may be less by what two millirad move, and the certificate needs its floor.
+    # Between samples the clearance may be less by what two millirad move, and the certificate needs its resolution.
     elif (1.0 - share) * least > 4e-3:
         assert verdict.free
 
@@ -210,7 +210,7 @@ def test_contact_within_a_motion_whose_ends_are_free_is_found():
     assert verdict.reason is Reason.CONTACT
     assert verdict.pair[1] == "pole"
     assert 0.2 < verdict.parameter < 0.8
-    assert verdict.evaluations < 30
+    assert verdict.evaluations < 100
 
 
 def test_the_first_bad_piece_is_named():
@@ -240,14 +240,13 @@ def sliding_along(gap: float):
     return world_of(arm, [box("wall", (1.0, 0.1, 3.0), (0, 0.02 + 0.05 + gap, 0))])
 
 
-def test_what_passes_closer_than_the_floor_is_undecided():
+def test_what_passes_closer_than_the_stand_off_is_undecided():
     start, end = np.array([0.05]), np.array([0.12])
-    verdict = motion_free(sliding_along(5e-6), start, end)
-    assert verdict.reason is Reason.UNDECIDED
-    assert not verdict.free
-    assert verdict.pair == ("l1", "wall")
-    assert motion_free(sliding_along(5e-6), start, end, floor=1e-6).free
-    assert motion_free(sliding_along(3e-5), start, end).free
+    for gap, reason in ((5e-7, Reason.CONTACT), (1.03e-6, Reason.UNDECIDED)):  # the one is contact to Coal
+        verdict = motion_free(sliding_along(gap), start, end)
+        assert verdict.reason is reason
+        assert verdict.pair == ("l1", "wall")
+    assert motion_free(sliding_along(2e-6), start, end).free
 
 
 @pytest.mark.parametrize("pieces", [1, 3, 200])
@@ -335,7 +334,8 @@ def test_questions_before_do_not_change_an_answer():
             assert getattr(a, fact) == getattr(b, fact)
 
 
-def test_a_judgement_that_is_stopped_certifies_what_comes_before():
+def test_a_judgement_that_is_stopped_certifies_what_comes_before(monkeypatch):
+    monkeypatch.setattr(search, "SEGMENTS_AT_ONCE", 5)
     arm = group("panda")
     world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.292, 0, 0.75))])
     points = np.tile(rest(arm), (201, 1))

@@ -10,8 +10,7 @@ from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.prove.timed_certificate import certify_moving, certify_timed
-from guidefield.prove.timed_world import TimedWorld
+from guidefield.prove.certificate import certify_moving, certify_timed
 from guidefield.prove.verdict import Reason
 from guidefield.scene.scene import Scene, build
 from tests.robots import group, rest
@@ -38,8 +37,8 @@ def passing(since: float, until: float) -> Scene:
     )
 
 
-def worlds(scene: Scene) -> TimedWorld:
-    return TimedWorld.of(World.build(PANDA, scene.resting), World.build(PANDA, scene))
+def worlds(scene: Scene) -> World:
+    return World.build(PANDA, scene)
 
 
 def sampled_free(scene: Scene, times: np.ndarray, clearance: float) -> bool:

@@ -16,9 +16,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.conditions import AttachedObject, LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.prove.certificate import certify
-from guidefield.prove.timed_certificate import certify_timed
-from guidefield.prove.timed_world import TimedWorld
+from guidefield.prove.certificate import certify, certify_timed
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer
@@ -64,7 +62,7 @@ def certified(drawn: Drawn) -> bool:
     if enclosed(begin, world.group.expand_from_chart(motion.positions[0])):
         return False
     if world.scene.moves:
-        timed = TimedWorld.of(World.build(world.group, world.scene.resting), world)
+        timed = world
         return certify_timed(timed, trajectory.bezier(), trajectory.piece_times(), motion.min_clearance).free
     return certify(world, trajectory.bezier(), motion.min_clearance).free
 

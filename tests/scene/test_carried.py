@@ -20,9 +20,7 @@ from guidefield.messages import codec, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
-from guidefield.prove.certified_tables import _obstacles as certified
-from guidefield.prove.cores import obstacle_cores
-from guidefield.prove.tables import _obstacle_parts
+from guidefield.prove.tables import obstacles_at_first
 from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY, Rows, carried
@@ -108,14 +106,12 @@ def tables(scene: Scene) -> dict[str, Any]:
         "warnings": scene.warnings,
         "placed": placed_rows(scene),
         "boxes": (boxes.along_own_axes, boxes.endless, boxes.bounded, boxes.tree.along, boxes.tree.nodes),
-        "cores": obstacle_cores(scene),
-        "certified": certified(scene, b""),
         "distances": distance_tables(scene),
         "lanes": (lane_scene(scene).owners, lane_scene(scene).tables),
         "moving": moving_tables(scene),
         "field": scene.tables,
     }
-    return made if scene.moves else made | {"parts": _obstacle_parts(scene)}
+    return made if scene.moves else made | {"proved": obstacles_at_first(scene)}
 
 
 def bits(value: Any) -> Any:

@@ -14,7 +14,6 @@ import pinocchio as pin
 
 from guidefield.collision.allowed import Allowed, allowed_among
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
-from guidefield.collision.closing import Closing
 from guidefield.collision.coal_transforms import CoalTransforms
 from guidefield.collision.held_contacts import HeldContact, held_contacts
 from guidefield.collision.hulls import link_hulls, obstacle_hull
@@ -155,11 +154,6 @@ class World:
     def motion_bound(self) -> MotionBound:
         """How much closer bodies can come when the robot moves."""
         return motion_bound(self.group, self.pairs.own.tobytes())
-
-    @cached_property
-    def closing(self) -> Closing:
-        """How fast they come closer then."""
-        return Closing.of(self.motion_bound, self.bodies.radii)
 
     @cached_property
     def data(self) -> Any:

@@ -1,8 +1,8 @@
 """The certificate and the clearance of one reply have to agree: where they don't, there is a bug, and no answer.
 
-Both judge the same motion by different code. A motion that is certified free and has a smaller distance than what is
-asked for is never answered: the request fails as an internal failure, and the motion is kept as a file that the referee
-judges (`case_file`).
+Coal confirms the smallest distances where they are (`prove.minima`). A motion that is certified free and has a smaller
+distance than what is asked for is never answered: the request fails as an internal failure, and the motion is kept as
+a file that the referee judges (`case_file`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from guidefield.case_file import Motion, write
 from guidefield.collision.pairs import PairNames
 from guidefield.geometry import cache
 from guidefield.planner.quality import Clearance
-from guidefield.prove.along import smallest_along
-from guidefield.prove.places import Surveyor
+from guidefield.prove.closest import put_obstacle
+from guidefield.prove.minima import smallest_along
+from guidefield.prove.search import ContradictionError
 from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import ROUNDED
 
@@ -26,10 +27,6 @@ ACCURACY = 2.0 * ROUNDED
 """What a distance that was found may be off [m]: what kernels round, and Coal's error."""
 
 _log = logging.getLogger(__name__)
-
-
-class ContradictionError(Exception):
-    """A motion is certified free, and is not."""
 
 
 class Certified(NamedTuple):
@@ -62,28 +59,31 @@ def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
 
 def _contradiction(one: Certified) -> str | None:
     """What contradicts a certificate, in words; None where nothing does."""
-    obstacle, own, surveyor = one.measured.obstacle, one.measured.own, one.measured.surveyor
+    obstacle, own, world = one.measured.obstacle, one.measured.own, one.measured.world
     if one.since is None:
         closest = [(obstacle.distance, obstacle.pair, obstacle.time, one.min_clearance)]
         closest.append((own.distance, own.pair, own.time, 0.0))
     else:  # before that a contact at the start is left
         times = np.unique(np.append(one.measured.times, one.since))
         span = one.since, float(times[-1])
-        found = smallest_along(surveyor, times, [(float(times[0]), span[1]), span]).obstacle[1]
-        pair = None if found.pair < 0 else surveyor.worlds.moving.pair_names(found.pair)
+        found = smallest_along(world, one.measured.curve, times, [(float(times[0]), span[1]), span]).obstacle[1]
+        pair = None if found.pair < 0 else world.pair_names(found.pair)
         closest = [(found.distance, pair, found.time, one.min_clearance)]
     for distance, names, time, kept in closest:
         off = ACCURACY + float(with_coal_error(kept)) - kept
-        if names is not None and (distance < kept - off or (distance == 0.0 and _touches(surveyor, names, time))):
+        if names is not None and (distance < kept - off or (distance == 0.0 and _touches(one.measured, names, time))):
             return f"{names[0]} and {names[1]} keep {1000 * distance:.6g} mm of {1000 * kept:.6g} mm at {time:.6g} s"
     return None
 
 
-def _touches(surveyor: Surveyor, names: PairNames, time: float) -> bool:
-    """Whether a pair touches at a time [s]: Coal tells a distance of 0 up to its accuracy."""
-    world = surveyor.worlds.moving
-    surveyor.place(time)
-    return any(world.touches(pair) for pair in range(len(world.pairs)) if world.pair_names(pair) == names)
+def _touches(measured: Clearance, names: PairNames, time: float) -> bool:
+    """Return whether a pair touches at a time [s]: Coal tells a distance of 0 up to its accuracy."""
+    world = measured.world
+    pairs = [pair for pair in range(len(world.pairs)) if world.pair_names(pair) == names]
+    world.place(world.group.expand_from_chart(measured.curve.at(np.array([time]))[0]))
+    for pair in pairs:
+        put_obstacle(world, pair, time)
+    return any(map(world.touches, pairs))
 
 
 def _keep(run_id: str, one: Certified) -> str:

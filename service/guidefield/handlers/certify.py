@@ -37,8 +37,7 @@ from guidefield.planner.quality import (
 )
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
-from guidefield.prove.certified_tables import certified_robot
-from guidefield.prove.tables import robot_parts
+from guidefield.prove.tables import robot_bodies, robot_parts
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, build
 
@@ -140,7 +139,7 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
         if request.attached_objects and not are_large(request.attached_objects):
             robot = holding(robot, request.attached_objects, nowhere)
         group = planning_group(request, robot)
-        certified_robot(World.build(group, nowhere))
+        robot_bodies(World.build(group, nowhere))
         closed_bodies(group)
         robot_parts(group)
 

@@ -10,10 +10,11 @@ import msgspec
 
 from guidefield.messages.replies import MotionReply
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime, survey
+from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime
 from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.event_log import PackedArray
 from guidefield.planner.task.trace import Event
+from guidefield.prove.curve import Curve
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRates
 from guidefield.scene.scene import Scene
@@ -67,7 +68,7 @@ class PackedKnots(msgspec.Struct, array_like=True, frozen=True):
 
 
 class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
-    """Distances along a motion as they were measured: a `Clearance` without its surveyor."""
+    """Distances along a motion as they were measured: a `Clearance` without its motion."""
 
     obstacle: Closest
     inner: Closest | None
@@ -94,7 +95,8 @@ class PackedClearance(msgspec.Struct, array_like=True, frozen=True):
             lengths=self.lengths.array(),
             mean=self.mean,
             ends=self.ends,
-            surveyor=survey(motion, conditions, times),
+            curve=Curve(motion.bezier(), motion.piece_times()),
+            world=conditions.world,
         )
 
 

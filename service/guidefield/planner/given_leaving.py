@@ -17,8 +17,8 @@ from guidefield.collision.world import World
 from guidefield.planner.leaving import distances_of, touching_pairs
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.bezier import restricted
 from guidefield.prove.certificate import certify
-from guidefield.prove.curve import restricted
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 

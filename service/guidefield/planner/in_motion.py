@@ -23,7 +23,7 @@ from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
-from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.certificate import certify_timed
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
@@ -233,7 +233,7 @@ def _judged(problem: Problem, motion: Trajectory) -> Verdict:
     """Whether a motion from time 0 on is free."""
     if not problem.scene.moves:
         return judged(problem, motion.bezier())
-    return certify_timed(problem.timed_world, motion.bezier(), motion.piece_times(), problem.min_clearance)
+    return certify_timed(problem.world, motion.bezier(), motion.piece_times(), problem.min_clearance)
 
 
 def _refused(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:

@@ -15,9 +15,8 @@ from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.certificate import certify
+from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
-from guidefield.prove.timed_certificate import certify_timed
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 
@@ -116,7 +115,7 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
 
     def in_time(first: int, last: int) -> Verdict:
         return certify_timed(
-            problem.timed_world, pieces[first:last], times[first : last + 1], problem.min_clearance, deadline=deadline
+            problem.world, pieces[first:last], times[first : last + 1], problem.min_clearance, deadline=deadline
         )
 
     return _judged(in_time, count, TOGETHER)

@@ -11,7 +11,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.timed_certificate import certify_timed
+from guidefield.prove.certificate import certify_timed
 
 
 def gone_on(
@@ -41,7 +41,7 @@ def gone_on(
     with stages.entered("certify", "the whole motion, in time, between samples too") as stage:
         pieces, times = whole.bezier(), whole.piece_times()
         verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
-            problem.timed_world, pieces, times, problem.min_clearance, deadline=problem.deadline
+            problem.world, pieces, times, problem.min_clearance, deadline=problem.deadline
         )
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple, Protocol, cast
 
@@ -18,14 +18,11 @@ from guidefield.memo import memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.along import smallest_along
-from guidefield.prove.asked import among_resting
 from guidefield.prove.closest import ClosestPairs
 from guidefield.prove.curve import Curve
 from guidefield.prove.enclosures import enclosures_at
-from guidefield.prove.nearest import with_nearest
-from guidefield.prove.places import Surveyor
-from guidefield.prove.smallest import TOLERANCE, Smallest
+from guidefield.prove.minima import smallest_along
+from guidefield.prove.search import TOLERANCE, Smallest
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
@@ -74,8 +71,8 @@ class Closest:
 
     @property
     def exact(self) -> bool:
-        """Whether no distance is smaller by more than the tolerance."""
-        return self.pair is None or self.distance - self.bound <= 1.01 * TOLERANCE
+        """Whether no distance is smaller by more than the tolerance; in contact it is that of the deepest sample."""
+        return self.pair is None or self.distance <= 0.0 or self.distance - self.bound <= 1.01 * TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +87,8 @@ class Clearance(ReadOnly):
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
         mean: Mean distance from obstacles over every third sample [m].
         ends: The smaller of the distances from obstacles at start and goal [m].
-        surveyor: The robot among obstacles along the motion.
+        curve: The motion.
+        world: The robot among obstacles.
     """
 
     obstacle: Closest
@@ -100,7 +98,8 @@ class Clearance(ReadOnly):
     lengths: np.ndarray
     mean: float
     ends: float
-    surveyor: Surveyor
+    curve: Curve
+    world: World
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,27 +177,22 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     deadline = problem.deadline.at_least(MEASURING.last)
     times, lengths, inside = _samples(trajectory, problem)
     coarse, start, end = _coarse(times), float(times[0]), float(times[-1])
-    surveyor = survey(trajectory, problem, times)
-    curve = surveyor.curve
+    curve, world = Curve(trajectory.bezier(), trajectory.piece_times()), problem.world
     spans: list[tuple[float, float]] = [(start, end), *([inside] if inside else [])]
     deadline.check("the motion was measured")
-    found = smallest_along(surveyor, coarse, spans, deadline)
-    world = surveyor.worlds.moving
+    found = smallest_along(world, curve, coarse, spans, deadline=deadline)
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
     begins = np.array([*(begin for begin, _ in spans), start])
-    enclosed = enclosures_at(problem.timed_world, curve, begins, deadline)
+    enclosed = enclosures_at(world, curve, begins, deadline)
     if any(enclosed) or min(one.distance for one in closest) <= 0.0:
-        every, n_self = problem.timed_world.moving, problem.timed_world.moving.pairs.n_self
+        n_self = world.pairs.n_self
         obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in enclosed[:-1]]
         own = [pair for pair in enclosed[-1] if pair < n_self]
         closest = [
-            _with_enclosure(one, pairs, time, every)
+            _with_enclosure(one, pairs, time, world)
             for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)
         ]
-        within = [
-            any(pair >= n_self for pair in pairs)
-            for pairs in enclosures_at(problem.timed_world, curve, coarse, deadline)
-        ]
+        within = [any(pair >= n_self for pair in pairs) for pairs in enclosures_at(world, curve, coarse, deadline)]
         distances = np.where(within, np.minimum(distances, 0.0), distances)
     obstacle, *inner, own_closest = closest
     return Clearance(
@@ -209,14 +203,9 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         lengths=lengths,
         mean=float(distances.mean()),
         ends=float(min(distances[0], distances[-1])),
-        surveyor=surveyor,
+        curve=curve,
+        world=world,
     )
-
-
-def survey(trajectory: MotionInTime, problem: Conditions, times: np.ndarray) -> Surveyor:
-    """The robot along a trajectory that is measured at times (k,) [s], among the obstacles that can be nearest."""
-    curve = Curve(trajectory.bezier(), trajectory.piece_times())
-    return Surveyor(with_nearest(problem.timed_world, curve, _coarse(times)), curve)
 
 
 def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, every: int = 1) -> ClearanceProfile:
@@ -230,14 +219,14 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
     """
     from guidefield.potential import potentials_in_time  # its kernels are loaded where a recording needs them
 
-    group, surveyor = problem.group, measured.surveyor
+    group, curve = problem.group, measured.curve
     smallest_at = [one.time for one in (measured.obstacle, measured.inner, measured.own) if one and one.pair]
     times = np.unique(np.concatenate([measured.times[::every], measured.times[-1:], smallest_at]))
-    zs = surveyor.curve.at(times)[0]
+    zs = curve.at(times)
     configurations = np.array([group.from_chart(z) for z in zs])
     half = np.unique(np.r_[0 : len(times) : 1 + (len(times) > FEW_SAMPLES), len(times) - 1])
-    found = list(ClosestPairs(among_resting(surveyor.worlds)).clearances(group.expand_each(zs)))
-    profile = ClearanceProfile(
+    found = list(ClosestPairs(problem.world).clearances(group.expand_each(zs), times))
+    return ClearanceProfile(
         times=times,
         configurations=configurations,
         lengths=np.interp(times, measured.times, measured.lengths),
@@ -248,24 +237,6 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
         self_pair=tuple(one.self_pair for one in found),
         potentials=lambda: (times[half], potentials_in_time(group, charged, times[half], configurations[half])),
     )
-    return _with_movers(profile, surveyor) if problem.scene.moves else profile
-
-
-def _with_movers(profile: ClearanceProfile, surveyor: Surveyor) -> ClearanceProfile:
-    """Replace distances of a profile among resting obstacles where a moving obstacle is closer."""
-    movers = np.flatnonzero(surveyor.mover_of_pair > 0)
-    if not len(movers):
-        return profile
-    distances, pairs, witness = profile.obstacle_distance.copy(), [*profile.obstacle_pair], profile.witness.copy()
-    places = surveyor.places(profile.times)
-    rows = np.flatnonzero(places.distances[:, movers].min(axis=1) < distances)
-    nearest = surveyor.closest(places, rows, movers)
-    for row, pair in zip(rows.tolist(), nearest.tolist(), strict=True):
-        if places.distances[row, pair] < distances[row]:
-            distances[row] = places.distances[row, pair]
-            pairs[row] = surveyor.worlds.moving.pair_names(pair)
-            witness[row] = surveyor.witness(float(places.times[row]), pair)
-    return replace(profile, obstacle_distance=distances, obstacle_pair=tuple(pairs), witness=witness)
 
 
 def _coarse(times: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
-from guidefield.prove.timed_certificate import certify_moving
+from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
@@ -258,7 +258,7 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
 
 def _judged(problem: Problem, way: Trajectory, margin: float) -> Verdict:
     """Whether a way keeps a margin [m] from what moves, beyond what is asked for."""
-    verdict = certify_moving(problem.timed_world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
+    verdict = certify_moving(problem.world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
 

@@ -13,8 +13,8 @@ from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
+from guidefield.prove.certificate import certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
-from guidefield.prove.timed_certificate import certify_timed
 from guidefield.prove.verdict import Verdict
 
 
@@ -60,4 +60,4 @@ def _free_in_time(problem: Problem, motion: Trajectory, deadline: Deadline) -> V
     pieces, times = motion.bezier(), motion.piece_times()
     if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
         return inside
-    return certify_timed(problem.timed_world, pieces, times, problem.min_clearance, deadline=deadline)
+    return certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from guidefield.collision.clearance import ClearanceAt, clearance_at
-from guidefield.collision.enclosure import enclosed_each
+from guidefield.collision.enclosure import closed_bodies, enclosed_each, enclosed_pairs
 from guidefield.collision.world import World
-from guidefield.kernels.prove.answers import NEARLY
 from guidefield.kernels.prove.body_distance import SLACK
 from guidefield.kernels.prove.closest import CANDIDATES, closest_pairs, first_contacts
 from guidefield.kernels.prove.gjk_distance import ACCURACY
+from guidefield.kernels.prove.questions import NEARLY
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
-from guidefield.prove.tables import ROUNDED, body_pairs, is_served, resting_obstacles, robot_bodies
+from guidefield.prove.tables import index_of_pair, world_tables
 from guidefield.read_only import read_only
 from guidefield.robot.model.spaces import ModelConfigurations
-
-WITHIN = 2.0 * ROUNDED + SLACK + ACCURACY
-"""A pair that kernels find farther than the closest one by more than this is farther [m]."""
 
 MAX_PAIRS = 100_000
 """Above so many pairs configurations are measured one by one, among what is near them."""
@@ -37,20 +33,50 @@ class ClosestPairs:
     def __init__(self, world: World) -> None:
         self.world = world
 
-    def clearances(self, configurations: ModelConfigurations) -> Iterator[ClearanceAt]:
-        """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it."""
-        if self._moving is None:
-            yield from (clearance_at(self.world, q) for q in configurations)
+    def clearances(self, configurations: ModelConfigurations, times: np.ndarray | None = None) -> Iterator[ClearanceAt]:
+        """Yield the clearance at each configuration, as `clearance_at` has it.
+
+        Args:
+            configurations: Shape (n, model.nq).
+            times: At which obstacles that move are met, shape (n,) [s]; None: all are where they are at first.
+        """
+        in_time = times is not None and self.world.scene.moves
+        clock = times if times is not None and in_time else np.zeros(len(configurations))
+        moving = self._tables(in_time=in_time)
+        if moving is None:
+            for q, time in zip(configurations, clock.tolist(), strict=True):
+                yield clearance_at(self._at(time) if in_time else self.world, q)
             return
         count = len(configurations)
         distances, pairs = np.empty((count, 2)), np.empty((count, 2, CANDIDATES), np.int64)
-        closest_pairs(self._moving, np.ascontiguousarray(configurations), WITHIN, distances, pairs)
+        within = 2.0 * world_tables(self.world, in_time=in_time).error + SLACK + ACCURACY
+        closest_pairs(
+            moving, np.ascontiguousarray(configurations), np.ascontiguousarray(clock), within, distances, pairs
+        )
         apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
-        enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
+        if in_time:
+            enclosed = [self._is_enclosed(q, time) for q, time in zip(configurations[apart], clock[apart], strict=True)]
+        else:
+            enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
         alone[np.flatnonzero(apart)[enclosed]] = True
-        for q, alone_there, candidates in zip(configurations, alone.tolist(), pairs.tolist(), strict=True):
-            yield clearance_at(self.world, q) if alone_there else self._measured(q, candidates)
+        for q, time, alone_there, candidates in zip(
+            configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
+        ):
+            if alone_there:
+                yield clearance_at(self._at(time) if in_time else self.world, q)
+            else:
+                yield self._measured(q, candidates, time if in_time else None)
+
+    def _at(self, time: float) -> World:
+        """The robot among the obstacles where they are at a time [s]."""
+        return World(self.world.group, self.world.scene.at(time), self.world.pairs)
+
+    def _is_enclosed(self, q: np.ndarray, time: float) -> bool:
+        """Whether a body is wholly inside another at a configuration of the model, (model.nq,), and a time [s]."""
+        if self.world.scene.convex and not closed_bodies(self.world.group).any():
+            return False
+        return bool(enclosed_pairs(self._at(time), q))
 
     def free(self, configurations: ModelConfigurations, *, confirmed: bool = True) -> np.ndarray:
         """Return whether nothing touches, and nothing is wholly inside something else, at each configuration: (n,).
@@ -62,40 +88,57 @@ class ClosestPairs:
         world, count = self.world, len(configurations)
         if world.held_contacts:
             return np.zeros(count, bool)
-        if self._moving is None:
+        moving = self._tables(in_time=False)
+        if moving is None:
             free = np.array([not touching for touching in world.in_collision_each([*configurations])])
         else:
             contacts = np.empty(count, np.int64)
-            first_contacts(self._moving, np.ascontiguousarray(configurations), NEARLY, contacts)
+            first_contacts(moving, np.ascontiguousarray(configurations), NEARLY, contacts)
             free = contacts < 0
             for index in np.flatnonzero(~free).tolist() if confirmed else ():
                 world.place(configurations[index])
-                free[index] = not world.touches(int(contacts[index])) and not world.in_collision(configurations[index])
+                pair = index_of_pair(world, int(contacts[index]))
+                free[index] = not world.touches(pair) and not world.in_collision(configurations[index])
         apart = np.flatnonzero(free)
         free[apart] = [pair is None for pair in enclosed_each(world, [*configurations[apart]])]
         return free
 
-    @cached_property
-    def _moving(self) -> MovingRobot | None:
-        """The tables of the kernels; None where they don't know all bodies, or there are too many pairs."""
-        if len(self.world.pairs) > MAX_PAIRS or not is_served(self.world):
+    def _tables(self, *, in_time: bool) -> MovingRobot | None:
+        """The tables of the kernels; None where there are too many pairs."""
+        if len(self.world.pairs) > MAX_PAIRS:
             return None
-        curve = BezierCurve(np.empty(0), np.empty((0, 0, 0)))
-        read_only(*curve)
-        return MovingRobot(robot_bodies(self.world), resting_obstacles(self.world), body_pairs(self.world), curve)
+        robot, obstacles, movers, pairs, _ = world_tables(self.world, in_time=in_time)
+        return MovingRobot(robot, obstacles, movers, pairs, _NO_MOTION)
 
-    def _measured(self, q: np.ndarray, candidates: list[list[int]]) -> ClearanceAt:
-        """Coal's measure of the closest pairs at a configuration of the model, shape (model.nq,)."""
+    def _measured(self, q: np.ndarray, candidates: list[list[int]], time: float | None) -> ClearanceAt:
+        """Coal's measure of the closest pairs at a configuration of the model, shape (model.nq,), and a time [s]."""
         world = self.world
         world.place(q)
         own, obstacle = (
-            min((_measure(world, pair) for pair in kind if pair >= 0), key=lambda one: one[0], default=None)
+            min(
+                (_measure(world, index_of_pair(world, pair), time) for pair in kind if pair >= 0),
+                key=lambda one: one[0],
+                default=None,
+            )
             for kind in candidates
         )
         return ClearanceAt.of(world, own, obstacle)
 
 
-def _measure(world: World, pair: int) -> tuple[float, int, Any]:
-    """Distance [m], index and Coal's result of a pair."""
+def _measure(world: World, pair: int, time: float | None) -> tuple[float, int, Any]:
+    """Distance [m], index and Coal's result of a pair; of an obstacle that moves at a time [s]."""
+    if time is not None:
+        put_obstacle(world, pair, time)
     distance, result = world.distance(pair)
     return distance, pair, result
+
+
+def put_obstacle(world: World, pair: int, time: float) -> None:
+    """Put the obstacle of a pair where it is at a time [s], if it moves; the robot has been placed before."""
+    other = world.pairs.of(pair)[1] - world.pairs.links
+    if other >= 0 and world.scene.obstacles[other].motion is not None:
+        world.move(other + world.pairs.links, world.scene.obstacles[other].placement_at(time))
+
+
+_NO_MOTION = BezierCurve(np.empty(0), np.empty(0), np.empty((0, 0, 0)))
+read_only(*_NO_MOTION)

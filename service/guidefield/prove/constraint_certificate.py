@@ -21,8 +21,8 @@ from collections import deque
 import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.prove.curve_segments import halved
-from guidefield.prove.settings import CERTIFICATE
+from guidefield.prove.bezier import halved
+from guidefield.prove.settings import CONSTRAINT_RESOLUTION
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
@@ -59,7 +59,7 @@ def certify_constraints(
         if (np.array(reached) <= frames.limits).all():
             continue
         first = control[0]
-        if (frames.values(first) > frames.limits).any() or (high - low).max() <= CERTIFICATE.constraint_floor:
+        if (frames.values(first) > frames.limits).any() or (high - low).max() <= CONSTRAINT_RESOLUTION:
             return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, first)
         one, other = halved(control[None])
         half = 0.5 * (start + end)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.prove.curve_segments import halved, ranges
+from guidefield.prove.bezier import halved, ranges
 from guidefield.prove.settings import LIMITS
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 

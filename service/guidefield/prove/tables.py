@@ -1,19 +1,23 @@
-"""A world and a motion as the kernels of smallest distances read them."""
+"""Tables of a world and a motion for the search: parts are made once, for all alike groups, when first used."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import bodies, joint_placements
+from guidefield.collision.box_tree import CHILDREN
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.lanes.scene_tables import primitive_parts, surface_parts
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
+from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, RestingObstacles, RobotBodies
+from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, MovingObstacles, ObstacleBodies, RobotBodies
 from guidefield.memo import memoized
 from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
@@ -21,38 +25,84 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.scene.carried import Rows, carried
+from guidefield.scene.movers import movers
 from guidefield.scene.scene import Scene
+from guidefield.scene.swept import motion_of
 
 ROUNDED = 1e-5
-"""What kernels give away at most by knowing the corners of hulls in float32 [m]: those within some hundred metres."""
+"""What single precision gives away for hulls whose corners are within some hundred metres [m]."""
+
+NEAR_ORIGIN = 100.0
+"""A robot whose base is farther from the origin than this is seen from its base [m]."""
+
+ARITHMETIC = 2e-9
+"""What double precision may be off, of a metre and of each metre from the origin [m]."""
 
 
-def is_served(world: World) -> bool:
-    """Whether the kernels know all bodies of a world: no obstacle moves, and no hull is too far off."""
+class WorldTables(NamedTuple):
+    """What a search reads of a world.
+
+    Attributes:
+        robot: The robot.
+        obstacles: The obstacles.
+        movers: Those that move, where time counts.
+        pairs: The pairs.
+        error: What a distance that is proved may be off, but for far coordinates [m].
+    """
+
+    robot: RobotBodies
+    obstacles: ObstacleBodies
+    movers: MovingObstacles
+    pairs: BodyPairs
+    error: float
+
+
+@memoized
+def world_tables(world: World, *, in_time: bool) -> WorldTables:
+    """The tables of a world, its obstacles in time or all at rest where they are at first."""
     scene = world.scene
-    if scene.moves:
-        return False
-    return max(_robot_rounding(world.group), _obstacle_rounding(scene)) <= ROUNDED
+    in_time = in_time and scene.moves
+    obstacles = obstacles_in_time(scene) if in_time else obstacles_at_first(scene)
+    movers = moving_placements(scene) if in_time else NOTHING_MOVES
+    return WorldTables(robot_bodies(world), obstacles, movers, body_pairs(world), arithmetic_error(world))
+
+
+def arithmetic_error(world: World) -> float:
+    """Return what a distance that is proved may be off [m]: the corners of hulls are in single precision."""
+    far = max(_robot_extent(world.group), _obstacle_extent(world.scene))
+    return _robot_rounding(world.group) + _obstacle_rounding(world.scene) + ARITHMETIC * (1.0 + far)
 
 
 @memoized_for_alike
 def _robot_rounding(group: PlanningGroup) -> float:
-    return _rounding(robot_parts(group)[1])
+    return _rounding(robot_parts(group).parts)
 
 
 @memoized
 def _obstacle_rounding(scene: Scene) -> float:
-    return _rounding(_obstacle_parts(scene)[1])
+    return _rounding(_obstacle_parts(scene).parts)
+
+
+@memoized_for_alike
+def _robot_extent(group: PlanningGroup) -> float:
+    about = bodies(group)
+    return float(np.abs(about.centres).max(initial=0.0) + np.max(about.radii, initial=0.0))
+
+
+@memoized
+def _obstacle_extent(scene: Scene) -> float:
+    boxes = obstacle_boxes(scene).tree.boxes
+    return float(np.abs(boxes).max(initial=0.0))
 
 
 def _rounding(parts: Parts) -> float:
-    """How far a corner of a hull may be from where it is [m]."""
+    """Return how far a corner of a hull may be from its place [m]."""
     farthest = max(parts.vertices.max(initial=0.0), -parts.vertices.min(initial=0.0))
     return float(0.5 * np.sqrt(3.0) * np.spacing(np.float32(farthest)))
 
 
 def prepare_obstacles(scene: Scene) -> None:
-    """Make what the kernels need of those of a scene's obstacles that rest."""
+    """Make the convex parts of those of a scene's obstacles that rest."""
     _obstacle_parts(scene.resting)
 
 
@@ -69,7 +119,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 
     Own pairs, an array (own, 2) of int64, are those of the motion bound that is at hand already.
     """
-    bound, about, (roots, parts) = motion_bound(group, own_pairs), bodies(group), robot_parts(group)
+    bound, about, (roots, parts, anchor) = motion_bound(group, own_pairs), bodies(group), robot_parts(group)
     robot = RobotBodies(
         joints=joints_of(group),
         expand=np.ascontiguousarray(group.expand_velocity, float),
@@ -88,24 +138,51 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         moves=np.where(about.moved_by, 1.0, -1.0),
         roots=roots,
         parts=parts,
+        anchor=anchor,
     )
-    read_only(*robot[1:-1])
+    read_only(*robot[1:-2])
     return robot
 
 
-def resting_obstacles(world: World) -> RestingObstacles:
-    """The obstacles of a world; see `is_served`."""
-    return _resting(world.scene)
+def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
+    """The obstacles of a scene where they are first; those that move apart from the others where time counts."""
+    boxes, (roots, parts, anchor) = obstacle_boxes(scene), _obstacle_parts(scene)
+    axes, apart = _axis_rows(scene), boxes.endless
+    movers_of, resting, order = np.full(len(roots), -1), boxes, boxes.tree.order
+    order = boxes.bounded[order] if len(boxes.endless) else order
+    if timed and scene.moves:
+        moving = movers(scene).indices
+        movers_of[moving] = np.arange(len(moving))
+        rest, resting = np.flatnonzero(movers_of < 0), obstacle_boxes(scene.resting)
+        order = rest[resting.bounded[resting.tree.order]]
+        apart = np.union1d(rest[resting.endless], moving)
+    tables = ObstacleBodies(
+        axes, boxes.centres, boxes.halves, roots, parts, anchor, resting.tree.nodes, resting.tree.firsts, CHILDREN,
+        order, apart, movers_of,
+    )  # fmt: skip
+    read_only(axes, order, apart, movers_of, tables.nodes, tables.levels)
+    return tables
 
 
-def _over(known: RestingObstacles, changed: Rows, scene: Scene) -> RestingObstacles:
-    fresh = _as_rows(obstacle_boxes(scene).axes[changed.fresh])
-    return _resting_with(scene, changed.carry(known.axes, fresh))
+@memoized
+def obstacles_at_first(scene: Scene) -> ObstacleBodies:
+    """The obstacles of a scene, all at rest where they are first."""
+    return obstacle_bodies(scene, timed=False)
+
+
+@memoized
+def obstacles_in_time(scene: Scene) -> ObstacleBodies:
+    """The obstacles of a scene of which some move."""
+    return obstacle_bodies(scene, timed=True)
+
+
+def _over(known: np.ndarray, changed: Rows, scene: Scene) -> np.ndarray:
+    return changed.carry(known, _as_rows(obstacle_boxes(scene).axes[changed.fresh]))
 
 
 @carried(_over)
-def _resting(scene: Scene) -> RestingObstacles:
-    return _resting_with(scene, _as_rows(obstacle_boxes(scene).axes))
+def _axis_rows(scene: Scene) -> np.ndarray:
+    return _as_rows(obstacle_boxes(scene).axes)
 
 
 def _as_rows(axes: np.ndarray) -> np.ndarray:
@@ -113,19 +190,65 @@ def _as_rows(axes: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(axes.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
 
 
-def _resting_with(scene: Scene, axes: np.ndarray) -> RestingObstacles:
-    boxes, (roots, parts) = obstacle_boxes(scene), _obstacle_parts(scene)
-    read_only(axes)
-    return RestingObstacles(axes, boxes.centres, boxes.halves, roots, parts)
+@memoized
+def moving_placements(scene: Scene) -> MovingObstacles:
+    """The obstacles of a scene that move; speeds of what has no end are 0 here."""
+    known = movers(scene)
+    motions = [motion_of(one) for one in known.obstacles]
+    poses, twists = list[np.ndarray](), list[np.ndarray]()
+    for motion in motions:
+        back = motion.placements[0].inverse()
+        poses += [(place * back).homogeneous[:3].ravel() for place in motion.placements]
+        twists += [
+            place.act(pin.Motion(twist)).vector for place, twist in zip(motion.placements, motion.twists, strict=False)
+        ]
+        twists.append(np.zeros(6))
+    made = MovingObstacles(
+        begins=np.cumsum([0, *(len(motion.times) for motion in motions)]),
+        times=np.concatenate([np.empty(0), *(motion.times for motion in motions)]),
+        poses=np.array(poses, float).reshape(-1, 12),
+        twists=np.array(twists, float).reshape(-1, 6),
+        speeds=np.array([speed for speeds in known.speeds for speed in (*speeds, 0.0)], float),
+        endless=np.array([int(ball is None) for ball in known.balls], np.int64),
+    )
+    read_only(*made)
+    return made
+
+
+def with_passing_speeds(world: World, curve: Curve, made: MovingObstacles) -> MovingObstacles:
+    """The obstacles of a world that move: those without an end are as fast as they pass the robot along a motion."""
+    if not made.endless.any():
+        return made
+    about, speeds, known = robot_ball(world, *curve.box), made.speeds.copy(), movers(world.scene)
+    for index in np.flatnonzero(made.endless).tolist():
+        begin, end = made.begins[index], made.begins[index + 1]
+        speeds[begin : end - 1] = motion_of(known.obstacles[index]).passing(*about)[1:-1]
+    read_only(speeds)
+    return made._replace(speeds=speeds)
+
+
+NOTHING_MOVES = MovingObstacles(
+    np.zeros(1, np.int64), np.empty(0), np.empty((0, 12)), np.empty((0, 6)), np.empty(0), np.empty(0, np.int64)
+)
+"""No obstacle moves."""
+read_only(*NOTHING_MOVES)
 
 
 def body_pairs(world: World) -> BodyPairs:
-    """All pairs of a world."""
-    own, (moving, obstacles) = world.pairs.own, world.pairs.mixed()
-    first, second = np.concatenate([own[:, 0], moving]), np.concatenate([own[:, 1], obstacles])
-    pairs = BodyPairs(first, second, *_seen_between(world.group, own.tobytes()))
+    """The pairs of a world."""
+    own = world.pairs.own
+    pairs = BodyPairs(
+        np.ascontiguousarray(own.reshape(-1, 2)), world.pairs.moving, world.pairs.left_out,
+        *_seen_between(world.group, own.tobytes()),
+    )  # fmt: skip
     read_only(*pairs)
     return pairs
+
+
+def index_of_pair(world: World, pair: int) -> int:
+    """Return the index among a world's pairs of a pair as kernels number it: those left out count there."""
+    mixed = pair - world.pairs.n_self
+    return pair if mixed < 0 else pair - int(np.searchsorted(world.pairs.left_out, mixed))
 
 
 @memoized_for_alike
@@ -162,28 +285,45 @@ def _chosen(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
 
 
 def bezier_curve(curve: Curve) -> BezierCurve:
-    """A motion."""
-    made = BezierCurve(*(np.array(one, float, order="C") for one in (curve.times, curve.pieces)))
+    """Lay out a motion; its parameter is the time, or the index of a piece where pieces take no time."""
+    pieces, clock = np.array(curve.pieces, float, order="C"), np.array(curve.times, float)
+    if pieces.shape[1] == 1:
+        pieces = np.repeat(pieces, 2, axis=1)
+    made = BezierCurve(clock if (np.diff(clock) > 0.0).all() else np.arange(len(clock), dtype=float), clock, pieces)
     read_only(*made)
     return made
 
 
+class BodyParts(NamedTuple):
+    """Roots of bodies, shape (n,), their parts, and the anchor from which parts in the world are seen, (3,) [m]."""
+
+    roots: np.ndarray
+    parts: Parts
+    anchor: np.ndarray
+
+
 @memoized_for_alike
-def robot_parts(group: PlanningGroup) -> tuple[np.ndarray, Parts]:
-    """Roots of the robot's bodies, shape (r,), in the frames of their joints, and their parts."""
-    table = PartsTable()
-    roots = [
-        table.add_surface(shape.geometry, shape.placement)
-        if isinstance(shape.geometry, coal.BVHModelBase)
-        else table.add_shape(shape.geometry, shape.placement)
-        for shape in group.geometry.geometryObjects
-    ]
-    return _frozen(roots), table.tables()
+def robot_parts(group: PlanningGroup) -> BodyParts:
+    """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
+
+    The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
+    """
+    table, shapes = PartsTable(), group.geometry.geometryObjects
+    fixed = [shape.placement.translation for shape in shapes if shape.parentJoint == 0]
+    anchor = np.array(fixed[0]) if fixed and np.abs(fixed[0]).max() > NEAR_ORIGIN else np.zeros(3)
+    roots = []
+    for shape in shapes:
+        shift = anchor if shape.parentJoint == 0 else np.zeros(3)
+        placement = pin.SE3(shape.placement.rotation, shape.placement.translation - shift)
+        add = table.add_surface if isinstance(shape.geometry, coal.BVHModelBase) else table.add_shape
+        roots.append(add(shape.geometry, placement))
+    read_only(anchor)
+    return BodyParts(_frozen(roots), table.tables(), anchor)
 
 
 @memoized
-def _obstacle_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
-    """Roots of a scene's obstacles, in the world, and their parts."""
+def _obstacle_parts(scene: Scene) -> BodyParts:
+    """The convex parts of a scene's obstacles, seen from the world's origin, or from among them if that is far away."""
     table, (primitive_roots, primitives) = PartsTable(), primitive_parts(scene)
     first = table.add_parts(primitives)
     of_primitives = iter((first + primitive_roots).tolist())
@@ -195,7 +335,24 @@ def _obstacle_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
         else table.add_shape(obstacle.shape, obstacle.placement)
         for obstacle in scene.obstacles
     ]
-    return _frozen(roots), table.tables()
+    made = BodyParts(_frozen(roots), table.tables(), np.zeros(3))
+    if _rounding(made.parts) > ROUNDED:
+        made = _far_parts(scene)
+    read_only(made.anchor)
+    return made
+
+
+def _far_parts(scene: Scene) -> BodyParts:
+    """The convex parts of obstacles seen from among them: single precision tells little of coordinates far away."""
+    boxes, table = obstacle_boxes(scene).tree.boxes, PartsTable()
+    anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
+    roots = []
+    for obstacle in scene.obstacles:
+        shift = np.zeros(3) if obstacle.endless else anchor
+        placement = pin.SE3(obstacle.placement.rotation, obstacle.placement.translation - shift)
+        add = table.add_surface if isinstance(obstacle.shape, coal.BVHModelBase) else table.add_shape
+        roots.append(add(obstacle.shape, placement))
+    return BodyParts(_frozen(roots), table.tables(), anchor)
 
 
 def _frozen(roots: list[int]) -> np.ndarray:

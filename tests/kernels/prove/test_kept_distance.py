@@ -18,6 +18,7 @@ from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, lane_k
 from guidefield.kernels.prove.kept_distance import (
     FIRST_TURNS,
     FIRST_TWIST,
+    LOG_ROWS,
     SECOND_TURNS,
     SECOND_TWIST,
     TWISTS,
@@ -35,9 +36,11 @@ Body = tuple[Any, np.ndarray | None]
 
 
 @lane_kernel(
-    types.float64(PARTS, VECTOR, PARTS, VECTOR, VECTOR, types.float64, types.float64, types.float64, VECTOR_OUT)
+    types.float64(
+        PARTS, VECTOR, PARTS, VECTOR, VECTOR, types.float64, types.float64, types.float64, VECTOR_OUT, VECTOR_OUT
+    )
 )
-def keeps(
+def _keeps(
     a: Parts,
     pose_a: Floats,
     b: Parts,
@@ -47,6 +50,7 @@ def keeps(
     asked: float,
     bent: float,
     work: Floats,
+    log: Floats,
 ) -> float:
     """`bodies_keep` of two bodies, each alone in its tables."""
     return bodies_keep(
@@ -61,7 +65,13 @@ def keeps(
         asked,
         bent,
         pointers(work),
+        pointers(log),
     )
+
+
+def keeps(*arguments: Any) -> float:
+    """Ask the kernel, without a log of what closes the bodies."""
+    return float(_keeps(*arguments, np.zeros(LOG_ROWS)))
 
 
 def shape_of(kind: str, rng: np.random.Generator) -> coal.CollisionGeometry:

@@ -6,11 +6,22 @@ import numpy as np
 from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, MATRIX_OUT, SCALAR, Floats, Integers, compiled
+from guidefield.kernels.jit.signatures import (
+    INDICES_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    SCALAR,
+    VECTOR,
+    Floats,
+    Integers,
+    compiled,
+)
 from guidefield.kernels.kinematics.forward_kinematics import place_joints
-from guidefield.kernels.prove.looks import Search, new_search
+from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance
-from guidefield.kernels.prove.places import place_centres
+from guidefield.kernels.prove.pairs import is_left_out
+from guidefield.kernels.prove.placement import LOOK, NOW, place_centres
+from guidefield.kernels.prove.samples import Search, new_search
 from guidefield.kernels.prove.tables import MOVING_ROBOT, MovingRobot
 
 CANDIDATES = 12
@@ -18,14 +29,16 @@ CANDIDATES = 12
 
 
 @uncounted
-def _place_configuration(moving: MovingRobot, q: Floats, search: Search) -> None:
-    """Place the robot at a configuration of its model, shape (nq,)."""
+def _place_configuration(moving: MovingRobot, q: Floats, time: float, search: Search) -> None:
+    """Place the robot at a configuration of its model, shape (nq,), and obstacles that move at a time [s]."""
     joints, room = moving.robot.joints, search.room
     place_joints(
         joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, room.rotation, room.translation,
         search.place.poses,
     )  # fmt: skip
     place_centres(moving.robot, search.place)
+    search.place.moment[NOW] = time
+    search.place.moment[LOOK] += 1.0
 
 
 @uncounted
@@ -41,25 +54,28 @@ def _find_closest(
         `pairs_out`, shape (CANDIDATES,), gets the pairs in ascending order and -1 behind them; where there are more, -2
         stands first.
     """
-    least, found, most, closest = search.least, np.inf, np.inf, first
+    least, found, most, closest, own = search.told, np.inf, np.inf, first, moving.pairs.own.shape[0]
     for pair in range(first, past):
-        least[pair] = least_distance(moving, pair, search.place)
-        closest = pair if least[pair] < least[closest] else closest
+        if pair >= own and is_left_out(moving.pairs, pair - own):
+            least[pair, 0] = np.inf
+        else:
+            least[pair, 0] = least_distance(moving, pair, search.place)
+        closest = pair if least[pair, 0] < least[closest, 0] else closest
     for index in range(first - 2 if past > first else past, past):
         pair = index
         if index < first:
             pair = likely if index == first - 2 else closest
         was_measured = index >= first and pair in (likely, closest)
-        if pair < 0 or was_measured or least[pair] >= most:
+        if pair < 0 or was_measured or least[pair, 0] >= most:
             continue
-        least[pair] = pair_distance(moving, pair, search.place, most, search.ask)
-        found = min(found, least[pair])
+        least[pair, 0] = pair_distance(moving, pair, search.place, most, search.ask)
+        found = min(found, least[pair, 0])
         most = max(found, 0.0) + within
     count = 0
     for k in range(pairs_out.shape[0]):
         pairs_out[k] = -1
     for pair in range(first, past):
-        if least[pair] < most:  # of what is farther `pair_distance` returns no less
+        if least[pair, 0] < most:  # of what is farther `pair_distance` returns no less
             if count == pairs_out.shape[0]:
                 pairs_out[0] = -2
                 break
@@ -68,24 +84,30 @@ def _find_closest(
     return found
 
 
-@compiled(void(MOVING_ROBOT, MATRIX, SCALAR, MATRIX_OUT, types.Array(types.int64, 3, "C")))
+@compiled(void(MOVING_ROBOT, MATRIX, VECTOR, SCALAR, MATRIX_OUT, types.Array(types.int64, 3, "C")))
 def closest_pairs(
-    moving: MovingRobot, configurations: Floats, within: float, distances_out: Floats, pairs_out: np.ndarray
+    moving: MovingRobot,
+    configurations: Floats,
+    times: Floats,
+    within: float,
+    distances_out: Floats,
+    pairs_out: np.ndarray,
 ) -> None:
     """Find the closest pairs at configurations; see `_find_closest`.
 
     Args:
         moving: The robot, all its pairs, and any motion.
         configurations: Of the robot's model, shape (n, nq).
+        times: The time at each, for obstacles that move, shape (n,) [s].
         within: Pairs that are farther apart than the closest one by at most this are returned as well [m].
         distances_out: Distance of the closest own pair and of the closest pair with an obstacle, shape (n, 2) [m].
         pairs_out: Pairs of each kind, shape (n, 2, CANDIDATES).
     """
-    search = new_search(moving)
-    own, every = moving.pairs.first_by.shape[0], moving.pairs.first.shape[0]
+    search, own = new_search(moving, np.zeros(LOG_ROWS)), moving.pairs.own.shape[0]
+    every = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
     likely_own, likely = -1, -1
     for i in range(configurations.shape[0]):
-        _place_configuration(moving, configurations[i], search)
+        _place_configuration(moving, configurations[i], times[i], search)
         distances_out[i, 0] = _find_closest(moving, search, 0, own, within, likely_own, pairs_out[i, 0])
         distances_out[i, 1] = _find_closest(moving, search, own, every, within, likely, pairs_out[i, 1])
         likely_own, likely = max(pairs_out[i, 0, 0], -1), max(pairs_out[i, 1, 0], -1)
@@ -101,16 +123,18 @@ def first_contacts(moving: MovingRobot, configurations: Floats, touching: float,
         touching: Pairs no farther apart than this count as touching [m].
         pairs_out: The pair, or -1, shape (n,).
     """
-    search, last, count = new_search(moving), -1, moving.pairs.first.shape[0]
+    search, last, own = new_search(moving, np.zeros(LOG_ROWS)), -1, moving.pairs.own.shape[0]
+    count = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
     for i in range(configurations.shape[0]):
-        _place_configuration(moving, configurations[i], search)
+        _place_configuration(moving, configurations[i], 0.0, search)
         pairs_out[i] = -1
         for index in range(-1 if last >= 0 else 0, count):
             pair = last if index < 0 else index
             if least_distance(moving, pair, search.place) > touching:
                 continue
-            if (
-                pair_distance(moving, pair, search.place, touching, search.ask) < touching
-            ):  # of what is farther it returns no less
+            # of what is farther `pair_distance` returns no less
+            if pair_distance(moving, pair, search.place, touching, search.ask) < touching and not (
+                pair >= own and is_left_out(moving.pairs, pair - own)
+            ):
                 pairs_out[i] = last = pair
                 break

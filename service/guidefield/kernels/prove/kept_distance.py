@@ -1,4 +1,4 @@
-"""Whether two bodies keep a distance as both move straight, from where they are in the middle: by trees of balls.
+"""Proof that two bodies keep a distance while both move straight from a placement, by trees of spheres and slabs.
 
 Let n be a direction along which two convex parts A and B are apart in the middle, and v and w how far their points move
 by the whole of a twist each. Where both have moved by the share s of it, |s| <= h, the parts are apart along n by
@@ -66,6 +66,14 @@ or twice of it a UR5 takes a tenth longer."""
 
 LATER = 1e30
 """What is told then is that share of this [m]: more than any distance."""
+
+LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_ROWS = range(6)
+"""Numbers of a log: rows written, rows there is room for, the segment and the pair of what is written next, 1 where a
+shorter segment is no way out, and where the rows begin."""
+
+ROW_SEGMENT, ROW_PAIR, ROW_A, ROW_B, ROW_AXIS, LOG_ROW = 0, 1, 2, 3, 4, 7
+"""Columns of a row: segment, pair, a node of each body, and the direction across which they are told apart, 0 where
+their spheres tell it; then their number."""
 
 NODE_A, NODE_B, ENTRY = range(3)
 """Numbers of an entry of the stack: a node of each body; then how many there are."""
@@ -201,9 +209,8 @@ def _nodes_keep(
         return math.inf
     most, rounds, least = asked + travel, ROUNDS if leaves else NODE_ROUNDS, -math.inf if leaves else asked
     apart = parts_distance(a, part_a, b, part_b, rounds_a + rounds_b, least, most, rounds, work)
-    if apart >= most:
-        return math.inf
     later = -math.inf
+    # what GJK ends with needs no trust: only the slab across its axis counts
     if apart > (asked if leaves else asked - bent):
         kept = _keep_along(a, part_a, rounds_a, b, part_b, rounds_b, twists, share, asked, work)
         if kept >= asked:
@@ -212,7 +219,23 @@ def _nodes_keep(
     return float(apart) if leaves else later
 
 
-@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
+@lane_part
+def write_closed(log: Floats, node_a: int, node_b: int, x: float, y: float, z: float) -> None:
+    """Write to a log (n,) that two nodes are told apart across a direction, 0 where by spheres; rows are counted on."""
+    count = int(log[LOG_COUNT])
+    log[LOG_COUNT] += 1.0
+    if count < int(log[LOG_CAPACITY]):
+        row = LOG_ROWS + LOG_ROW * count
+        log[row + ROW_SEGMENT], log[row + ROW_PAIR] = log[LOG_SEGMENT], log[LOG_PAIR]
+        log[row + ROW_A], log[row + ROW_B] = node_a, node_b
+        log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = x, y, z
+
+
+@lane_step(
+    types.float64(
+        *PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER, DOUBLE_POINTER
+    )
+)
 def bodies_keep(
     a: Parts,
     root_a: int,
@@ -225,8 +248,9 @@ def bodies_keep(
     asked: float,
     bent: float,
     work: Floats,
+    log: Floats,
 ) -> float:
-    """Whether two bodies keep a distance as both move by the same share of their twists.
+    """Return infinity if two bodies keep a distance as both move by the same share of their twists.
 
     Args:
         a: Tables that the first body is in.
@@ -241,9 +265,10 @@ def bodies_keep(
         bent: How much of it that is [m].
         work: Scratch, shape (WORK,); the search begins with the axis and the leaves in it, and leaves its last axis,
             and the leaves that didn't keep it.
+        log: Gets a row for each two nodes that are told apart, shape (n,).
 
     Returns:
-        Infinite where they keep it; else the distance in the middle of two of their leaves, which may be larger, or
+        Infinity; else the distance in the middle of two of their leaves, which may be larger, or
         more than any distance, where it is sooner told in halves of the time [m].
     """
     top = STACK + ENTRY
@@ -251,8 +276,13 @@ def bodies_keep(
     if work[LEAF_A] > 0.0:
         node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
         kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
-        if kept < math.inf or (node_a == root_a and node_b == root_b):
+        if kept < math.inf:
             return kept
+        if node_a == root_a and node_b == root_b:
+            if log[LOG_CAPACITY] > 0.0:
+                x, y, z = axis_in(work)
+                write_closed(log, node_a, node_b, x, y, z)
+            return math.inf
     visited = 0
     while top > STACK:
         top -= ENTRY
@@ -260,8 +290,11 @@ def bodies_keep(
         node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
         kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
         if kept == math.inf:
+            if log[LOG_CAPACITY] > 0.0:
+                x, y, z = axis_in(work)
+                write_closed(log, node_a, node_b, x, y, z)
             continue
-        if kept >= LATER * RATE * visited:
+        if kept >= LATER * RATE * visited and log[LOG_PATIENT] == 0.0:
             return kept
         if is_leaf(a, node_a) and is_leaf(b, node_b):
             work[LEAF_A], work[LEAF_B] = node_a + 1, node_b + 1

@@ -1,4 +1,4 @@
-"""Distance of a pair of bodies at a place: at least, by balls and boxes, by their convex parts, and for a while."""
+"""Distances of a pair of bodies at a placement: bounds by spheres and boxes, by convex parts, and over a segment."""
 
 from __future__ import annotations
 
@@ -11,50 +11,60 @@ from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.prove.body_distance import bodies_distance
-from guidefield.kernels.prove.kept_distance import bodies_keep
-from guidefield.kernels.prove.places import Place
-from guidefield.kernels.prove.tables import MovingRobot
+from guidefield.kernels.prove.kept_distance import LOG_PAIR, bodies_keep
+from guidefield.kernels.prove.pairs import first_body, obstacle_of
+from guidefield.kernels.prove.placement import Place, place_mover, seen_by_mover
+from guidefield.kernels.prove.tables import MovingRobot, RobotBodies
 from guidefield.kernels.simd.packing import pointers
 
 LAST_AXIS, LAST_A, LAST_B, LAST = 0, 3, 4, 5
-"""Numbers that are remembered of a pair: an axis, a leaf of each body, as in GJK's scratch; then how many there are."""
+"""Columns of what is remembered of a pair: an axis, a leaf of each body, as in GJK's scratch; then their number."""
 
 FIRST, SECOND, AT_REST, POSES = range(4)
-"""Rows of poses: of a body of the robot, of another one, and of what rests: the identity; then how many there are."""
+"""Rows of poses: of a robot body, of the other body, and the identity for what rests; then their number."""
 
 
 class Ask(NamedTuple):
-    """What distances are asked with.
+    """Scratch of distance queries.
 
     Attributes:
-        last: What is remembered of each pair: where its next search begins, shape (m, LAST).
+        last: The axis and leaves with which the next search of each pair begins, shape (m, LAST).
         poses: Rotation and translation row by row, shape (POSES, 12) [m].
         work: Scratch, shape (WORK,).
+        log: Slabs that close pairs, as `kept_distance` writes them; without capacity where none are asked for, (n,).
     """
 
     last: Floats
     poses: Floats
     work: Floats
+    log: Floats
 
 
 @counted
-def new_ask(moving: MovingRobot) -> Ask:
-    """Nothing is remembered yet."""
+def new_ask(moving: MovingRobot, log: Floats) -> Ask:
+    """Return scratch in which nothing is remembered, with a log of shape (n,)."""
     poses = np.zeros((POSES, 12))
     for k in (0, 5, 10):
         poses[AT_REST, k] = 1.0
-    return Ask(np.zeros((moving.pairs.first.shape[0], LAST)), poses, np.zeros(WORK))
+    pairs = moving.pairs.own.shape[0] + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
+    return Ask(np.zeros((pairs, LAST)), poses, np.zeros(WORK), log)
 
 
 @uncounted
 def squared_gap(moving: MovingRobot, pair: int, place: Place) -> float:
-    """How far the centre of a pair's first ball is at a place from that of the second, or from a box, squared [m^2]."""
+    """Return the squared distance from the centre of a pair's first sphere to that of the second, or to a box [m^2]."""
     obstacles, pairs = moving.obstacles, moving.pairs
-    a, b = pairs.first[pair], pairs.second[pair]
-    x, y, z = place.centres[a, 0], place.centres[a, 1], place.centres[a, 2]
-    if pair < pairs.first_by.shape[0]:
+    if pair < pairs.own.shape[0]:
+        a, b = pairs.own[pair, 0], pairs.own[pair, 1]
+        x, y, z = place.centres[a, 0], place.centres[a, 1], place.centres[a, 2]
         x, y, z = x - place.centres[b, 0], y - place.centres[b, 1], z - place.centres[b, 2]
         return float(x * x + y * y + z * z)
+    a, b = first_body(pairs, obstacles, pair), obstacle_of(pairs, obstacles, pair)
+    x, y, z = place.centres[a, 0], place.centres[a, 1], place.centres[a, 2]
+    mover = obstacles.movers[b]
+    if mover >= 0:
+        place_mover(moving.movers, mover, place)
+        x, y, z = seen_by_mover(place.mover_poses[mover], x, y, z)
     square = 0.0
     for k in range(3):
         along = obstacles.axes[b, 3 * k] * x + obstacles.axes[b, 3 * k + 1] * y + obstacles.axes[b, 3 * k + 2] * z
@@ -65,36 +75,36 @@ def squared_gap(moving: MovingRobot, pair: int, place: Place) -> float:
 
 @uncounted
 def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
-    """What a pair keeps at least at a place, by the balls about bodies and the boxes about obstacles [m]."""
+    """Return a lower bound of a pair's distance at a placement, by spheres and boxes [m]."""
     radii, pairs = moving.robot.radii, moving.pairs
-    radius = radii[pairs.first[pair]]
-    if pair < pairs.first_by.shape[0]:
-        radius += radii[pairs.second[pair]]
+    radius = radii[first_body(pairs, moving.obstacles, pair)]
+    if pair < pairs.own.shape[0]:
+        radius += radii[pairs.own[pair, 1]]
     return float(math.sqrt(squared_gap(moving, pair, place)) - radius)
 
 
 @uncounted
 def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask: Ask) -> float:
-    """The distance of a pair at a place.
+    """Return the distance of a pair at a placement.
 
     Args:
         moving: The robot and the pairs.
         pair: Which of them.
-        place: The place.
-        most: If they are farther apart than this, some bound of their distance that is no less than it is enough [m].
-        ask: Where the search begins, and its scratch; changed.
+        place: The placement.
+        most: If they are farther apart than this, some lower bound that is no less than it is enough [m].
+        ask: Scratch; the search begins with what is remembered in it.
 
     Returns:
         See `bodies_distance` [m].
     """
-    robot, obstacles, second = moving.robot, moving.obstacles, moving.pairs.second[pair]
-    own, root, scratch = pointers(robot.parts), robot.roots[moving.pairs.first[pair]], _begun(moving, pair, place, ask)
-    pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
-    if pair < moving.pairs.first_by.shape[0]:
-        found = bodies_distance(own, root, pose_a, own, robot.roots[second], pose_b, most, scratch)
+    robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, ask)
+    own, pose_a, pose_b = pointers(robot.parts), pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND])
+    if pair < pairs.own.shape[0]:
+        found = bodies_distance(own, root, pose_a, own, robot.roots[pairs.own[pair, 1]], pose_b, most, scratch)
     else:
-        scene = pointers(obstacles.parts)
-        found = bodies_distance(own, root, pose_a, scene, obstacles.roots[second], rests, most, scratch)
+        other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
+        found = bodies_distance(own, root, pose_a, scene, other, pose_b, most, scratch)
     _remember(pair, ask)
     return float(found)
 
@@ -103,59 +113,89 @@ def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask
 def pair_keeps(
     moving: MovingRobot, pair: int, place: Place, known: Floats, share: float, asked: float, bent: float, ask: Ask
 ) -> float:
-    """Whether a pair would keep a distance about a place if its bodies moved straight by shares of their twists.
+    """Return infinity if a pair keeps a distance about a placement while its bodies move straight along their twists.
 
     Args:
         moving: The robot and the pairs.
         pair: Which of them.
-        place: The place.
-        known: What is known of its mover; it begins with the twists of its bodies.
-        share: How much of these at most, there and back.
+        place: The placement.
+        known: Bounds of the pair's motion; they begin with the twists of its bodies.
+        share: The largest share of these, there and back.
         asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
         bent: How much of it that is [m].
-        ask: Where the search begins, and its scratch; changed.
+        ask: Scratch; the search begins with what is remembered in it.
 
     Returns:
         See `bodies_keep`.
     """
-    robot, obstacles, second = moving.robot, moving.obstacles, moving.pairs.second[pair]
-    own, root, scratch = pointers(robot.parts), robot.roots[moving.pairs.first[pair]], _begun(moving, pair, place, ask)
-    pose_a, pose_b, rests = pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND]), pointers(ask.poses[AT_REST])
-    twists = pointers(known)
-    if pair < moving.pairs.first_by.shape[0]:
-        found = bodies_keep(own, root, pose_a, own, robot.roots[second], pose_b, twists, share, asked, bent, scratch)
+    robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, ask)
+    own, pose_a, pose_b = pointers(robot.parts), pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND])
+    twists, log = pointers(known), pointers(ask.log)
+    log[LOG_PAIR] = float(pair)
+    if pair < pairs.own.shape[0]:
+        other = robot.roots[pairs.own[pair, 1]]
+        found = bodies_keep(own, root, pose_a, own, other, pose_b, twists, share, asked, bent, scratch, log)
     else:
-        scene = pointers(obstacles.parts)
-        found = bodies_keep(
-            own, root, pose_a, scene, obstacles.roots[second], rests, twists, share, asked, bent, scratch
-        )
+        other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
+        found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked, bent, scratch, log)
     _remember(pair, ask)
     return float(found)
 
 
 @uncounted
 def _begun(moving: MovingRobot, pair: int, place: Place, ask: Ask) -> Floats:
-    """The scratch of GJK with what is remembered of a pair, whose bodies are placed."""
+    """Return the scratch of GJK with what is remembered of a pair, whose bodies are placed."""
     robot, pairs, last = moving.robot, moving.pairs, ask.last[pair]
     scratch: Floats = pointers(ask.work)
     write_axis(scratch, last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2])
     scratch[LEAF_A], scratch[LEAF_B] = last[LAST_A], last[LAST_B]
-    _write_pose(place.poses[robot.carriers[pairs.first[pair]]], ask.poses[FIRST])
-    if pair < pairs.first_by.shape[0]:
-        _write_pose(place.poses[robot.carriers[pairs.second[pair]]], ask.poses[SECOND])
+    _write_pose(robot, robot.carriers[first_body(pairs, moving.obstacles, pair)], place, ask.poses[FIRST])
+    if pair < pairs.own.shape[0]:
+        _write_pose(robot, robot.carriers[pairs.own[pair, 1]], place, ask.poses[SECOND])
+        return scratch
+    mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
+    source = ask.poses[AT_REST]
+    if mover >= 0:
+        place_mover(moving.movers, mover, place)
+        if moving.movers.endless[mover] == 1:  # its plane is known where it is at first: the body is brought there
+            _bring_back(place.mover_poses[mover], ask.poses[FIRST])
+        else:
+            source = place.mover_poses[mover]
+    anchor = moving.obstacles.anchor
+    for row in range(3):
+        moved = source[4 * row + 3]
+        for k in range(3):
+            ask.poses[SECOND, 4 * row + k] = source[4 * row + k]
+            moved += source[4 * row + k] * anchor[k]
+        ask.poses[SECOND, 4 * row + 3] = moved
     return scratch
 
 
 @uncounted
+def _bring_back(mover: Floats, pose: Floats) -> None:
+    """Replace a body's pose (12,) by that seen from a moving obstacle, by the obstacle's pose (12,)."""
+    x, y, z = seen_by_mover(mover, pose[3], pose[7], pose[11])
+    for column in range(3):
+        u, v, w = pose[column], pose[4 + column], pose[8 + column]
+        for row in range(3):
+            pose[4 * row + column] = mover[row] * u + mover[4 + row] * v + mover[8 + row] * w
+    pose[3], pose[7], pose[11] = x, y, z
+
+
+@uncounted
 def _remember(pair: int, ask: Ask) -> None:
-    """Remember of a pair where its next search begins."""
+    """Remember where a pair's next search begins."""
     last, scratch = ask.last[pair], pointers(ask.work)
     last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2] = axis_in(scratch)
     last[LAST_A], last[LAST_B] = scratch[LEAF_A], scratch[LEAF_B]
 
 
 @uncounted
-def _write_pose(placement: Floats, pose_out: Floats) -> None:
+def _write_pose(robot: RobotBodies, joint: int, place: Place, pose_out: Floats) -> None:
+    """Write the pose of the parts that a joint carries, row by row, shape (12,)."""
     for r in range(3):
         for c in range(4):
-            pose_out[4 * r + c] = placement[r, c]
+            pose_out[4 * r + c] = place.poses[joint, r, c]
+        if joint == 0:
+            pose_out[4 * r + 3] += robot.anchor[r]

@@ -1,4 +1,4 @@
-"""What the kernels of smallest distances know of a robot, of obstacles, of the pairs between them, and of a motion."""
+"""Tables of a robot, of obstacles at rest and in motion, of the pairs between them, and of a motion."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable
 
 
 class RobotBodies(NamedTuple):
-    """A robot's bodies and what moves them; r bodies, n coordinates of the model's chart, followers included.
+    """A robot's bodies and the joints that move them; r bodies, n local coordinates of the model, mimic ones included.
 
     Attributes:
         joints: Joints of the model.
-        expand: Coordinates of the model's chart by those of the group, shape (n, nv); with `offset`.
+        expand: The model's local coordinates by those of the group, shape (n, nv); with `offset`.
         offset: Shape (n,) [rad or m].
         origin: Configuration of the model from which rotation vectors start, shape (nq,).
         half_widths: The sizes of `expand`, shape (n, nv).
         alone: 1 for a coordinate that makes a move of its own, shape (n,).
-        together: Which coordinates make one move, counted in its first, shape (n, n).
+        together: Coordinates that make one move, counted in its first, shape (n, n).
         centred: The same for turns about a centre, halved, shape (n, n).
         turns: 1 for a coordinate that turns, 0 for one that slides, shape (n,).
         doubled: 2 for the first coordinate of a ball joint's rotation, else as `turns`, shape (n,).
         carriers: Joint of each body, shape (r,); 0 is the world.
-        centres: Centre of a ball about each, in the frame of that joint, shape (r, 3) [m].
-        radii: Its radius, shape (r,) [m].
+        centres: Centre of its bounding sphere in the frame of that joint, shape (r, 3) [m].
+        radii: Radius of the sphere, shape (r,) [m].
         moved_by: The coordinates that move a body, ascending, and -1 behind them, shape (r, n).
         moves: 1 for a coordinate that moves a body, -1 for another, shape (r, n).
         roots: Root of each in `parts`, shape (r,), in the frame of its joint.
-        parts: Their convex parts.
+        parts: Their convex parts; those of bodies that the world carries as seen from the anchor.
+        anchor: A point near those bodies, along the world's axes, shape (3,) [m].
     """
 
     joints: JointTable
@@ -49,17 +50,26 @@ class RobotBodies(NamedTuple):
     moves: Rows
     roots: Indices
     parts: Parts
+    anchor: Row
 
 
-class RestingObstacles(NamedTuple):
-    """Obstacles that rest; o of them.
+class ObstacleBodies(NamedTuple):
+    """Obstacles where they are at first; o of them.
 
     Attributes:
         axes: Axes of a box about each, one after the other, shape (o, 9).
         centres: Its centre along them, shape (o, 3) [m].
         halves: Its half extents, shape (o, 3) [m]; infinite for a half-space.
-        roots: Root of each in `parts`, shape (o,), in the world.
-        parts: Their convex parts.
+        roots: Root of each in `parts`, shape (o,).
+        parts: Their convex parts, as seen from the anchor; half-spaces in the world.
+        anchor: A point near them, along the world's axes, shape (3,) [m].
+        nodes: Lower and upper corners of a tree's boxes along the world's axes, shape (k, 6) [m]: those about obstacles
+            at rest, then those about every `children` of the level before.
+        levels: Begin of each level among them, and the number of all, shape (levels + 1,).
+        children: Boxes below one box of the next level.
+        order: The obstacle of each box of the first level.
+        apart: The obstacles that are in no box, as they move or have no end, shape (e,).
+        movers: Index of each among those that move, -1 for one at rest, shape (o,).
     """
 
     axes: Rows
@@ -67,34 +77,66 @@ class RestingObstacles(NamedTuple):
     halves: Rows
     roots: Indices
     parts: Parts
+    anchor: Row
+    nodes: Rows
+    levels: Indices
+    children: int
+    order: Indices
+    apart: Indices
+    movers: Indices
+
+
+class MovingObstacles(NamedTuple):
+    """Obstacles on screws from each of their placements to the next, at rest before the first and after the last.
+
+    Attributes:
+        begins: Begin of the placements of each, and the number of all, shape (v + 1,).
+        times: Times of the placements, shape (k,) [s].
+        poses: Motions from where an obstacle is at first to each placement, rotation and translation row by row,
+            shape (k, 12) [m, world].
+        twists: Twist from a placement to the next, linear part first, shape (k, 6) [m/s and rad/s, world].
+        speeds: Largest speed at which distances to the obstacle change meanwhile, shape (k,) [m/s].
+        endless: 1 for one without an end, shape (v,).
+    """
+
+    begins: Indices
+    times: Row
+    poses: Rows
+    twists: Rows
+    speeds: Row
+    endless: Indices
 
 
 class BodyPairs(NamedTuple):
-    """Pairs that must stay apart; m of them, those of the robot's own first.
+    """Pairs that must stay apart: p of the robot's own, then each of m bodies with each of o obstacles, row by row.
 
     Attributes:
-        first: A body of the robot each, shape (m,).
-        second: Another one of an own pair, else an obstacle, shape (m,).
+        own: Bodies of each own pair, shape (p, 2).
+        moving: The bodies that are tested against obstacles, ascending, shape (m,).
+        left_out: Of the m * o pairs with obstacles those that may touch, ascending, shape (k,).
         first_by: The coordinates that move the first body of an own pair as it is seen from some body between both, in
-            order from there to it, and -1 behind them, shape (own, n).
-        second_by: The same of the second, shape (own, n).
+            order from there to it, and -1 behind them, shape (p, n).
+        second_by: The same of the second, shape (p, n).
     """
 
-    first: Indices
-    second: Indices
+    own: IndexRows
+    moving: Indices
+    left_out: Indices
     first_by: IndexRows
     second_by: IndexRows
 
 
 class BezierCurve(NamedTuple):
-    """A motion as Bezier curves in the group's chart; k of them.
+    """A motion as Bezier curves in the group's local coordinates; k of them.
 
     Attributes:
-        times: When they begin and the last one ends, shape (k + 1,) [s].
+        times: Parameters at which they begin and the last one ends, increasing, shape (k + 1,).
+        clock: The time at each of those, for obstacles that move, shape (k + 1,) [s].
         positions: Control points, shape (k, order, nv) [rad or m].
     """
 
     times: Row
+    clock: Row
     positions: Blocks
 
 
@@ -103,13 +145,15 @@ class MovingRobot(NamedTuple):
 
     Attributes:
         robot: The robot.
-        obstacles: What rests around it.
-        pairs: What has to stay apart.
+        obstacles: The obstacles.
+        movers: How those of them move that do.
+        pairs: The pairs that must stay apart.
         curve: The motion.
     """
 
     robot: RobotBodies
-    obstacles: RestingObstacles
+    obstacles: ObstacleBodies
+    movers: MovingObstacles
     pairs: BodyPairs
     curve: BezierCurve
 

@@ -22,6 +22,7 @@ from guidefield.robot.model.margin import MARGIN
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
+from guidefield.scene.movers import movers
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.points import count_of
 from guidefield.scene.swept import MovingBall, motion_of
@@ -129,8 +130,12 @@ class Slices:
         self._problem = problem
         self.length = length
         self.resting_from = math.ceil(max(problem.scene.end, 0.0) / length)
-        known, met = problem.timed_world.movers, np.unique(problem.timed_world.mover_of)
-        self._balls = {int(known.indices[k]): known.balls[k] for k in met.tolist()}
+        known, pairs = movers(problem.scene), problem.world.pairs
+        self._balls = {
+            int(index): ball
+            for index, ball in zip(known.indices, known.balls, strict=True)
+            if len(pairs.of_obstacles(np.array([index])))
+        }
         self._within_reach = _reach(problem.world) if None in self._balls.values() else None
         self._kept: dict[int, tuple[BatchCollision, float]] = {}
 
@@ -160,7 +165,7 @@ class Slices:
 
     def _speed(self, mover: int, ball: MovingBall | None, begin: float, end: float) -> float:
         """How fast an obstacle comes closer at most between two times; a half-space to where the robot gets [m/s]."""
-        known = self._problem.timed_world.movers
+        known = movers(self._problem.scene)
         at = bisect_left(known.indices, mover)
         times = known.times[at]
         first, last = bisect_right(times, begin) - 1, bisect_left(times, end)

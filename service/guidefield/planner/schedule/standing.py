@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from guidefield.planner.task.problem import Problem
-from guidefield.prove.timed_certificate import certify_moving
+from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint
 
@@ -63,7 +63,7 @@ def stays_free(problem: Problem, z: ChartPoint, since: float) -> bool:
 def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
     """Whether a robot may stand at a chart point from one time to another [s]."""
     verdict = certify_moving(
-        problem.timed_world,
+        problem.world,
         np.repeat(z[None, None], 4, axis=1),
         np.array([begin, end]),
         problem.min_clearance,

@@ -24,8 +24,8 @@ import pinocchio as pin
 
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.prove.curve_segments import halved
-from guidefield.prove.settings import CERTIFICATE
+from guidefield.prove.bezier import halved
+from guidefield.prove.settings import CONSTRAINT_RESOLUTION
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
@@ -82,7 +82,7 @@ def certify_straight(
         for (index, start, end, control), bound in zip(batch, frame.bounds([one[-1] for one in batch]), strict=True):
             if bound.within(way):
                 continue
-            narrow = np.ptp(control, axis=0).max() <= CERTIFICATE.constraint_floor
+            narrow = np.ptp(control, axis=0).max() <= CONSTRAINT_RESOLUTION
             if narrow or not frame.off(control[0]).within(way):
                 return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
             (one, other), half = halved(control[None]), 0.5 * (start + end)

@@ -20,9 +20,8 @@ from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.certificate import certify
+from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
-from guidefield.prove.timed_certificate import certify_timed
 from guidefield.prove.verdict import Verdict
 
 
@@ -90,7 +89,7 @@ def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict
     pieces, times = stretch.motion.bezier(), stretch.motion.piece_times()
     verdict = enclosed_start(stretch, pieces[0, 0], float(times[0]))
     if verdict is None and stretch.scene.moves:
-        verdict = certify_timed(stretch.timed_world, pieces, times, stretch.min_clearance, deadline=deadline)
+        verdict = certify_timed(stretch.world, pieces, times, stretch.min_clearance, deadline=deadline)
     verdict = verdict or certify(stretch.world, pieces, stretch.min_clearance, deadline=deadline)
     evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
     if verdict.free and stretch.path_constraints:

@@ -8,7 +8,6 @@ from functools import cached_property
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.task.trace import Event, Observer, Silent
-from guidefield.prove.timed_world import TimedWorld
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames, PathConstraint
@@ -53,18 +52,6 @@ class Conditions(ReadOnly):
     deadline: Deadline = UNLIMITED
     observer: Observer = field(default_factory=Silent)
     counters: Counters = field(default_factory=Counters)
-
-    @cached_property
-    def timed_world(self) -> TimedWorld:
-        """For the certificate of motions in time; where nothing moves both worlds in it are the problem's."""
-        if not self.scene.moves:
-            return TimedWorld.of(self.world, self.world)
-        resting = World.build(self.group, self.scene.resting, self._allowed_at_rest())
-        return TimedWorld.of(resting, self.world)
-
-    def _allowed_at_rest(self) -> frozenset[tuple[str, str]]:
-        moving = {one.name for one in self.scene.obstacles if one.motion is not None}
-        return frozenset(pair for pair in self.allowed_collisions if not moving.intersection(pair))
 
     @cached_property
     def constrained_frames(self) -> ConstrainedFrames:

@@ -1,0 +1,280 @@
+"""Rigorous bounds of the motion of a pair's bodies in a segment, of first and of second order.
+
+Let x be the way of the coordinates from the middle of a segment, D the chord from its first point to its last, and
+x = l D + e (`bezier.bound_segment`). Control points of x bound all three: x by X, l by the share L, and e by E,
+coordinate by coordinate. To first order a point moves by l J D, a rigid motion by the twist J D; J e moves it besides
+by at most the sum of r E, with r its distance from each axis. What is of higher order is at most half of the point's
+acceleration where the coordinates go straight from 0 to x in a time of 1,
+
+    sum_i r_i X_i (2 sum_{k before i} X_k + X_i),   k and the last X_i only where they turn,
+
+since the derivative of a column axis_i x r_i by coordinate k turns it about axis k, and no later joint moves axis i;
+r is no less than anywhere on the way. A ball joint turns at a rate of at most the norm of its coordinates', and its
+angular acceleration is at most the square of that rate: what the exponential map bends is at most 1. The speed along
+the way, and jumps of rates, don't count.
+
+Bounds are those of each body as the world sees it, and of the two bodies of own pairs as some body between them sees
+them: distances are the same from anywhere. A short body that a joint turns beside a long one moves less than that does,
+seen from the long one. (Schwarzer, Saha and Latombe 2005 bound motions to first order.)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import Floats, Integers
+from guidefield.kernels.prove.bezier import bound_segment, time_at
+from guidefield.kernels.prove.kept_distance import FIRST_TURNS, FIRST_TWIST, SECOND_TURNS, SECOND_TWIST, TWISTS
+from guidefield.kernels.prove.pairs import first_body, obstacle_of
+from guidefield.kernels.prove.placement import NOW, TWIST, Place, Room, step_at
+from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotBodies
+
+BEGINS, ENDS = 0, 1
+"""Numbers of a span of time."""
+
+BENT, TRAVEL, BOUNDS = TWISTS, TWISTS + 1, TWISTS + 2
+"""Numbers of a mover, behind the twists of its bodies along D: bounds of how far points are from where these bring
+them, and of how far they move from where they are in the middle [m]; then how many there are."""
+
+
+class Ways(NamedTuple):
+    """How far a motion goes within a stretch; see this file.
+
+    Attributes:
+        parts: Scratch, shape (2, MOST_ORDER, nv).
+        farthest, aside: X and E of the group's coordinates, shape (nv,).
+        squares: Scratch, shape (n,).
+        moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move.
+        sweeps: How far each joint moves a point at a distance of 1 from the middle of the stretch on, shape (n,).
+        rho: Scratch, shape (n,).
+        known: Bounds of each body, of each own pair, and of a body and a moving obstacle, shape (r + own + 1, BOUNDS).
+        asked: Number of the segment for which they are known, shape (r + own + 1,).
+        span: Begin and end of the segment, shape (2,) [s].
+    """
+
+    parts: Floats
+    farthest: Floats
+    aside: Floats
+    squares: Floats
+    moves: Floats
+    asides: Floats
+    sweeps: Floats
+    rho: Floats
+    known: Floats
+    asked: Floats
+    span: Floats
+
+
+@uncounted
+def _spread(robot: RobotBodies, sizes: Floats, ways: Ways, out: Floats) -> None:
+    """Sizes of the joints' moves of those of the group's coordinates, shape (nv,)."""
+    n = robot.offset.shape[0]
+    for i in range(n):
+        total = 0.0
+        for j in range(sizes.shape[0]):
+            total += robot.half_widths[i, j] * sizes[j]
+        ways.squares[i] = total * total
+    for i in range(n):
+        square = ways.squares[i]
+        if robot.alone[i] == 0.0:
+            square = 0.0
+            for k in range(n):
+                square += robot.together[k, i] * ways.squares[k]
+        out[i] = math.sqrt(square)
+
+
+@uncounted
+def find_moves(moving: MovingRobot, since: float, until: float, place: Place, room: Room, ways: Ways) -> float:
+    """Bound the motion between two parameters about the last placement; return L.
+
+    D of the model's coordinates is written to the scratch of that placement, as what changes.
+    """
+    robot, timed = moving.robot, moving.movers.begins.shape[0] > 1
+    share = bound_segment(
+        moving.curve, since, until, place.moment[NOW], timed, room.z, room.weights, ways.parts, room.straight,
+        ways.farthest, ways.aside,
+    )  # fmt: skip
+    ways.span[BEGINS], ways.span[ENDS] = time_at(moving.curve, since), time_at(moving.curve, until)
+    for i in range(robot.offset.shape[0]):
+        room.changes[i] = 0.0
+        for j in range(room.z.shape[0]):
+            room.changes[i] += robot.expand[i, j] * room.straight[j]
+    _spread(robot, ways.farthest, ways, ways.moves)
+    _spread(robot, ways.aside, ways, ways.asides)
+    for i in range(robot.offset.shape[0]):
+        move = ways.moves[i]
+        ways.sweeps[i] = 2.0 * math.sin(0.5 * min(move, math.pi)) if robot.turns[i] != 0.0 else move
+    return share
+
+
+@uncounted
+def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: Place, ways: Ways) -> float:
+    """Write how far a body is from the axes of some coordinates at the place; how far they sweep it, together [m].
+
+    See `MotionBound.reach`. Coordinates of one joint stand together.
+    """
+    x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
+    for k in range(count):
+        S = place.subspaces[by[k]]
+        vx, vy, vz = S[0] + S[4] * z - S[5] * y, S[1] + S[5] * x - S[3] * z, S[2] + S[3] * y - S[4] * x
+        ways.squares[by[k]] = vx * vx + vy * vy + vz * vz
+    swept = 0.0
+    for k in range(count):
+        i = by[k]
+        square = ways.squares[i]
+        if robot.alone[i] == 0.0:
+            square = 0.0
+            for other in range(count):
+                square += robot.centred[by[other], i] * ways.squares[by[other]]
+        ways.rho[i] = math.sqrt(square) + robot.turns[i] * robot.radii[b]
+        swept += ways.rho[i] * ways.sweeps[i]
+    return swept
+
+
+@uncounted
+def _of_body(
+    robot: RobotBodies,
+    b: int,
+    by: Integers,
+    share: float,
+    place: Place,
+    ways: Ways,
+    known: Floats,
+    twist: int,
+    turns: int,
+) -> None:
+    """Add the bounds of a body that some coordinates, those before -1 (n,), in order, move; write its twist.
+
+    The first moves all others. A coordinate that doesn't move the body in the world is passed against its direction:
+    whoever sees the body is moved by it instead.
+    """
+    count = 0
+    while count < by.shape[0] and by[count] >= 0:
+        count += 1
+    swept = _reach(robot, b, by, count, place, ways)
+    before, travel, bent = 0.0, 0.0, 0.0
+    for k in range(TWIST):
+        known[twist + k] = 0.0
+    for k in range(count):
+        i = by[k]
+        turning, move = robot.turns[i], ways.moves[i]
+        # whatever is between is no farther from the middle than what is swept
+        rho = ways.rho[i] + swept * turning
+        travel += rho * move
+        bent += ways.rho[i] * ways.asides[i] + rho * move * (before + 0.5 * robot.doubled[i] * move)
+        before += move * turning
+        way = robot.moves[b, i]
+        for j in range(TWIST):
+            known[twist + j] += way * place.twists[i, j]
+    x, y, z = place.centres[b, 0], place.centres[b, 1], place.centres[b, 2]
+    wx, wy, wz = known[twist + 3], known[twist + 4], known[twist + 5]
+    vx, vy, vz = known[twist] + wy * z - wz * y, known[twist + 1] + wz * x - wx * z, known[twist + 2] + wx * y - wy * x
+    known[turns] = math.sqrt(wx * wx + wy * wy + wz * wz)
+    known[BENT] += bent
+    straight = math.sqrt(vx * vx + vy * vy + vz * vz) + known[turns] * robot.radii[b]
+    known[TRAVEL] += min(travel, share * straight + bent)
+
+
+@uncounted
+def bound_body(robot: RobotBodies, body: int, stretch: int, share: float, place: Place, ways: Ways) -> int:
+    """Bound the motion of a body about a placement, as the world sees it; return its row of `ways.known`.
+
+    Args:
+        robot: The robot.
+        body: Which of its bodies.
+        stretch: Number of the segment, another one for each.
+        share: L of it.
+        place: The robot in its middle.
+        ways: Bounds of the coordinates in it.
+    """
+    if ways.asked[body] != stretch:
+        known = ways.known[body]
+        for k in range(BOUNDS):
+            known[k] = 0.0
+        _of_body(robot, body, robot.moved_by[body], share, place, ways, known, FIRST_TWIST, FIRST_TURNS)
+        ways.asked[body] = stretch
+    return body
+
+
+@uncounted
+def mover_travel(movers: MovingObstacles, mover: int, begin: float, end: float) -> float:
+    """Return how far points of a moving obstacle get between two times at most, as bodies meet it [m]."""
+    travel, first, last = 0.0, movers.begins[mover], movers.begins[mover + 1] - 1
+    step = max(step_at(movers, mover, begin), first)
+    while step < last and movers.times[step] < end:
+        passed = min(end, movers.times[step + 1]) - max(begin, movers.times[step])
+        travel += movers.speeds[step] * max(passed, 0.0)
+        step += 1
+    return travel
+
+
+@uncounted
+def mover_reach(movers: MovingObstacles, mover: int, place: Place, ways: Ways) -> float:
+    """Return how far points of a moving obstacle get in the segment from where they are at the placement [m]."""
+    now = place.moment[NOW]
+    return max(mover_travel(movers, mover, ways.span[BEGINS], now), mover_travel(movers, mover, now, ways.span[ENDS]))
+
+
+@uncounted
+def _bound_mover(movers: MovingObstacles, mover: int, place: Place, ways: Ways, bound: Floats) -> None:
+    """Add the bounds of a moving obstacle in the segment to those of a body; write its twist.
+
+    On a screw a point is accelerated by at most its speed times the rate at which it turns. Where the obstacle goes
+    from one screw to the next, and of one without an end, the travel alone is known.
+    """
+    begin, end, now = ways.span[BEGINS], ways.span[ENDS], place.moment[NOW]
+    travel = mover_reach(movers, mover, place, ways)
+    bound[TRAVEL] += travel
+    for k in range(TWIST):
+        bound[SECOND_TWIST + k] = 0.0
+    bound[SECOND_TURNS] = 0.0
+    if movers.endless[mover] == 1:
+        for k in range(TWIST):
+            bound[FIRST_TWIST + k] = 0.0
+        bound[FIRST_TURNS] = 0.0
+        bound[BENT] = bound[TRAVEL]
+        return
+    if travel == 0.0:
+        return
+    step, whole, half = step_at(movers, mover, begin), end - begin, max(end - now, now - begin)
+    is_last = step + 1 >= movers.begins[mover + 1]
+    if step < movers.begins[mover] or is_last or end > movers.times[step + 1]:
+        bound[BENT] += travel
+        return
+    twist = movers.twists[step]
+    turns = math.sqrt(twist[3] * twist[3] + twist[4] * twist[4] + twist[5] * twist[5])
+    for k in range(TWIST):
+        bound[SECOND_TWIST + k] = twist[k] * whole
+    bound[SECOND_TURNS] = turns * whole
+    bound[BENT] += 0.5 * turns * movers.speeds[step] * half * half
+
+
+@uncounted
+def bound_pair(moving: MovingRobot, pair: int, stretch: int, share: float, place: Place, ways: Ways) -> int:
+    """Bound the motion of both bodies of a pair about a placement; return its row of `ways.known`.
+
+    Arguments are as of `bound_body`. The row of a pair with a moving obstacle is overwritten by the next one.
+    """
+    robot, pairs, obstacles = moving.robot, moving.pairs, moving.obstacles
+    own = pairs.own.shape[0]
+    if pair >= own:
+        first = bound_body(robot, first_body(pairs, obstacles, pair), stretch, share, place, ways)
+        mover = obstacles.movers[obstacle_of(pairs, obstacles, pair)]
+        if mover < 0:
+            return int(first)
+        both = ways.known.shape[0] - 1
+        for k in range(BOUNDS):
+            ways.known[both, k] = ways.known[first, k]
+        _bound_mover(moving.movers, mover, place, ways, ways.known[both])
+        return int(both)
+    row = robot.carriers.shape[0] + pair
+    if ways.asked[row] != stretch:
+        bound, a, b = ways.known[row], pairs.own[pair, 0], pairs.own[pair, 1]
+        for k in range(BOUNDS):
+            bound[k] = 0.0
+        _of_body(robot, a, pairs.first_by[pair], share, place, ways, bound, FIRST_TWIST, FIRST_TURNS)
+        _of_body(robot, b, pairs.second_by[pair], share, place, ways, bound, SECOND_TWIST, SECOND_TURNS)
+        ways.asked[row] = stretch
+    return int(row)

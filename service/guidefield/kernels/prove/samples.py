@@ -1,0 +1,279 @@
+"""The smallest distances at samples of a motion, and about the smallest of these: the first answers of a search."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import Floats, Integers
+from guidefield.kernels.prove.bezier import MOST_ORDER
+from guidefield.kernels.prove.motion_bounds import BOUNDS, Ways
+from guidefield.kernels.prove.near import TREE_STACK, list_near, nearest_within
+from guidefield.kernels.prove.pair_distance import Ask, least_distance, new_ask, pair_distance
+from guidefield.kernels.prove.pairs import is_own
+from guidefield.kernels.prove.placement import MOMENT, TWIST, Place, Room, place_at
+from guidefield.kernels.prove.questions import (
+    DISTANCE,
+    OWN,
+    OWN_PAIRS,
+    PAIR,
+    SINCE,
+    TIME,
+    UNTIL,
+    is_about,
+    is_judged,
+    keep,
+    refuse,
+)
+from guidefield.kernels.prove.tables import BodyPairs, MovingRobot, RobotBodies
+
+APART, WHEN = range(2)
+"""Columns of what was found of a pair last: a distance that it had [m], and its parameter."""
+
+STEPS = 3
+"""Number of times that the surroundings of the smallest sample are searched, each time half as far away. Unrecorded."""
+
+FIRST_REACH = 0.2
+"""Obstacles are first listed within this distance of the robot, then within twice as much [m]."""
+
+FARTHEST = 1e6
+"""No obstacle with an end is farther away than this [m]."""
+
+ALL_AT_ONCE = 128
+"""Of no more obstacles all are listed at once."""
+
+LIST = 20_000
+"""Maximum number of pairs that are listed at a placement or in a segment."""
+
+
+class Search(NamedTuple):
+    """The state of a search.
+
+    Attributes:
+        place, room, ways: The robot at a parameter, scratch, and bounds of its motion about it.
+        ask: Scratch of distance queries.
+        told: The last distance of each pair and its parameter, shape (m, 2) [m].
+        mover_reach: Travel of each moving obstacle in the segment, shape (v,) [m].
+        stack: Of boxes, shape (TREE_STACK, 2).
+        near: Pairs near a placement, shape (LIST,).
+        gaps: Distances of these by spheres and boxes, shape (LIST,) [m].
+    """
+
+    place: Place
+    room: Room
+    ways: Ways
+    ask: Ask
+    told: Floats
+    mover_reach: Floats
+    stack: Integers
+    near: Integers
+    gaps: Floats
+
+
+@counted
+def _place(moving: MovingRobot) -> Place:
+    robot, movers = moving.robot, moving.movers.begins.shape[0] - 1
+    n = robot.offset.shape[0]
+    return Place(
+        np.empty((robot.joints.parents.shape[0], 3, 4)),
+        np.empty((robot.carriers.shape[0], 3)),
+        np.empty((n, TWIST)),
+        np.empty((n, TWIST)),
+        np.zeros(MOMENT),
+        np.empty((movers, 12)),
+        np.zeros(movers),
+    )
+
+
+@counted
+def _room(robot: RobotBodies) -> Room:
+    n, nv = robot.offset.shape[0], robot.expand.shape[1]
+    return Room(
+        np.empty(MOST_ORDER),
+        np.empty(nv),
+        np.empty(nv),
+        np.empty(n),
+        np.empty(n),
+        np.empty(robot.origin.shape[0]),
+        np.empty((3, 3)),
+        np.empty(3),
+    )
+
+
+@counted
+def _ways(robot: RobotBodies, pairs: BodyPairs) -> Ways:
+    n, nv, rows = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.own.shape[0] + 1
+    return Ways(
+        np.empty((2, MOST_ORDER, nv)),
+        np.empty(nv),
+        np.empty(nv),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty((rows, BOUNDS)),
+        np.zeros(rows),
+        np.empty(2),
+    )
+
+
+@counted
+def new_search(moving: MovingRobot, log: Floats) -> Search:
+    """Return the state before anything is known, with a log of slabs, shape (n,)."""
+    robot, pairs = moving.robot, moving.pairs
+    count = pairs.own.shape[0] + pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
+    return Search(
+        _place(moving),
+        _room(robot),
+        _ways(robot, pairs),
+        new_ask(moving, log),
+        np.zeros((count, 2)),
+        np.zeros(moving.movers.begins.shape[0] - 1),
+        np.empty((TREE_STACK, 2), np.int64),
+        np.empty(LIST, np.int64),
+        np.empty(LIST),
+    )
+
+
+@uncounted
+def list_obstacles(moving: MovingRobot, search: Search, verdict: Floats, reach: float) -> int:
+    """List the pairs with obstacles closer than a distance at the placement [m]; return their number, at most LIST.
+
+    Kinds of pairs are those of a verdict, shape (VERDICT,).
+    """
+    count = 0
+    for row in range(moving.pairs.moving.shape[0]):
+        within = reach + moving.robot.radii[moving.pairs.moving[row]]
+        count = list_near(
+            moving, verdict, row, within, search.mover_reach, search.place, search.stack, search.near, 0, LIST, count
+        )
+    return min(count, LIST)
+
+
+@uncounted
+def _find_nearest(moving: MovingRobot, search: Search, count: int, found: float, nearest: int) -> tuple[float, int]:
+    """Return the smallest distance of listed pairs, and its pair, where it is less than that of a pair measured before.
+
+    What bounding spheres and boxes have nearest is measured first.
+    """
+    first = nearest_within(moving, search.near, count, search.place, search.gaps)
+    for index in range(-1 if first >= 0 else 0, count):
+        at = first if index < 0 else index
+        if search.gaps[at] >= found:
+            continue
+        search.gaps[at] = np.inf
+        apart = pair_distance(moving, search.near[at], search.place, found, search.ask)
+        if apart < found:
+            found, nearest = apart, search.near[at]
+    return found, nearest
+
+
+@uncounted
+def nearest_obstacle(moving: MovingRobot, search: Search, verdict: Floats, likely: int) -> tuple[float, int]:
+    """Return the smallest distance from obstacles at the placement [m], and its pair: infinite and -1 without one.
+
+    The likely pair, where that isn't -1, is measured first. Kinds of pairs are those of a verdict, shape (VERDICT,).
+    """
+    search.mover_reach[:] = 0.0
+    found, nearest, reach = np.inf, -1, FIRST_REACH
+    if likely >= 0:
+        found, nearest = pair_distance(moving, likely, search.place, np.inf, search.ask), likely
+    elif moving.obstacles.roots.shape[0] <= ALL_AT_ONCE:
+        reach = np.inf
+    while found == np.inf and reach < np.inf:
+        count = list_obstacles(moving, search, verdict, reach)
+        found, nearest = _find_nearest(moving, search, count, found, nearest)
+        if reach > FARTHEST:
+            return found, nearest
+        reach *= 2.0
+    return _find_nearest(moving, search, list_obstacles(moving, search, verdict, max(found, 0.0)), found, nearest)
+
+
+@uncounted
+def nearest_own(moving: MovingRobot, search: Search, likely: int) -> tuple[float, int]:
+    """Return the smallest distance of the robot from itself at the placement [m], and its pair; see above."""
+    found, nearest, count = np.inf, -1, moving.pairs.own.shape[0]
+    closest, gaps = 0, search.gaps
+    fits = count <= LIST
+    for pair in range(count if fits else 0):
+        gaps[pair] = least_distance(moving, pair, search.place)
+        closest = pair if gaps[pair] < gaps[closest] else closest
+    for index in range(-2 if count > 0 else 0, count):
+        pair = index
+        if index < 0:
+            pair = likely if index == -2 else closest
+        if pair < 0:
+            continue
+        gap = gaps[pair] if fits else least_distance(moving, pair, search.place)
+        if gap >= found:
+            continue
+        if fits:
+            gaps[pair] = np.inf
+        apart = pair_distance(moving, pair, search.place, found, search.ask)
+        if apart < found:
+            found, nearest = apart, pair
+    return found, nearest
+
+
+@uncounted
+def _sample(
+    moving: MovingRobot, search: Search, own: int, at: float, likely: int, questions: Floats, verdict: Floats
+) -> tuple[float, int]:
+    """Note the smallest distance of own pairs, or of others, at a parameter; return it and its pair."""
+    if own == 1:
+        found, nearest = nearest_own(moving, search, likely)
+    else:
+        found, nearest = nearest_obstacle(moving, search, verdict, likely)
+    if nearest >= 0:
+        keep(questions, own, at, found, nearest)
+        refuse(verdict, own, at, found, nearest)
+    return found, nearest
+
+
+@uncounted
+def sample_motion(
+    moving: MovingRobot,
+    search: Search,
+    parameters: Floats,
+    every: int,
+    questions: Floats,
+    verdict: Floats,
+    distances_out: Floats,
+) -> None:
+    """Sample a motion at parameters and at ends of spans within it: see `prove_along`."""
+    count, nearest, own_nearest = parameters.shape[0], -1, -1
+    has_own = is_judged(verdict, OWN_PAIRS) and moving.pairs.own.shape[0] > 0
+    for p in range(count):
+        place_at(moving, parameters[p], search.place, search.room)
+        distances_out[p], nearest = _sample(moving, search, 0, parameters[p], nearest, questions, verdict)
+        if has_own and (p % every == 0 or p == count - 1):
+            _, own_nearest = _sample(moving, search, 1, parameters[p], own_nearest, questions, verdict)
+    for q in range(questions.shape[0]):
+        for side in range(2 if nearest >= 0 and questions[q, OWN] == 0.0 else 0):
+            at = questions[q, SINCE if side == 0 else UNTIL]
+            if parameters[0] < at < parameters[count - 1]:
+                place_at(moving, at, search.place, search.room)
+                _, nearest = _sample(moving, search, 0, at, nearest, questions, verdict)
+
+
+@uncounted
+def sample_about(moving: MovingRobot, search: Search, stride: float, questions: Floats, verdict: Floats) -> None:
+    """Sample about the smallest answers of questions (q, ANSWER), a stride of the parameter away, the same pairs."""
+    for q in range(questions.shape[0]):
+        step = stride if questions[q, PAIR] >= 0.0 else 0.0
+        for _ in range(STEPS if step > 0.0 else 0):
+            step *= 0.5
+            pair, about = int(questions[q, PAIR]), questions[q, TIME]
+            for side in range(2):
+                at = about - step if side == 0 else about + step
+                own = is_own(moving.pairs, pair)
+                if is_about(questions, q, own, at):
+                    place_at(moving, at, search.place, search.room)
+                    most = questions[q, DISTANCE]
+                    found = pair_distance(moving, pair, search.place, most, search.ask)
+                    if found < most:
+                        keep(questions, own, at, found, pair)
+                        refuse(verdict, own, at, found, pair)

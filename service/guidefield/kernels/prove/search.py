@@ -1,0 +1,382 @@
+"""One search over a motion: a certificate, the first violation, and the smallest distances, by interval bounds.
+
+Continuous collision detection by bounds on motion and distance (Quinlan 1994; Schwarzer, Saha and Latombe 2005), depth
+first along the motion. Samples give first answers. Then segments are judged, the whole motion first; the robot is
+placed in the middle of each. A pair is done with in a segment
+
+- if bounding spheres and boxes are farther apart than both bodies can move within half of it, or
+- if each two nodes of its bodies' trees are told apart by their spheres or by a slab, a direction across which their
+  supports keep a distance while both move straight, less what they may be off this (`kept_distance`, `motion_bounds`).
+
+A segment is halved for the pairs that are left. Obstacles at rest, in motion, and the robot itself are treated alike.
+What has to be kept is the larger one of the margin and of the smallest distance found so far less the tolerance. So a
+smaller distance only changes what is asked for, and a violation only the end up to which the motion has to be free:
+as segments are judged in their order, it ends at the first violation, to the resolution.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from guidefield.kernels.jit.no_refcount import counted, uncounted
+from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, Floats, Integers, compiled
+from guidefield.kernels.prove.kept_distance import LOG_PATIENT, LOG_SEGMENT
+from guidefield.kernels.prove.motion_bounds import BENT, TRAVEL, bound_body, bound_pair, find_moves, mover_reach
+from guidefield.kernels.prove.near import list_near
+from guidefield.kernels.prove.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
+from guidefield.kernels.prove.pairs import first_body, is_own, obstacle_of
+from guidefield.kernels.prove.placement import find_twists, place_at
+from guidefield.kernels.prove.questions import (
+    BOUND,
+    CULPRIT,
+    END,
+    ERROR,
+    FREE,
+    OWN,
+    OWN_PAIRS,
+    PLACE,
+    REASON,
+    RESOLUTION,
+    SEGMENTS,
+    SINCE,
+    STAND_OFF,
+    UNDECIDED,
+    UNTIL,
+    is_judged,
+    keep,
+    largest_answer_above,
+    margin_of,
+    refuse,
+    required_distance,
+)
+from guidefield.kernels.prove.samples import (
+    ALL_AT_ONCE,
+    APART,
+    LIST,
+    WHEN,
+    Search,
+    new_search,
+    sample_about,
+    sample_motion,
+)
+from guidefield.kernels.prove.tables import MOVING_ROBOT, MovingRobot
+
+DEEPEST = 48
+"""Maximum number of times that a segment is halved: no number is between its ends after that."""
+
+BEGINS, ENDS, INTERVAL = range(3)
+"""Columns of a segment that waits: its begin and end; then their number."""
+
+SINCE_LEVEL, UNTIL_LEVEL, START, COUNT, LEVEL = range(5)
+"""Columns of a segment on the stack: begin, end, where its pairs begin and their number, -1 where they are to be
+listed; then the number of columns."""
+
+TO_LIST = -1.0
+
+LOG_ENDS = 3
+"""Columns of a segment in a log: begin, end, and the parameter of the placement."""
+
+
+class _Left(NamedTuple):
+    """The segments on the stack, and the pairs that are left in them.
+
+    Attributes:
+        stack: Shape (DEEPEST + 3, LEVEL).
+        pairs: Those of each, one behind the other.
+    """
+
+    stack: Floats
+    pairs: Integers
+
+
+@counted
+def _new_stack() -> _Left:
+    levels = DEEPEST + 3
+    return _Left(np.empty((levels, LEVEL)), np.empty(levels * LIST, np.int64))
+
+
+@uncounted
+def _list_pairs(
+    moving: MovingRobot,
+    search: Search,
+    left: _Left,
+    stretch: int,
+    share: float,
+    start: int,
+    of_own: float,
+    asked: float,
+    verdict: Floats,
+) -> int:
+    """List the pairs that spheres and boxes can't tell apart in a segment; return their number, -1 where too many.
+
+    Args:
+        moving: The robot, all its pairs and its motion.
+        search: With the robot in the segment's middle, and bounds of its motion.
+        left: Gets them, from `start` on.
+        stretch: Number of the segment.
+        share: L of it.
+        start: Begin of the pairs.
+        of_own: What own pairs have to keep [m]; minus infinity where nothing.
+        asked: What others have to keep [m].
+        verdict: Shape (VERDICT,).
+    """
+    robot, pairs, movers, ways = moving.robot, moving.pairs, moving.movers, search.ways
+    count, room = 0, min(LIST, left.pairs.shape[0] - start)
+    if of_own > -np.inf and is_judged(verdict, OWN_PAIRS):
+        for pair in range(pairs.own.shape[0]):
+            if not _are_far(moving, search, pair, stretch, share, of_own + verdict[ERROR]):
+                if count < room:
+                    left.pairs[start + count] = pair
+                count += 1
+    if asked > -np.inf:
+        for mover in range(movers.begins.shape[0] - 1):
+            search.mover_reach[mover] = mover_reach(movers, mover, search.place, ways)
+        for row in range(pairs.moving.shape[0]):
+            b = pairs.moving[row]
+            travel = ways.known[bound_body(robot, b, stretch, share, search.place, ways), TRAVEL]
+            reach = asked + verdict[ERROR] + robot.radii[b] + travel
+            if count <= room:
+                count = list_near(
+                    moving, verdict, row, reach, search.mover_reach, search.place, search.stack,
+                    left.pairs, start, room, count,
+                )  # fmt: skip
+    return count if count <= room else -1
+
+
+@uncounted
+def _are_far(moving: MovingRobot, search: Search, pair: int, stretch: int, share: float, asked: float) -> bool:
+    """Return whether a pair keeps a distance by its spheres, or sphere and box, each seen from the world."""
+    place, ways, robot, pairs = search.place, search.ways, moving.robot, moving.pairs
+    a = first_body(pairs, moving.obstacles, pair)
+    reach = asked + robot.radii[a] + ways.known[bound_body(robot, a, stretch, share, place, ways), TRAVEL]
+    if is_own(pairs, pair) == 1:
+        b = pairs.own[pair, 1]
+        reach += robot.radii[b] + ways.known[bound_body(robot, b, stretch, share, place, ways), TRAVEL]
+    else:
+        mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
+        if mover >= 0:
+            reach += mover_reach(moving.movers, mover, place, ways)
+    return bool(squared_gap(moving, pair, place) >= reach * reach)
+
+
+@uncounted
+def _is_done(
+    moving: MovingRobot,
+    search: Search,
+    pair: int,
+    stretch: int,
+    share: float,
+    level: Floats,
+    least: float,
+    longest: float,
+    questions: Floats,
+    verdict: Floats,
+) -> bool:
+    """Return whether a pair keeps a distance in a segment, in whose middle the robot is; note what is found there."""
+    since, until, error = level[SINCE_LEVEL], level[UNTIL_LEVEL], verdict[ERROR]
+    if _are_far(moving, search, pair, stretch, share, least + error):
+        return True
+    if until - since > longest:
+        return False
+    apart, middle = least_distance(moving, pair, search.place), 0.5 * (since + until)
+    known = search.ways.known[bound_pair(moving, pair, stretch, share, search.place, search.ways)]
+    if apart - known[TRAVEL] - error >= least:
+        return True
+    asked, last = least + known[BENT] + error, search.told[pair]
+    own = is_own(moving.pairs, pair)
+    was_told = since <= last[WHEN] <= until and last[APART] > 0.0
+    if was_told and known[TRAVEL] > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
+        return False  # it isn't as far apart in the middle either
+    kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
+    if kept == np.inf:
+        return True
+    last[APART], last[WHEN] = kept, middle
+    margin = verdict[RESOLUTION] >= 0.0 and kept <= margin_of(verdict, own)
+    most = largest_answer_above(questions, own, middle, kept)
+    if margin or most > -np.inf:
+        found = pair_distance(moving, pair, search.place, max(most, kept + 1e-9), search.ask)
+        found = min(found, kept)
+        last[APART] = found
+        keep(questions, own, middle, found, pair)
+        refuse(verdict, own, middle, found, pair)
+    if verdict[RESOLUTION] >= 0.0 and since < verdict[END] and known[TRAVEL] <= verdict[RESOLUTION]:
+        asked = margin_of(verdict, own) + verdict[STAND_OFF] + known[BENT] + error
+        search.ask.log[LOG_PATIENT] = 1.0
+        kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
+        search.ask.log[LOG_PATIENT] = 0.0
+        if kept < np.inf:
+            _leave_undecided(verdict, since, until, pair)
+    return False
+
+
+@uncounted
+def _leave_undecided(verdict: Floats, since: float, until: float, pair: int) -> None:
+    """End what is free where a segment begins in which a pair can't be told; a violation in the segment is kept."""
+    if verdict[REASON] == FREE or verdict[PLACE] > until:
+        verdict[REASON], verdict[PLACE], verdict[CULPRIT] = UNDECIDED, 0.5 * (since + until), pair
+    verdict[END] = since
+
+
+@uncounted
+def _close(
+    moving: MovingRobot, search: Search, pair: int, stretch: int, share: float, level: Floats, questions: Floats,
+    verdict: Floats,
+) -> None:  # fmt: skip
+    """Lower the answers' bounds to what a pair keeps at least in a segment, in whose middle the robot is."""
+    travel = search.ways.known[bound_pair(moving, pair, stretch, share, search.place, search.ways), TRAVEL]
+    apart = pair_distance(moving, pair, search.place, np.inf, search.ask)
+    since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
+    own = is_own(moving.pairs, pair)
+    keep(questions, own, 0.5 * (since + until), apart, pair)
+    for q in range(questions.shape[0]):
+        if since < questions[q, UNTIL] and until > questions[q, SINCE] and questions[q, OWN] == own:
+            questions[q, BOUND] = min(questions[q, BOUND], apart - travel - verdict[ERROR])
+
+
+@uncounted
+def _judge(
+    moving: MovingRobot,
+    search: Search,
+    left: _Left,
+    stretch: int,
+    level: int,
+    tolerance: float,
+    longest: float,
+    shortest: float,
+    questions: Floats,
+    verdict: Floats,
+) -> int:
+    """Judge a segment on the stack: its pairs that are left are written behind its own; return their number.
+
+    It is `TO_LIST` where they weren't listed yet. Where the segment is no longer than `shortest`, what those keep at
+    least is written to the answers' bounds.
+    """
+    row = left.stack[level]
+    since, until, start, count = row[SINCE_LEVEL], row[UNTIL_LEVEL], int(row[START]), int(row[COUNT])
+    asked = required_distance(questions, verdict, 0, since, until, tolerance)
+    of_own = required_distance(questions, verdict, 1, since, until, tolerance)
+    if asked == -np.inf and of_own == -np.inf:
+        return 0
+    if count < 0 and moving.obstacles.roots.shape[0] > ALL_AT_ONCE and until - since > longest:
+        return -1  # of many obstacles too many are near in it
+    place_at(moving, 0.5 * (since + until), search.place, search.room)
+    share = find_moves(moving, since, until, search.place, search.room, search.ways)
+    find_twists(moving, search.place, search.room)
+    if count < 0:
+        count = _list_pairs(moving, search, left, stretch, share, start, of_own, asked, verdict)
+        if count < 0:
+            return -1
+        row[COUNT] = count
+    search.ask.log[LOG_SEGMENT] = float(stretch)
+    behind = start + count
+    for index in range(start, start + count):
+        pair = left.pairs[index]
+        own = is_own(moving.pairs, pair)
+        least = of_own if own == 1 else asked
+        if least == -np.inf or _is_done(moving, search, pair, stretch, share, row, least, longest, questions, verdict):
+            continue
+        asked = required_distance(questions, verdict, 0, since, until, tolerance)
+        of_own = required_distance(questions, verdict, 1, since, until, tolerance)
+        if (of_own if own == 1 else asked) == -np.inf:
+            continue
+        if until - since <= shortest:
+            _close(moving, search, pair, stretch, share, row, questions, verdict)
+            continue
+        left.pairs[behind] = pair
+        behind += 1
+    return behind - start - count
+
+
+@uncounted
+def _halve(left: _Left, level: int, more: int, end: float) -> int:
+    """Replace a segment on the stack by its halves, with the pairs behind its own; return the stack's new height.
+
+    Where the motion has to be free up to a parameter in it, that is where it is cut.
+    """
+    row = left.stack[level]
+    since, until, start = row[SINCE_LEVEL], row[UNTIL_LEVEL], row[START] + max(row[COUNT], 0.0)
+    middle = end if since < end < until else 0.5 * (since + until)
+    if more == 0 or level + 2 > left.stack.shape[0] or not since < middle < until:
+        return level
+    for half in range(2):
+        other = left.stack[level + half]
+        other[SINCE_LEVEL], other[UNTIL_LEVEL] = (middle, until) if half == 0 else (since, middle)
+        other[START], other[COUNT] = start, more
+    return level + 2
+
+
+_INDEX, _MATRIX = types.int64, types.Array(types.float64, 2, "C")
+
+
+@compiled(
+    _INDEX(
+        MOVING_ROBOT, SCALAR, VECTOR, _INDEX, _INDEX, SCALAR, SCALAR, _MATRIX, VECTOR_OUT, _MATRIX, _INDEX, VECTOR_OUT,
+        VECTOR_OUT, _MATRIX,
+    )
+)  # fmt: skip
+def prove_along(
+    moving: MovingRobot,
+    tolerance: float,
+    parameters: Floats,
+    every: int,
+    most: int,
+    longest: float,
+    shortest: float,
+    questions: Floats,
+    verdict: Floats,
+    waiting: Floats,
+    count: int,
+    distances_out: Floats,
+    log: Floats,
+    segments_out: Floats,
+) -> int:
+    """Sample a motion, and judge segments of it until none waits: then each answer is one.
+
+    Args:
+        moving: The robot, all its pairs and its motion.
+        tolerance: Maximum error of a smallest distance, positive [m].
+        parameters: Samples, in order, the motion's ends among them; none, where they were taken before, shape (p,).
+        every: Own pairs are sampled at every so manieth of them, and at the last.
+        most: Number of segments after which the search is left, with the others waiting.
+        longest: In longer segments only spheres and boxes are looked at.
+        shortest: Segments no longer than this aren't halved, and the search goes on until none waits: what is kept at
+            least in them is written to the answers' bounds. 0 as long as there is time.
+        questions: Questions with what is known of their answers, shape (q, ANSWER); written.
+        verdict: Shape (VERDICT,); written.
+        waiting: Segments that wait, shape (w, INTERVAL), with room for `DEEPEST` + 3 more; the last comes first.
+        count: Their number.
+        distances_out: Smallest distance from obstacles at each sample, shape (p,) [m]; infinite without one.
+        log: Gets the slabs that close pairs, as `kept_distance` writes them, shape (n,).
+        segments_out: Gets the segments that were judged, by their number, as far as there is room, (s, LOG_ENDS).
+
+    Returns:
+        The number of segments that wait now.
+    """
+    search, left, last = new_search(moving, log), _new_stack(), parameters.shape[0] - 1
+    stretch, begun, stack = int(verdict[SEGMENTS]), int(verdict[SEGMENTS]), left.stack
+    if last >= 0:
+        sample_motion(moving, search, parameters, every, questions, verdict, distances_out)
+        sample_about(moving, search, (parameters[last] - parameters[0]) / max(last, 1), questions, verdict)
+    while count > 0 and (stretch - begun < most or shortest > 0.0):
+        count -= 1
+        stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
+        stack[0, START], stack[0, COUNT], top = 0.0, TO_LIST, 1
+        while top > 0 and (stretch - begun < most or shortest > 0.0):
+            stretch += 1
+            row = stack[top - 1]
+            if stretch <= segments_out.shape[0]:
+                segments_out[stretch - 1, 0], segments_out[stretch - 1, 1] = row[SINCE_LEVEL], row[UNTIL_LEVEL]
+                segments_out[stretch - 1, 2] = 0.5 * (row[SINCE_LEVEL] + row[UNTIL_LEVEL])
+            more = _judge(moving, search, left, stretch, top - 1, tolerance, longest, shortest, questions, verdict)
+            height = _halve(left, top - 1, more, verdict[END])
+            if more != 0 and height < top and row[SINCE_LEVEL] < verdict[END]:  # there is no number between its ends
+                _leave_undecided(verdict, row[SINCE_LEVEL], row[UNTIL_LEVEL], -1)
+            top = height
+        for level in range(top):  # what is on the stack waits again
+            waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
+            count += 1
+    verdict[SEGMENTS] = float(stretch)
+    return count

@@ -1,0 +1,304 @@
+"""The search over a motion: a verdict, the smallest distances within spans, and the distances at samples, in one pass.
+
+Kernels search (`kernels.prove.search`), Coal confirms: at the place of a refusal it has to find the pair within what it
+has to keep, but for its accuracy. Where it doesn't, there is a bug, and no answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.kernels.prove.kept_distance import LOG_ROWS
+from guidefield.kernels.prove.questions import (
+    ANSWER,
+    AT_REST,
+    BOUND,
+    CULPRIT,
+    DISTANCE,
+    END,
+    ERROR,
+    FREE,
+    IN_CONTACT,
+    IN_MOTION,
+    KINDS,
+    MARGIN,
+    OWN,
+    OWN_PAIRS,
+    PAIR,
+    PLACE,
+    REASON,
+    RESOLUTION,
+    SEGMENTS,
+    SINCE,
+    STAND_OFF,
+    TIME,
+    TOO_CLOSE,
+    UNTIL,
+    VERDICT,
+)
+from guidefield.kernels.prove.search import BEGINS, DEEPEST, ENDS, INTERVAL, LOG_ENDS, prove_along
+from guidefield.kernels.prove.tables import MovingRobot
+from guidefield.prove.closest import put_obstacle
+from guidefield.prove.curve import Curve
+from guidefield.prove.settings import with_coal_error
+from guidefield.prove.tables import ARITHMETIC, bezier_curve, index_of_pair, with_passing_speeds, world_tables
+from guidefield.prove.verdict import Reason, Verdict
+from guidefield.read_only import ReadOnly
+
+TOLERANCE = 1e-4
+"""Maximum error of a smallest distance [m]."""
+
+RESOLUTION_FLOOR = 1e-5
+"""A pair that moves no farther in a segment and still can't be told apart is undecided [m]; `docs/certificate.md`."""
+
+EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION
+"""All pairs."""
+
+SEGMENTS_AT_ONCE = 2000
+"""Number of segments after which the deadline is looked at: a few milliseconds."""
+
+EVERY = 34
+"""Own pairs are sampled at every so manieth sample, and at the last: with 8 a UR5, whose own pairs are near each other
+all along, takes a tenth longer, and a Baxter a fiftieth less."""
+
+LOOKED = 1 / 15
+"""In segments longer than this share of the motion only spheres and boxes are looked at: twice or half of it takes a
+UR5 and a Baxter longer. Unrecorded."""
+
+SHORT = 0.1
+"""Motions shorter than this in each coordinate are looked at closely as a whole [rad or m]. Unrecorded."""
+
+STOPPED = 1 / 32
+"""A search that is stopped tells what is kept in segments no longer than this share of the motion."""
+
+AHEAD = 8
+"""Number of places after an undecided one at which contact is looked for, each twice as far ahead as the one before."""
+
+_REASONS = {FREE: Reason.FREE, IN_CONTACT: Reason.CONTACT, TOO_CLOSE: Reason.TOO_CLOSE}
+
+
+class ContradictionError(Exception):
+    """Two judges of the same motion contradict each other: an internal failure, never an answer."""
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """A smallest distance.
+
+    Attributes:
+        distance: At `time` between the bodies of `pair` [m]; infinite without a pair. Where bodies overlap it isn't
+            above 0: no depth.
+        bound: Certified lower bound of all distances [m].
+        time: When [s].
+        pair: Index of the world's pair; -1 without one.
+    """
+
+    distance: float = np.inf
+    bound: float = np.inf
+    time: float = np.nan
+    pair: int = -1
+
+
+class Goal(NamedTuple):
+    """What is asked about a motion.
+
+    Attributes:
+        min_clearance: What robot and obstacles must keep apart [m], the robot and itself nothing; None: no verdict.
+        resolution: See `RESOLUTION_FLOOR` [m].
+        kinds: Kinds of pairs.
+        in_time: Whether obstacles move; else they rest where they are at first.
+        spans: The smallest distance from obstacles is asked for within each, and the robot's from itself within the
+            first [s].
+        samples: The distance from obstacles is asked for at each, in order, shape (k,) [s]: the ends of the motion
+            among them; none, where only a verdict is asked for.
+    """
+
+    min_clearance: float | None = None
+    resolution: float = RESOLUTION_FLOOR
+    kinds: int = EVERY_KIND
+    in_time: bool = True
+    spans: Sequence[tuple[float, float]] = ()
+    samples: np.ndarray = np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Found(ReadOnly):
+    """What a search found.
+
+    Attributes:
+        verdict: FREE as well where no verdict was asked for.
+        obstacle: The smallest distance from obstacles within each span.
+        own: The smallest distance of the robot from itself within the first.
+        distances: The smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one.
+    """
+
+    verdict: Verdict
+    obstacle: list[Smallest]
+    own: Smallest
+    distances: np.ndarray
+
+
+def search(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:
+    """Search a motion.
+
+    Args:
+        world: The robot among obstacles.
+        curve: The motion, of one piece at least.
+        goal: What is asked.
+        deadline: Ends the search: what is not certified by then is told.
+
+    Raises:
+        ContradictionError: if Coal doesn't confirm what the search found.
+    """
+    return _Search(world, curve, goal, deadline).found()
+
+
+class _Search:
+    """One search."""
+
+    def __init__(self, world: World, curve: Curve, goal: Goal, deadline: Deadline) -> None:
+        self._world, self._curve, self._goal, self._deadline = world, curve, goal, deadline
+        self._in_time = goal.in_time and world.scene.moves
+        robot, obstacles, movers, pairs, error = world_tables(world, in_time=self._in_time)
+        self._layout = bezier_curve(curve)
+        self._moving = MovingRobot(robot, obstacles, with_passing_speeds(world, curve, movers), pairs, self._layout)
+        times = self._layout.times
+        self._whole, self._ends = float(times[-1] - times[0]), times[[0, -1]]
+        asked = [(*span, 0.0) for span in goal.spans] + [(*span, 1.0) for span in goal.spans[:1]]
+        self._questions = np.full((len(asked), ANSWER), np.inf)
+        self._questions[:, TIME], self._questions[:, PAIR] = np.nan, -1.0
+        for row, (since, until, own) in zip(self._questions, asked, strict=True):
+            row[[SINCE, UNTIL, OWN]] = self._parameter(since), self._parameter(until), own
+        error += ARITHMETIC * float(np.abs(curve.pieces).max(initial=0.0))
+        self._tolerance = max(TOLERANCE, 4.0 * error)
+        self._verdict = np.zeros(VERDICT)
+        margin = 0.0 if goal.min_clearance is None else goal.min_clearance
+        self._verdict[[KINDS, MARGIN, ERROR, END]] = goal.kinds, margin, error, np.inf
+        self._verdict[STAND_OFF] = with_coal_error(margin) - margin
+        self._verdict[RESOLUTION] = -1.0 if goal.min_clearance is None else goal.resolution
+
+    def found(self) -> Found:
+        samples = self._goal.samples
+        parameters = np.array([self._parameter(time) for time in samples.tolist()]) if len(samples) else self._ends
+        distances, waiting = np.empty(len(parameters)), np.zeros((1 + 3 * DEEPEST, INTERVAL))
+        waiting[0, BEGINS], waiting[0, ENDS] = self._ends
+        low, high = self._curve.box
+        is_short = float((high - low).max(initial=0.0)) <= SHORT
+        longest = self._whole if is_short else LOOKED * self._whole
+        count, looked, log, segments = int(self._whole > 0.0), parameters, np.zeros(LOG_ROWS), np.empty((0, LOG_ENDS))
+        while True:
+            is_late = self._deadline.expired()
+            if is_late and self._goal.min_clearance is not None:
+                self._stop(waiting[:count])
+            shortest = STOPPED * self._whole if is_late else 0.0
+            count = prove_along(
+                self._moving, self._tolerance, looked, EVERY, SEGMENTS_AT_ONCE, longest, shortest, self._questions,
+                self._verdict, waiting, count, distances, log, segments,
+            )  # fmt: skip
+            if count <= 0:
+                break
+            looked = parameters[:0]
+        for row in self._questions:
+            row[BOUND] = min(row[BOUND], row[DISTANCE] - self._tolerance)
+        answers = [self._answer(row) for row in self._questions]
+        own = answers.pop() if answers else Smallest()
+        return Found(self._told(), answers, own, distances if len(samples) else distances[:0])
+
+    def _stop(self, waiting: np.ndarray) -> None:
+        """End the verdict where the first segment that waits begins."""
+        begin = float(waiting[:, BEGINS].min(initial=self._verdict[END]))
+        if len(waiting) and begin < self._verdict[END]:
+            self._stopped = True
+            self._verdict[END] = begin
+            self._verdict[RESOLUTION] = -1.0
+
+    _stopped = False
+
+    def _parameter(self, time: float) -> float:
+        """The parameter at a time [s]."""
+        layout = self._layout
+        return time if layout.times is layout.clock else float(np.interp(time, layout.clock, layout.times))
+
+    def _time(self, parameter: float) -> float:
+        """The time at a parameter [s]."""
+        layout = self._layout
+        return parameter if layout.times is layout.clock else float(np.interp(parameter, layout.times, layout.clock))
+
+    def _answer(self, row: np.ndarray) -> Smallest:
+        pair = int(row[PAIR])
+        pair = index_of_pair(self._world, pair) if pair >= 0 else -1
+        return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time(float(row[TIME])), pair)
+
+    def _place(self, parameter: float) -> tuple[int, float]:
+        """Index of a piece and the parameter on it."""
+        times = self._layout.times
+        piece = int(np.clip(np.searchsorted(times, parameter, side="right") - 1, 0, len(times) - 2))
+        return piece, float(np.clip((parameter - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0))
+
+    def _told(self) -> Verdict:
+        """The verdict in the words of the scene, confirmed by Coal."""
+        verdict, segments = self._verdict, int(self._verdict[SEGMENTS]) + 2
+        if self._stopped:
+            at = self._place(float(verdict[END]))
+            z = self._curve.point(*at)
+            return Verdict(Reason.STOPPED, segments, *at, at, None, z)
+        if verdict[REASON] == FREE:
+            return Verdict(Reason.FREE, segments)
+        pair, parameter = int(verdict[CULPRIT]), float(verdict[PLACE])
+        index = -1 if pair < 0 else index_of_pair(self._world, pair)
+        reason = _REASONS.get(int(verdict[REASON]), Reason.UNDECIDED)
+        if reason is Reason.UNDECIDED and index >= 0:
+            reason, parameter = self._look_ahead(index, parameter)
+        elif index >= 0:
+            reason = self._confirmed(reason, index, parameter)
+        at = self._place(parameter)
+        names = None if index < 0 else self._world.pair_names(index)
+        return Verdict(reason, segments, *at, self._place(float(verdict[END])), names, self._curve.point(*at))
+
+    def _confirmed(self, reason: Reason, pair: int, parameter: float) -> Reason:
+        """Coal's word about a pair where it is refused."""
+        kept = 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
+        found = self._coal(pair, parameter, kept)
+        if found is None:
+            names = self._world.pair_names(pair)
+            raise ContradictionError(
+                f"the search has {names[0]} and {names[1]} within {1000 * kept:.6g} mm at {self._time(parameter):.6g}"
+                " of the motion, and Coal hasn't"
+            )
+        return found if found is not Reason.UNDECIDED else reason
+
+    def _coal(self, pair: int, parameter: float, kept: float) -> Reason | None:
+        """Coal's word about a pair: contact, too close, UNDECIDED within its accuracy, None if it is farther apart."""
+        world = self._world
+        self._put(pair, parameter)
+        if world.touches(pair):
+            return Reason.CONTACT
+        if kept > 0.0 and world.penetration(pair, kept) is not None:
+            return Reason.TOO_CLOSE
+        allowed = with_coal_error(kept) + float(self._verdict[ERROR])
+        return None if world.penetration(pair, allowed) is None else Reason.UNDECIDED
+
+    def _put(self, pair: int, parameter: float) -> None:
+        """Put the robot, and the obstacle of a pair that moves, where they are at a parameter."""
+        world = self._world
+        world.place(world.group.expand_from_chart(self._curve.point(*self._place(parameter))))
+        if self._in_time:
+            put_obstacle(world, pair, self._time(parameter))
+
+    def _look_ahead(self, pair: int, parameter: float) -> tuple[Reason, float]:
+        """A contact that an undecided place comes before, if there is one shortly after it."""
+        begin, last = float(self._verdict[END]), float(self._ends[1])
+        step = max(parameter - begin, 1e-12 * self._whole)
+        for doubling in range(AHEAD + 1):
+            ahead = parameter if doubling == 0 else min(parameter + 2.0 ** (doubling - 1) * step, last)
+            kept = 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
+            found = self._coal(pair, ahead, kept)
+            if found in (Reason.CONTACT, Reason.TOO_CLOSE):
+                return found, ahead
+        return Reason.UNDECIDED, parameter
