@@ -260,7 +260,7 @@ class Engine:
         """
         compile_kernels(_log.info)
         with waiting_collector():
-            for room in ("handlers.plan", "handlers.certify", "recorder.recorder", "recorder.given_recorder"):
+            for room in ("handlers.plan", "handlers.certify", "recorder.recorder"):
                 importlib.import_module(f"guidefield.{room}")
             importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))

@@ -207,6 +207,7 @@ def moving_charges(group: PlanningGroup) -> MovingCharges:
     return MovingCharges(group, charged.points[moving], charged.weights[moving], charged.point_joints[moving])
 
 
+@memoized_for_alike
 def origin_of(group: PlanningGroup) -> Origin:
     """Where the robot's first joint is [m, world]: single precision is best near it."""
     x, y, z = group.model.jointPlacements[min(1, group.model.njoints - 1)].translation.tolist()

@@ -66,7 +66,7 @@ class Renderings:
             with _read(recordings, name, data) as log:
                 file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
                 motion = self._motion(log)
-                return draw(file, bodies, log.run_id, log.request, log.reply, motion, log.events, log.made_with)
+                return draw(file, bodies, log.request, log.reply, motion, log.events, log.made_with)
         except UnreadableLog as error:
             return f"{error}"
         except GuidefieldError as error:
@@ -124,5 +124,9 @@ def rendered(recordings: Recordings, run_id: str) -> bytes:
 @contextlib.contextmanager
 def _read(recordings: Recordings, name: str, data: bytes) -> Iterator[RunLog]:
     """A log, and the meshes of its robot while the block runs."""
-    with tempfile.TemporaryDirectory(prefix="guidefield-") as folder:
-        yield read_log(data, partial(recordings.file, name), Path(folder))
+    with contextlib.ExitStack() as opened:
+
+        def make_folder() -> Path:
+            return Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="guidefield-")))
+
+        yield read_log(data, partial(recordings.file, name), make_folder)

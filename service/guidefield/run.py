@@ -167,7 +167,6 @@ def whole_recording(recordings: Recordings, run_id: str) -> bytes:
 def draw(
     file: Path,
     bodies: Path | None,
-    run_id: str,
     request: MotionRequest,
     reply: MotionReply,
     motion: RecordedMotion,
@@ -179,7 +178,6 @@ def draw(
     Args:
         file: The recording.
         bodies: As in `Destination`.
-        run_id: Name of the run.
         request: As it came.
         reply: As it is recorded.
         motion: The motion.
@@ -194,22 +192,21 @@ def draw(
     """
     from guidefield.handlers.certify import JudgedMotion
     from guidefield.recorder.bodies_file import cache_folder
-    from guidefield.recorder.given_recorder import GivenRecorder
-    from guidefield.recorder.place import Place
-    from guidefield.recorder.recorder import Recorder
+    from guidefield.recorder.recorder import record_judgement, record_plan
+    from guidefield.recorder.stored import Place
 
     place = Place(file, bodies or cache_folder(), whole=bodies is None)
     profile = motion.profile()
     group, scene = motion.shown()
     if isinstance(request, PlanRequest):
         assert isinstance(reply, PlanReply), "a plan was answered"
-        Recorder(place, group, scene, request, run_id, events, made_with).write(reply, profile)
+        record_plan(place, group, scene, request, events, reply, profile, made_with)
     else:
         assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
         assert isinstance(reply, CertifyReply), "a judgement was answered"
         assert isinstance(motion, JudgedMotion), "a motion was judged"
         assert profile is not None, "a motion that is judged is measured"
-        GivenRecorder(place, group, scene, request, run_id, motion.given, made_with).write(reply, profile)
+        record_judgement(place, group, scene, request, motion.given, reply, profile, made_with)
     size = file.stat().st_size
     if size <= LARGEST_RECORDING:
         return None
@@ -273,7 +270,7 @@ class _Recording:
         told: MotionReply = msgspec.structs.replace(reply, recording=to.key)
         try:
             if to.log is None or not self._defer(*to.log, told, motion):
-                fault = draw(to.file, to.bodies, self._run_id, self._request, told, motion, self._events, made_with())
+                fault = draw(to.file, to.bodies, self._request, told, motion, self._events, made_with())
                 if fault is not None:
                     self._warnings.add(f"the recording is not kept: {fault}")
                     return

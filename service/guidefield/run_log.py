@@ -180,13 +180,13 @@ def write_log(
     return MAGIC + _ENCODER.encode(log), shared
 
 
-def read_log(data: bytes, needed: Callable[[str], Path], unpack_to: Path) -> RunLog:
+def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[], Path]) -> RunLog:
     """Read a log.
 
     Args:
         data: Its content.
         needed: The file that it shares with others, by the ending of its link to it.
-        unpack_to: An empty folder for the meshes of a robot that is stored no more.
+        make_folder: Makes an empty folder, for the meshes of a robot that is stored no more.
 
     Raises:
         UnreadableLog: if it is damaged, or of another version of guidefield.
@@ -202,7 +202,7 @@ def read_log(data: bytes, needed: Callable[[str], Path], unpack_to: Path) -> Run
             msgspec.structs.force_setattr(request, "scene", declared)
         reference: RobotReference | SentRobot = request.robot
         if isinstance(log.robot, _Stored):
-            reference = _unpacked_robot(log.robot, needed(ROBOT), unpack_to)
+            reference = _unpacked_robot(log.robot, needed(ROBOT), make_folder)
         elif isinstance(log.robot, _Local):
             reference = log.robot.file
         fingerprint = log.robot.fingerprint if isinstance(log.robot, _Local) else ""
@@ -314,12 +314,13 @@ def _robot_file(sent: SentRobot) -> bytes:
     return _ENCODER.encode(_SentRobot(sent.urdf, sent.srdf, sent.root_joint, meshes, paths))
 
 
-def _unpacked_robot(stored: _Stored, file: Path, unpack_to: Path) -> SentRobot:
+def _unpacked_robot(stored: _Stored, file: Path, make_folder: Callable[[], Path]) -> SentRobot:
     """A stored robot with the meshes of the store, since these are drawn already; if they are gone, unpacked."""
     packed = msgspec.msgpack.decode(file.read_bytes(), type=_SentRobot)
     meshes = {uri: Path(path) for uri, path in packed.paths.items()}
     if not all(path.exists() for path in meshes.values()):
-        meshes = {uri: unpack_to / path.name for uri, path in meshes.items()}
+        folder = make_folder()
+        meshes = {uri: folder / path.name for uri, path in meshes.items()}
         for uri, path in meshes.items():
             path.write_bytes(packed.meshes[uri])
     return SentRobot(stored.name, stored.content, packed.urdf, packed.srdf, meshes, packed.root_joint)

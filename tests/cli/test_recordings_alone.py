@@ -97,7 +97,7 @@ def test_a_file_is_compared_and_exported(planned: tuple[PlanRequest, PlanReply, 
 def test_a_plan_that_comes_out_otherwise_tells_what_it_was_made_with(tmp_path: Path) -> None:
     made = made_up("panda")
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
-    run.recorder(tmp_path / "run.rrd").write(run.reply, run.profile)
+    run.record(tmp_path / "run.rrd")
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
     assert "not the same: the plan differs in status, path, trajectory" in said
     assert "it was made with the same versions as are here" in said
@@ -117,7 +117,7 @@ def test_a_plan_of_another_processor_says_so(kind: str, told: str, tmp_path: Pat
     run = replace(made, request=msgspec.structs.replace(REQUEST, seed=3))
     there = {**versions(), "processor": kind.format(here=here)}
     made_with = ", ".join(" ".join(one) for one in there.items())
-    run.recorder(tmp_path / "run.rrd", made_with=made_with).write(run.reply, run.profile)
+    run.record(tmp_path / "run.rrd", made_with=made_with)
     said = _said(1, "replay", tmp_path / "run.rrd", "--data", tmp_path / "none")
     assert told.format(here=here) in said
     assert "not the same" not in said

@@ -19,12 +19,12 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.event_log import EventLog
 from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
-from guidefield.recorder.place import Place
-from guidefield.recorder.recorder import Recorder
+from guidefield.recorder.recorder import record_plan
+from guidefield.recorder.stored import Place
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
-from guidefield.versions import made_with as versions
+from guidefield.versions import made_with as made_with_now
 from tests.robots import robot
 
 PLACEMENT = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.7), np.array([0.3, -0.1, 0.2]))
@@ -80,15 +80,15 @@ class MadeUp:
     events: tuple[Event, ...]
     trajectory: Trajectory
     reply: replies.PlanReply
-    profile: ClearanceProfile
+    profile: ClearanceProfile | None
 
-    def recorder(self, path: Path, place: Place | None = None, made_with: str | None = None) -> Recorder:
-        """A recorder that has heard all events, of a whole recording if no place is told."""
-        place = place or Place(path, robots_folder(), whole=True)
+    def record(self, path: Path, place: Place | None = None, made_with: str | None = None) -> None:
+        """Write the recording, with all that it needs unless a place is given."""
         log = EventLog()
         for event in self.events:
             log.add(event)
-        return Recorder(place, self.group, self.scene, self.request, self.reply.run_id, log, made_with or versions())
+        place, versions = place or Place(path, robots_folder(), whole=True), made_with or made_with_now()
+        record_plan(place, self.group, self.scene, self.request, log, self.reply, self.profile, versions)
 
 
 def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeUp:

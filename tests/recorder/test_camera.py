@@ -5,7 +5,7 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.camera import choose_eye
+from guidefield.recorder.view import choose_eye
 from guidefield.scene.scene import build
 
 WAY = np.linspace([0.3, 0.0, 0.5], [0.7, 0.0, 0.5], 30)

@@ -20,7 +20,7 @@ NO_GRAPHICS = 3
 def picture(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     folder = tmp_path_factory.mktemp("picture")
     run = made_up("panda")
-    run.recorder(folder / "run.rrd").write(run.reply, run.profile)
+    run.record(folder / "run.rrd")
     command = [sys.executable, str(SCREENSHOT), str(folder / "run.rrd"), str(folder / "run.png"), "--time", "0.5"]
     taken = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)
     if taken.returncode == NO_GRAPHICS:

@@ -13,7 +13,7 @@ from guidefield.messages.requests import PlanRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import packed, unpacked
 from guidefield.recorder.reading import read_recording
-from guidefield.recorder.writing import write_recording
+from guidefield.recorder.rrd_file import write_recording
 from tests.recorder.runs import made_up
 
 

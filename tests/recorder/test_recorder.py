@@ -41,7 +41,7 @@ def run() -> MadeUp:
 @pytest.fixture(scope="module")
 def file(run: MadeUp, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("runs") / "run.rrd"
-    run.recorder(path).write(run.reply, run.profile)
+    run.record(path)
     return path
 
 
@@ -52,7 +52,7 @@ def recording(file: Path) -> Recording:
 
 def record(run: MadeUp, file: Path, **changes) -> Recording:
     """The recording of a run whose reply is another."""
-    run.recorder(file).write(msgspec.structs.replace(run.reply, **changes), None)
+    replace(run, reply=msgspec.structs.replace(run.reply, **changes), profile=None).record(file)
     return Recording(file)
 
 
@@ -111,7 +111,7 @@ def test_holds_what_a_reader_looks_for(recording):
 @pytest.mark.parametrize("name", ["panda", "kinova", "chain_moving_3x260_r20"])
 def test_moves_every_link_as_pinocchio_does(name, tmp_path):
     run = made_up(name)
-    run.recorder(tmp_path / "run.rrd").write(run.reply, run.profile)
+    run.record(tmp_path / "run.rrd")
     recording, robot = Recording(tmp_path / "run.rrd"), run.group.robot
     frames = Frames(recording, "path_time")
     links = frames.links()
@@ -396,8 +396,8 @@ def test_the_robot_is_there_at_each_step_of_a_plan_without_steps(run, tmp_path):
 
 def test_records_a_failure_without_any_motion(run, tmp_path):
     status = replies.Outcome(code=-10, name="START_STATE_IN_COLLISION", message="the hand is in the can")
-    recorder = replace(run, events=()).recorder(tmp_path / "run.rrd")
-    recorder.write(msgspec.structs.replace(run.reply, status=status, path=[], trajectory=None), None)
+    reply = msgspec.structs.replace(run.reply, status=status, path=[], trajectory=None)
+    replace(run, events=(), reply=reply, profile=None).record(tmp_path / "run.rrd")
     verify(tmp_path / "run.rrd")
     recording = Recording(tmp_path / "run.rrd")
     (position,) = recording.values("/plots/position", "Scalars:scalars", "path_time")
@@ -425,16 +425,16 @@ def test_leaves_no_threads_behind(run, tmp_path):
         return len(list(Path("/proc/self/task").iterdir()))
 
     for number in range(2):  # the first ones start what is kept for good: an allocator's thread, a pool
-        run.recorder(tmp_path / f"warm{number}.rrd").write(run.reply, run.profile)
+        run.record(tmp_path / f"warm{number}.rrd")
     before = threads()
     for number in range(3):
-        run.recorder(tmp_path / f"run{number}.rrd").write(run.reply, run.profile)
+        run.record(tmp_path / f"run{number}.rrd")
     await_that(lambda: threads() <= before)
 
 
 def test_a_folder_that_is_not_there_is_an_os_error(run, tmp_path):
     with pytest.raises(FileNotFoundError, match=r"run\.rrd"):
-        run.recorder(tmp_path / "missing" / "run.rrd").write(run.reply, run.profile)
+        run.record(tmp_path / "missing" / "run.rrd")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -443,13 +443,13 @@ import resource, signal, sys
 from pathlib import Path
 from tests.recorder.runs import made_up
 run, path = made_up("panda"), Path(sys.argv[1])
-run.recorder(path).write(run.reply, run.profile)
+run.record(path)
 before = path.read_bytes()
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 for size in (200_000, len(before) - 4_000):  # two recordings differ by some bytes: their blueprints have random names
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     try:
-        run.recorder(path).write(run.reply, run.profile)
+        run.record(path)
     except OSError as error:
         print(type(error).__name__)
     assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]

@@ -8,7 +8,7 @@ import pytest
 
 from guidefield.planner.task.event_log import GROWTH_STEPS, MAX_ITERATIONS, MAX_NODES, EventLog, LoggedTrees
 from guidefield.planner.task.trace import PathRelaxed, TreeGrown
-from guidefield.recorder import search
+from guidefield.recorder import planner_entities
 from tests.recorder.runs import MadeUp, grown_trees, made_up
 
 
@@ -26,7 +26,9 @@ def _tip(run: MadeUp, z: np.ndarray) -> np.ndarray:
 
 def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: MadeUp) -> None:
     trees = grown_trees(run.group)
-    (chunk,) = search.trees(run.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))])
+    (chunk,) = planner_entities.trees(
+        run.group, [(5, LoggedTrees(tuple(len(points) for points, _ in trees), tuple(trees)))]
+    )
     batch = chunk.to_record_batch()
     assert batch.column("step").to_pylist() == list(range(5, 5 + GROWTH_STEPS))
     rows = batch.column("LineStrips3D:strips").to_pylist()
@@ -49,15 +51,15 @@ def test_each_edge_of_a_tree_is_drawn_once_a_parent_before_its_children(run: Mad
 def test_a_long_tree_and_many_relaxed_paths_are_thinned_out(run: MadeUp) -> None:
     many = 3 * MAX_NODES
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (many, run.group.nv))
-    edges = search.tree_edges(run.group, points, np.arange(-1, many - 1))
+    edges = planner_entities.tree_edges(run.group, points, np.arange(-1, many - 1))
     assert len(edges) == MAX_NODES - 1
     paths = [(number, PathRelaxed(points, 1.0)) for number in range(40)]
-    (chunk,) = search.relaxed(run.group, paths)
+    (chunk,) = planner_entities.relaxed(run.group, paths)
     batch = chunk.to_record_batch()
     steps = batch.column("step").to_pylist()
     assert (steps[0], steps[-1], len(steps)) == (0, 39, MAX_ITERATIONS)
     ((strip,), *_) = batch.column("LineStrips3D:strips").to_pylist()
-    assert len(strip) == search.MOST_WAYPOINTS
+    assert len(strip) == planner_entities.MOST_WAYPOINTS
     assert np.allclose(strip[0], _tip(run, points[0]), atol=1e-6)
     assert np.allclose(strip[-1], _tip(run, points[-1]), atol=1e-6)
 

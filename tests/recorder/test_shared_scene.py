@@ -11,9 +11,8 @@ import msgspec
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.recorder.place import Place
 from guidefield.recorder.reading import read_recording
-from guidefield.recorder.shared_scene import FOLDER
+from guidefield.recorder.stored import FOLDER, Place
 from guidefield.recorder.whole import LEFT_OUT, LINK, self_contained
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
@@ -40,7 +39,7 @@ def record(run: MadeUp, data: Path, name: str) -> Path:
     """Write a recording into a store's folder."""
     file = data / "recordings" / f"{name}.rrd"
     file.parent.mkdir(exist_ok=True)
-    run.recorder(file, Place(file, data / "runs-robots", whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, data / "runs-robots", whole=False))
     return file
 
 
@@ -50,7 +49,7 @@ def test_recordings_share_the_file_of_their_scene_and_leave_with_it(run: MadeUp,
     assert [one.with_suffix(LINK).samefile(drawn) for one in (first, second)] == [True, True]
     assert OBSTACLES.isdisjoint(Recording(first).entities)
     (tmp_path / "left.rrd").write_bytes(self_contained(first, tmp_path / "runs-robots"))
-    run.recorder(tmp_path / "whole.rrd").write(run.reply, run.profile)
+    run.record(tmp_path / "whole.rrd")
     left, whole_one = Recording(tmp_path / "left.rrd"), Recording(tmp_path / "whole.rrd")
     assert OBSTACLES < left.entities == whole_one.entities
     for column in ("Boxes3D:half_sizes", "Boxes3D:centers", "Boxes3D:labels"):

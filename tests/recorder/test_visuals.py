@@ -9,9 +9,8 @@ import trimesh
 
 from guidefield.messages.requests import UrdfFile
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.spheres import cover_spheres
+from guidefield.recorder.bodies import cover_spheres, visual_bodies
 from guidefield.recorder.surface import GREY, Surface
-from guidefield.recorder.visuals import visual_bodies
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotSource

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from guidefield.recorder import bodies_file
-from guidefield.recorder.meshes_file import read_meshes
-from guidefield.recorder.place import Place
+from guidefield.recorder.rrd_file import read_meshes
+from guidefield.recorder.stored import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
 from guidefield.robot.bodies.sphere_cover import coverage
 from tests.recorder.runs import MadeUp, Recording, made_up
@@ -34,7 +34,7 @@ def run() -> MadeUp:
 def stored(run: MadeUp, tmp_path: Path) -> tuple[Path, Path]:
     """A recording in a store, and the folder of the meshes."""
     file, robots = tmp_path / "run.rrd", tmp_path / "robots"
-    run.recorder(file, Place(file, robots, whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, robots, whole=False))
     return file, robots
 
 
@@ -44,7 +44,7 @@ def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_
     assert not any(path.startswith(("/robot/visual", "/robot/collision")) for path in kept.entities)
     assert kept.stores()[1] == []
     (tmp_path / "left.rrd").write_bytes(self_contained(file, robots))
-    run.recorder(tmp_path / "whole.rrd").write(run.reply, run.profile)
+    run.record(tmp_path / "whole.rrd")
     left, whole = Recording(tmp_path / "left.rrd"), Recording(tmp_path / "whole.rrd")
     assert left.entities == whole.entities
     assert left.entities > kept.entities - {LEFT_OUT}
@@ -55,7 +55,7 @@ def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_
 
 
 def test_what_is_whole_leaves_as_it_is(run, tmp_path):
-    run.recorder(tmp_path / "whole.rrd").write(run.reply, run.profile)
+    run.record(tmp_path / "whole.rrd")
     assert self_contained(tmp_path / "whole.rrd", tmp_path) == (tmp_path / "whole.rrd").read_bytes()
 
 
@@ -68,15 +68,15 @@ def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp
     file, robots = stored
     (meshes,) = robots.iterdir()
     made = meshes.stat().st_mtime_ns
-    run.recorder(file, Place(file, robots, whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, robots, whole=False))
     assert [(one, one.stat().st_mtime_ns) for one in robots.iterdir()] == [(meshes, made)]
     meshes.write_bytes(meshes.read_bytes()[:10_000])
     bodies_file._prepared.cache_clear()
-    run.recorder(file, Place(file, robots, whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
     assert len(read_meshes(meshes)) > 20
     meshes.unlink()
-    run.recorder(file, Place(file, robots, whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
 
 
@@ -102,7 +102,7 @@ def test_a_recording_whose_meshes_are_missing_leaves_without_them_and_says_so(st
 def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):
     (tmp_path / "robots").write_text("no folder")
     file = tmp_path / "run.rrd"
-    run.recorder(file, Place(file, tmp_path / "robots", whole=False)).write(run.reply, run.profile)
+    run.record(file, Place(file, tmp_path / "robots", whole=False))
     (summary,) = Recording(file).one("/documents/summary", "TextDocument:text")
     assert "the robot's meshes could not be kept" in summary
 

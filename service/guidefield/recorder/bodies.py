@@ -1,20 +1,24 @@
-"""What is drawn of a robot, prepared once per robot: what it looks like, what is judged, a sketch for ghosts."""
+"""A robot's bodies as they are drawn: its visual and its collision geometry, bounding spheres, a sketch for ghosts."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
+import coal
+import numpy as np
 import pinocchio as pin
 import rerun as rr
+from lxml import etree
 from rerun.chunk import Chunk
 
 from guidefield.recorder import surface
 from guidefield.recorder.chunks import entity, link_frame, still
-from guidefield.recorder.spheres import cover_spheres
-from guidefield.recorder.surface import Surface
-from guidefield.recorder.visuals import Body, visual_bodies
-from guidefield.robot.model.model import RobotModel
+from guidefield.recorder.surface import GREY, Surface
+from guidefield.robot.bodies.sphere_cover import known_coverage
+from guidefield.robot.model.model import RobotModel, RobotSource
 
 SKETCHED_APART = 2
 """Bodies of one link that are sketched one by one."""
@@ -26,7 +30,7 @@ FAULT_COLOR = (230, 57, 53, 255)
 """Colour of what is in collision (RGBA)."""
 
 OUTSIDE = 0.003
-"""How far outside of a link its red shape is drawn: neither shines through the other [m]."""
+"""Distance outside of a link at which its red shape is drawn: neither shines through the other [m]."""
 
 MEDIA_TYPE_GLB = "model/gltf-binary"
 
@@ -118,3 +122,122 @@ def mesh(drawn: Surface, color: tuple[int, int, int, int] | None = None) -> rr.M
         vertex_colors=drawn.colors,
         albedo_factor=color,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Something rigid to draw.
+
+    Attributes:
+        name: `<link>_<number>`.
+        link: The link that carries it.
+        surface: Its surface in the link's frame, or a GLB file's content.
+        placement: ``T_link_body`` of a GLB; a surface has it applied already.
+        color: RGBA, where the surface has no colours of its own.
+    """
+
+    name: str
+    link: str
+    surface: Surface | bytes
+    placement: Any
+    color: tuple[int, int, int, int] = GREY
+
+
+def visual_bodies(source: RobotSource) -> tuple[tuple[Body, ...], tuple[str, ...]]:
+    """Read the visual bodies of a robot.
+
+    Args:
+        source: The robot's text as it was checked: meshes are absolute paths, within folders that are allowed.
+
+    Returns:
+        Bodies in the URDF's order, and one sentence for each element that can't be drawn.
+    """
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
+    root = etree.fromstring(source.urdf_text.encode(), parser)
+    materials = {material.get("name"): material for material in root.findall("material")}
+    bodies, faults = [], []
+    for link in root.findall("link"):
+        for number, element in enumerate(link.findall("visual")):
+            name = f"{link.get('name')}_{number}"
+            try:
+                bodies.append(_body(name, link.get("name"), element, materials))
+            except (ValueError, KeyError, TypeError, IndexError, AttributeError, OSError) as error:
+                # Readers of foreign mesh files raise all of these; a picture may lack a part, a plan doesn't.
+                faults.append(f"visual {name} is not drawn: {error}")
+    return tuple(bodies), tuple(faults)
+
+
+def _body(name: str, link: str, element: Any, materials: dict[str, Any]) -> Body:
+    placement = _placement(element.find("origin"))
+    color = _color(element.find("material"), materials)
+    shape = element.find("geometry")[0]
+    if shape.tag == "mesh":
+        scale = _numbers(shape.get("scale", "1 1 1"))
+        drawn = surface.read_mesh(Path(shape.get("filename")), scale, color)
+    elif shape.tag in PRIMITIVES:
+        drawn = surface.of_shape(PRIMITIVES[shape.tag](shape))
+    else:
+        raise ValueError(f"<{shape.tag}> is no geometry")
+    if isinstance(drawn, Surface):
+        drawn, placement = drawn.moved(placement), pin.SE3.Identity()
+    return Body(name, link, drawn, placement, color or GREY)
+
+
+def _placement(origin: Any) -> Any:
+    """``T_link_body`` of an <origin>, pinocchio.SE3."""
+    if origin is None:
+        return pin.SE3.Identity()
+    if (quaternion := origin.get("quat_xyzw")) is not None:
+        rotation = pin.Quaternion(_numbers(quaternion)).normalized().matrix()
+    else:
+        rotation = pin.rpy.rpyToMatrix(_numbers(origin.get("rpy", "0 0 0")))
+    return pin.SE3(rotation, _numbers(origin.get("xyz", "0 0 0")))
+
+
+def _color(material: Any, materials: dict[str, Any]) -> tuple[int, int, int, int] | None:
+    """RGBA of a <material>, its own or the one it names; None where neither says."""
+    for one in (material, None if material is None else materials.get(material.get("name"))):
+        color = None if one is None else one.find("color")
+        if color is not None:
+            rgba = np.round(255.0 * np.clip(_numbers(color.get("rgba")), 0.0, 1.0)).astype(int)
+            return int(rgba[0]), int(rgba[1]), int(rgba[2]), int(rgba[3])
+    return None
+
+
+def _numbers(text: str) -> np.ndarray:
+    return np.array([float(number) for number in text.split()])
+
+
+PRIMITIVES: dict[str, Callable[[Any], Any]] = {
+    "box": lambda box: coal.Box(*_numbers(box.get("size"))),
+    "sphere": lambda sphere: coal.Sphere(float(sphere.get("radius"))),
+    "cylinder": lambda c: coal.Cylinder(float(c.get("radius")), float(c.get("length"))),
+    "capsule": lambda c: coal.Capsule(float(c.get("radius")), float(c.get("length"))),
+}
+"""Coal shape by URDF element."""
+
+
+COLOR = (125, 175, 240, 255)
+"""Colour of the balls (RGBA)."""
+
+
+def known(robot: RobotModel) -> str:
+    """The numbers of bounding spheres of the shapes, as far as they are known."""
+    return " ".join("-" if one is None else f"{len(one.cover.spheres)}" for one in known_coverage(robot))
+
+
+def cover_spheres(robot: RobotModel) -> Iterator[Chunk]:
+    """`/robot/spheres/<link>`: the balls that contain the collision shapes of a link, in its frame."""
+    by_link: dict[str, list[np.ndarray]] = {}
+    for index, (shape, one) in enumerate(zip(robot.geometry.geometryObjects, known_coverage(robot), strict=True)):
+        if one is None:
+            continue
+        link = robot.link_of_geometry(index)
+        in_link = robot.model.frames[robot.frame_id(link)].placement.inverse() * shape.placement
+        balls = one.cover.spheres
+        centers = balls[:, :3] @ in_link.rotation.T + in_link.translation
+        by_link.setdefault(link, []).append(np.column_stack([centers, balls[:, 3]]))
+    for link, parts in by_link.items():
+        balls = np.concatenate(parts)
+        drawn = rr.Points3D(balls[:, :3], radii=balls[:, 3], colors=[COLOR])
+        yield still(entity("robot", "spheres", link), rr.CoordinateFrame(link_frame(link)), drawn)

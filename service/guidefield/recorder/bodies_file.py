@@ -20,12 +20,11 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import without_path
 from guidefield.geometry import cache
-from guidefield.recorder import bodies, spheres, surface, visuals
+from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import RobotBodies, mesh
 from guidefield.recorder.chunks import entity, still
-from guidefield.recorder.meshes_file import UNREADABLE, read_chunks, read_meshes
+from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
 from guidefield.recorder.surface import Surface
-from guidefield.recorder.writing import encode_recording
 from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel
 from guidefield.whole_file import DRAFT, write_whole
@@ -45,7 +44,7 @@ NAMES = "/prepared"
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What a recording needs of a robot beside its meshes.
+    """The parts of a drawn robot that a recording needs beside its meshes.
 
     Attributes:
         file: Where the meshes are.
@@ -61,7 +60,7 @@ class Drawn:
 
 
 def cache_folder() -> Path:
-    """Where robots are kept prepared for runs without a store: beside what the geometry keeps."""
+    """The folder of prepared robots for runs without a store, beside the geometry's cache."""
     return cache.folder().with_name("drawn")
 
 
@@ -122,14 +121,14 @@ def _make_room(folder: Path) -> None:
 def _fingerprint(robot: RobotModel) -> str:
     """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
     source = robot.source.urdf_text.encode()
-    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {spheres.known(robot)} ".encode() + source)
+    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {bodies.known(robot)} ".encode() + source)
     for module in (
         __file__,
         bodies.__file__,
         mesh_files.__file__,
-        spheres.__file__,
+        bodies.__file__,
         surface.__file__,
-        visuals.__file__,
+        bodies.__file__,
     ):
         digest.update(Path(module).read_bytes())
     for element in etree.fromstring(source).iter("mesh"):
@@ -149,7 +148,7 @@ def _sketch_chunks(made: RobotBodies) -> list[Chunk]:
 
 
 def _read(file: Path) -> Drawn:
-    """What `_prepared` wrote.
+    """Read the file that `_prepared` wrote.
 
     Raises:
         OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import textwrap
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,9 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.messages.replies import MotionReply
-from guidefield.messages.requests import MotionRequest
+from guidefield.messages.certificate_in_words import certified, place_in_words
+from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, as_plain_data
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
 
@@ -42,7 +44,7 @@ WIDTH = 110
 """Characters of a line within which a list of plain values stays."""
 
 
-def documents_of(
+def document_run(
     request: MotionRequest,
     reply: MotionReply,
     group: PlanningGroup,
@@ -52,7 +54,7 @@ def documents_of(
     request_hash: str,
     made_with: str,
 ) -> Iterator[Chunk]:
-    """The words of a run, whatever was asked.
+    """The documents of a run of any kind.
 
     Args:
         request: As it came.
@@ -94,7 +96,7 @@ def fingerprint(request: MotionRequest) -> str:
 
 
 def distances(reply: MotionReply) -> list[tuple[str, str]]:
-    """What was kept from obstacles and between links, as rows of a table."""
+    """The distances from obstacles and between links, as rows of a table."""
     rows: list[tuple[str, str]] = []
     if (clear := reply.clearance) is not None:
         when = f" at {clear.time:.2f} s" if clear.time is not None else ""
@@ -165,7 +167,7 @@ def _readable_list(values: list[Any], indent: int) -> str:
 
 
 def _headline(reply: MotionReply) -> list[str]:
-    """How a run ended, in a sentence, and the values that it speaks about where it is no success."""
+    """The end of a run in a sentence, and of a failure the values that it speaks about."""
     lines = [f"## {reply.status.name}", "", reply.status.message, ""]
     if reply.status.code != Status.SUCCESS and reply.status.details:
         lines += ["```json", readable(reply.status.details), "```", ""]
@@ -173,7 +175,7 @@ def _headline(reply: MotionReply) -> list[str]:
 
 
 def remarks_of(remarks: Sequence[str]) -> list[str]:
-    """What was odd, as a list."""
+    """Warnings as a list."""
     return ["**Warnings**", "", *(f"- {remark}" for remark in remarks), ""] if remarks else []
 
 
@@ -199,3 +201,156 @@ def millimetres(distance: float | None) -> str:
 def milliseconds(seconds: float) -> str:
     """A time [s] for a person."""
     return f"{1e3 * seconds:.1f} ms"
+
+
+LEAST_TOLD = 5e-5
+"""A shorter time is left out [s]."""
+
+
+def document_plan(
+    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str], made_with: str
+) -> Iterator[Chunk]:
+    """The documents of a plan: its result in figures, its origin, its messages."""
+    figures: dict[str, Any] = {
+        "planner": reply.planner,
+        "objective": reply.objective,
+        "seed": reply.seed,
+        "planning_seconds": reply.timing.total,
+    }
+    if reply.metrics is not None:
+        figures["duration"] = reply.metrics.duration
+    parts = [*remarks_of((*reply.warnings, *remarks)), *_plan_results(reply, group), *_steps(reply), *_stages(reply)]
+    request_hash = fingerprint(request)
+    parts += _origin(request_hash, reply, group, scene, made_with)
+    yield from document_run(request, reply, group, scene, figures, parts, request_hash, made_with)
+
+
+def _plan_results(reply: PlanReply, group: PlanningGroup) -> list[str]:
+    rows = distances(reply)
+    if (metrics := reply.metrics) is not None:
+        rows.append(("duration", f"{metrics.duration:.2f} s"))
+        unit = _unit(group)
+        ways = f"{metrics.joint_path_length:.2f} {unit} / {metrics.tip_path_length:.2f} m"
+        rows.append(("way of the joints / the tip", ways))
+        rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} {unit}/s³"))
+    rows.append(("certificate", certified(reply)))
+    counters = reply.counters
+    rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
+    work = [
+        f"{counters.potential_evaluations} potentials",
+        f"{counters.collision_checks} collision checks",
+        f"{reply.certificate.evaluations} certificate evaluations",
+    ]
+    rows.append(("work", ", ".join(work)))
+    return [*table(("result", ""), rows), "", f"Judged by: {reply.certificate.method}", ""]
+
+
+def _steps(reply: PlanReply) -> list[str]:
+    """The steps of a sequence in time: what is held, and the smallest distance from obstacles."""
+    if not reply.steps:
+        return []
+    rows = [
+        (
+            f"steps[{index}]",
+            f"{one.begin:.2f} to {one.end:.2f} s",
+            millimetres(None if one.clearance is None else one.clearance.minimum),
+            "; ".join([*_handled(one), *(f"{may.object} may touch {may.obstacle}" for may in one.permissions)]),
+        )
+        for index, one in enumerate(reply.steps)
+    ]
+    return [*table(("step", "time", "clearance", "objects"), rows), ""]
+
+
+def _handled(step: StepFigures) -> list[str]:
+    """The objects held in a step, and those put down and picked up at its end."""
+    words = {"holds": ", ".join(step.held), "puts down": step.detached, "picks up": step.attached}
+    return [f"{verb} {names}" for verb, names in words.items() if names]
+
+
+def _stages(reply: PlanReply) -> list[str]:
+    """The stages, and what else took time; a stage that came once has its time in its own row."""
+    rows = [(f"{one.name}{_plane(one.plane, reply)}", milliseconds(one.seconds), one.outcome) for one in reply.stages]
+    times = Counter(one.name for one in reply.stages)
+    spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
+    for name, seconds in spent.items():
+        if times[name] != 1 and seconds >= LEAST_TOLD:
+            rows.append((f"all of {name}" if times[name] else name, milliseconds(seconds), ""))
+    rows.append(("**total**", f"**{milliseconds(reply.timing.total)}**", ""))
+    return [*table(("stage", "time", "outcome"), rows), ""]
+
+
+def _origin(request_hash: str, reply: PlanReply, group: PlanningGroup, scene: Scene, made_with: str) -> list[str]:
+    urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
+    rows = [
+        ("run", reply.run_id),
+        ("robot", f"{group.robot.name} (URDF {urdf}), {len(group.joints)} joints, tip {group.tip}"),
+        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
+        ("request", request_hash[:12]),
+        ("planner, objective, seed", f"{reply.planner}, {reply.objective}, {reply.seed}"),
+        ("made with", made_with),
+    ]
+    return table(("about", ""), rows)
+
+
+def _plane(index: int | None, reply: PlanReply) -> str:
+    if index is None:
+        return ""
+    return f" to {reply.guide_planes[index].name if index < len(reply.guide_planes) else index}"
+
+
+def _unit(group: PlanningGroup) -> str:
+    """Of the joints' coordinates together."""
+    kinds = {joint.kind.value for joint in group.joints}
+    if kinds == {"prismatic"}:
+        return "m"
+    return "rad" if kinds.isdisjoint(("prismatic", "planar", "floating")) else "(rad, m)"
+
+
+def document_judgement(
+    request: CertifyRequest,
+    reply: CertifyReply,
+    group: PlanningGroup,
+    scene: Scene,
+    remarks: Sequence[str],
+    made_with: str,
+) -> Iterator[Chunk]:
+    """The documents of a judgement: the verdict in figures, its origin, its messages."""
+    request_hash = fingerprint(request)
+    parts = [*_judgement_results(reply), *_limits(reply), *remarks_of((*reply.warnings, *remarks))]
+    rows = [
+        ("run", reply.run_id),
+        ("robot", f"{group.robot.name}, {len(group.joints)} joints, tip {group.tip}"),
+        ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles"),
+        ("request", request_hash[:12]),
+        ("time", f"certify {milliseconds(reply.timing.certify)}, measure {milliseconds(reply.timing.measure)}"),
+        ("made with", made_with),
+    ]
+    parts += table(("about", ""), rows)
+    figures = {"curve": reply.curve, "seconds": reply.timing.total}
+    yield from document_run(request, reply, group, scene, figures, parts, request_hash, made_with)
+
+
+def _judgement_results(reply: CertifyReply) -> list[str]:
+    certificate = reply.certificate
+    judged = "free of collision" if certificate.collision_free else f"**{certificate.reason}**"
+    said = f"{judged}{pair(certificate.pair)}: {certificate.covers}, as the curve {reply.curve}"
+    rows = [("certificate", said)]
+    if not certificate.collision_free:
+        rows.append(("free until", place_in_words(certificate.free_until.row, certificate.free_until.time)))
+    if certificate.place is not None:
+        rows.append(("refused", place_in_words(certificate.place.row, certificate.place.time)))
+    rows += distances(reply)
+    return [*table(("result", ""), rows), "", f"Judged by: {certificate.method}", ""]
+
+
+def _limits(reply: CertifyReply) -> list[str]:
+    limits = reply.limits
+    uses = {name: getattr(limits, name) for name in limits.__struct_fields__}
+    rows = [(name, *_used(use)) for name, use in uses.items() if use.joint is not None]
+    return [*table(("limit of", "used at most", "by", "where"), rows), ""] if rows else []
+
+
+def _used(use: LimitUse) -> tuple[str, str, str]:
+    share = "it jumps" if use.share is None else f"{100 * use.share:.1f} %"
+    where = "" if use.row is None else place_in_words(use.row, use.time)
+    return share, use.joint or "", where

@@ -27,7 +27,7 @@ LONGEST_ARROW = 0.25
 """Length of the arrow of the largest force of a recording [m]."""
 
 FORCE_DECADES = 2.0
-"""How many powers of ten of force the colours of points and the lengths of arrows tell apart."""
+"""Powers of ten of force that the colours of points and the lengths of arrows tell apart."""
 
 RESOLUTION = 100
 """Pixels along the longer side of the picture: the field is smooth, and viewers interpolate."""

@@ -22,10 +22,11 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.model import JointKind
 from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations, Tangents, WireColumns
 
 SHOWN_SPEED = 1.0
-"""How fast the quickest joint moves along a path that has no times [rad/s or m/s]."""
+"""Speed of the quickest joint along a path that has no times [rad/s or m/s]."""
 
 SHOWN_STEP = 0.05
 """Largest change of a joint between two frames of such a path [rad or m]."""
@@ -94,12 +95,17 @@ def refused_goal(group: PlanningGroup, request: PlanRequest, reply: PlanReply) -
 
 def configurations_of(group: PlanningGroup, rows: Sequence[Sequence[float]]) -> Configurations:
     """Configurations (n, nq) of a reply's rows of position columns."""
-    return np.array([_configuration(group, row) for row in rows])
+    if not group.is_euclidean:
+        return np.array([_configuration(group, row) for row in rows])
+    columns = np.array(rows, float).reshape(len(rows), len(group.joints)).T
+    turns = [joint.kind is JointKind.CONTINUOUS for joint in group.joints]
+    parts = [(np.cos(c), np.sin(c)) if turn else (c,) for c, turn in zip(columns, turns, strict=True)]
+    return np.column_stack([part for pair in parts for part in pair])
 
 
 def position_rows(group: PlanningGroup, configurations: Configurations) -> WireColumns:
     """The wire's position columns (n, k) of configurations (n, nq) in order, angles unwrapped."""
-    return np.array([group.wire_positions(z) for z in group.chart_path(list(configurations))])
+    return np.array(group.wire_rows(group.chart_path(list(configurations))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +164,7 @@ def _between_knots(group: PlanningGroup, trajectory: messages.Trajectory) -> Mot
 
 
 def frames_of(times: np.ndarray) -> int:
-    """How often a robot is shown between the first and the last of some times (n,) [s]."""
+    """The number of frames between the first and the last of some times (n,) [s]."""
     return int(np.clip(np.ceil((times[-1] - times[0]) * SHOWN_RATE), *FRAMES))
 
 
@@ -180,7 +186,7 @@ def _untimed(group: PlanningGroup, path: Sequence[Sequence[float]]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Where a robot's joints and tip are, at n configurations.
+    """Placements of a robot's joints and tip at n configurations.
 
     Attributes:
         joints: Pinocchio's indices of the joints in question, in order.

@@ -1,4 +1,4 @@
-"""A recording read back: what was asked, what was answered and what it was made with, from the file alone."""
+"""Read back a recording: its request, its reply and the versions that it was made with, from the file alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from guidefield.versions import parsed
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a recording says of its run.
+    """The messages and versions in a recording.
 
     Attributes:
         request: As it came.
@@ -73,6 +73,6 @@ def _scene_beside(path: Path) -> Chunk:
 
 
 def _values(chunk: Chunk, component: str) -> list[Any]:
-    """What a component of a chunk of one row holds."""
+    """The values of a component of a chunk of one row."""
     (row,) = chunk.to_record_batch().column(component).to_pylist()
     return list(row)

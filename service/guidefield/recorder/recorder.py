@@ -1,33 +1,57 @@
-"""The recording of a plan, one `.rrd`: everything a person needs to see what the planner did, and why."""
+"""The recordings of plans and judgements, `.rrd` files: all that a person needs to see what was done, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import chain
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
 from guidefield.errors import Status
-from guidefield.messages.replies import PlanReply
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, Trajectory
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
+from guidefield.planner.motion.given_motion import GivenMotion
+from guidefield.planner.motion.trajectory import piece_accelerations
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.event_log import EventLog, LoggedTrees, evenly
-from guidefield.planner.task.trace import PathRelaxed
-from guidefield.recorder import field_entities, log, plan_documents, plots, robot_entities, scene_entities, search
-from guidefield.recorder.along import Shown
-from guidefield.recorder.chunks import PATH_TIME, STEP
-from guidefield.recorder.motion import Motion, configurations_of, poses, refused_goal, shown_motion
-from guidefield.recorder.place import Place
-from guidefield.recorder.shared_scene import shared_scene
+from guidefield.planner.task.trace import PathRelaxed, Step
+from guidefield.potential import origin_of
+from guidefield.recorder import (
+    bodies,
+    bodies_file,
+    field_entities,
+    planner_entities,
+    plots,
+    robot_entities,
+    scene_entities,
+)
+from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder.chunks import PATH_TIME, STEP, path_times
+from guidefield.recorder.documents import document_judgement, document_plan
+from guidefield.recorder.motion import Motion, Poses, configurations_of, frames_of, poses, refused_goal, shown_motion
+from guidefield.recorder.stored import Place, shared_scene
+from guidefield.recorder.view import Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.model.spaces import Configuration
+from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.scene import Scene
 
+EVEN_PACE = "the motion has no times: it is shown at an even pace"
+NO_TRAJECTORY = "there is no trajectory: the path is shown at an even pace, its times mean nothing"
 
-class Recorder:
-    """Writes the recording of a plan.
+
+def record_plan(
+    place: Place,
+    group: PlanningGroup,
+    scene: Scene,
+    request: PlanRequest,
+    log: EventLog,
+    reply: PlanReply,
+    measured: ClearanceProfile | None,
+    made_with: str,
+) -> None:
+    """Write the recording of a plan, found or not.
 
     With `recording: "summary"` it holds the motion among the obstacles and how it went; "full" adds the field and the
     planner's life.
@@ -37,109 +61,203 @@ class Recorder:
         group: The joints that are planned for, with the limits that hold for this request.
         scene: The scene that is planned in; of a sequence, with what is carried as it is carried.
         request: The request as it came.
-        run_id: Name of the run; identifies the recording.
         log: The planner's events; of a summary its steps alone, the last of which is where a failure ended.
+        reply: The answer to the request.
+        measured: The clearance along the trajectory, if there is one.
         made_with: The packages that the plan was made with, as `versions.made_with`.
+
+    Raises:
+        OSError: if the file cannot be written; nothing is left of it.
+    """
+    full, steps, colliding = request.recording == "full", log.steps(), _colliding(reply)
+    refused = refused_goal(group, request, reply)
+    motion = shown_motion(group, reply, measured, steps[-1][1].q if steps else None)
+    if refused is not None:
+        motion = Motion(np.zeros(1), refused[None], timed=False)
+    landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
+    view = _MotionView.of(place, group, scene, motion, landmarks)
+    chunks = [*view.robot(), *view.curves(reply.trajectory, measured, request.min_clearance), *view.bodies(colliding)]
+    if reply.path and full:
+        chunks += robot_entities.planned_path(poses(group, configurations_of(group, reply.path)).tip)
+    chunks += [*scene_entities.guide_planes(reply.guide_planes), *scene_entities.goals(request)]
+    if reply.status.code != Status.SUCCESS:
+        chunks.append(scene_entities.failure(reply, view.at.tip[-1]))
+    remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [NO_TRAJECTORY])]
+    chunks += document_plan(request, reply, group, scene, remarks, made_with)
+    if full:
+        chunks += _planning(group, log, reply, motion.configurations[0], view.drawn.links)
+        chunks += view.field() if motion.timed or not steps else _field_at_steps(view, steps)
+    timeline = STEP if full and steps and not motion.timed else PATH_TIME
+    view.write(place, reply, request, chunks, colliding, timeline)
+
+
+def record_judgement(
+    place: Place,
+    group: PlanningGroup,
+    scene: Scene,
+    request: CertifyRequest,
+    given: GivenMotion,
+    reply: CertifyReply,
+    measured: ClearanceProfile,
+    made_with: str,
+) -> None:
+    """Write the recording of a motion that was judged.
+
+    With `recording: "summary"` it holds the motion among the obstacles and the verdict; "full" adds the field.
+
+    Args:
+        place: Where to write.
+        group: The joints that move, with the limits that hold for this request.
+        scene: The scene that it moves in.
+        request: The request as it came.
+        given: The motion that was judged.
+        reply: The answer to the request.
+        measured: The clearance along the motion.
+        made_with: The packages that judged it, as `versions.made_with`.
+
+    Raises:
+        OSError: if the file cannot be written; nothing is left of it.
+    """
+    motion = Motion(measured.times, measured.configurations, timed=given.times is not None)
+    view, certificate = _MotionView.of(place, group, scene, motion, np.empty((0, 3))), reply.certificate
+    at_fault = frozenset(certificate.pair or ())
+    chunks = [
+        *view.robot(),
+        *view.curves(_knots(group, given), measured, request.min_clearance),
+        *view.bodies(at_fault),
+    ]
+    if certificate.place is not None and reply.status.code != Status.SUCCESS:
+        row = [certificate.place.configuration[name] for name in group.position_names]
+        chunks.append(scene_entities.failure(reply, poses(group, configurations_of(group, [row])).tip[0]))
+    remarks = [*view.drawn.faults, *([] if motion.timed or len(motion.times) < 2 else [EVEN_PACE])]
+    chunks += document_judgement(request, reply, group, scene, remarks, made_with)
+    if request.recording == "full":
+        chunks += view.field()
+    view.write(place, reply, request, chunks, at_fault, PATH_TIME)
+
+
+@dataclass(frozen=True, eq=False)
+class _MotionView:
+    """A motion among its obstacles, seen from an eye.
+
+    Attributes:
+        group: The joints that move, with their limits.
+        scene: Obstacles.
+        motion: The motion.
+        at: Forward kinematics along it.
+        drawn: The robot as it is drawn.
+        eye: The eye.
     """
 
-    def __init__(
+    group: PlanningGroup
+    scene: Scene
+    motion: Motion
+    at: Poses
+    drawn: Drawn
+    eye: Eye
+
+    @classmethod
+    def of(cls, place: Place, group: PlanningGroup, scene: Scene, motion: Motion, landmarks: np.ndarray) -> _MotionView:
+        """View a motion, and points (k, 3) [m, world] that are to be in the picture too; k may be 0."""
+        at = poses(group, motion.configurations)
+        drawn = bodies_file.prepared(group.robot, place.bodies)
+        ends = robot_entities.extent(group, drawn, motion.configurations[[0, -1]])
+        robot = np.concatenate([at.placements[:, :, :3].reshape(-1, 3), ends])
+        return cls(group, scene, motion, at, drawn, choose_eye(at.tip, robot, landmarks, scene.obstacles))
+
+    def bodies(self, at_fault: Collection[str]) -> Iterator[Chunk]:
+        """The bodies at fault, highlighted, and the robot's ghosts."""
+        yield from bodies.highlighted(self.group.robot, at_fault)
+        if (ghosts := robot_entities.ghosts(self.group, self.drawn, self.motion)) is not None:
+            yield ghosts
+
+    def robot(self) -> Iterator[Chunk]:
+        """The robot and its tip along the motion, among the obstacles that move."""
+        times, at = self.motion.times, self.at
+        yield robot_entities.tip_axes(self.group)
+        rows = evenly(len(times), frames_of(times))
+        frames = Poses(at.joints, at.placements[rows], at.tip[rows])
+        yield robot_entities.link_motion(self.group, self.drawn.links, frames, times[rows], PATH_TIME)
+        yield robot_entities.tip_trace(at.tip)
+        if self.motion.timed:
+            yield from scene_entities.moving(self.scene.obstacles, times)
+
+    def curves(
+        self, trajectory: Trajectory | None, profile: ClearanceProfile | None, required: float
+    ) -> Iterator[Chunk]:
+        """Joints, given the knots if there are velocities, and distances, beside the required distance [m]."""
+        yield from plots.joints(self.group, self.motion, trajectory)
+        if profile is not None and len(profile.times):
+            yield plots.closest_pair(profile)
+            yield from plots.clearance(profile, required)
+
+    def field(self) -> Iterator[Chunk]:
+        """The field, and its forces on the robot along the motion."""
+        motion = self.motion
+        rows = evenly(len(motion.times), field_entities.MOMENTS)
+        times = motion.times[rows] if motion.timed else None
+        yield from self.field_at(times, motion.configurations[rows], path_times(motion.times[rows]))
+
+    def field_at(self, times: np.ndarray | None, qs: Configurations, column: rr.TimeColumn) -> Iterator[Chunk]:
+        """The field on the robot at configurations (n, nq) of times (n,), None for before all, and a picture."""
+        if self.scene.obstacles:
+            yield from field_entities.charges(self.group, self.scene, times, qs, column)
+            yield from field_entities.picture_of_plane(self.scene, self.at.tip, origin_of(self.group))
+
+    def write(
         self,
         place: Place,
-        group: PlanningGroup,
-        scene: Scene,
-        request: PlanRequest,
-        run_id: str,
-        log: EventLog,
-        made_with: str,
+        reply: MotionReply,
+        request: MotionRequest,
+        chunks: Sequence[Chunk],
+        at_fault: Collection[str],
+        timeline: str,
     ) -> None:
-        self._place = place
-        self._group = group
-        self._scene = scene
-        self._request = request
-        self._run_id = run_id
-        self._full = request.recording == "full"
-        self._log = log
-        self._made_with = made_with
+        """Write chunks with the scene, in which bodies at fault are red, and a timeline to begin with."""
+        scene = shared_scene(self.scene, request, self.eye.hiding, at_fault)
+        place.write(reply.run_id, chunks, scene, self.group.robot, self.drawn, self.eye, timeline)
 
-    def write(self, reply: PlanReply, measured: ClearanceProfile | None) -> None:
-        """Write the recording of a plan, found or not.
 
-        Args:
-            reply: The answer to the request.
-            measured: The clearance along the trajectory, if there is one.
+def _field_at_steps(view: _MotionView, steps: Sequence[tuple[int, Step]]) -> Iterator[Chunk]:
+    """The field along the planner's steps, where no motion came of them."""
+    few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
+    column = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
+    return view.field_at(None, np.array([step.q for _, step in few]), column)
 
-        Raises:
-            OSError: if the file cannot be written; nothing is left of it.
-        """
-        steps = self._log.steps()
-        refused = refused_goal(self._group, self._request, reply)
-        motion = shown_motion(self._group, reply, measured, steps[-1][1].q if steps else None)
-        if refused is not None:
-            motion = Motion(np.zeros(1), refused[None], timed=False)
-        landmarks = np.array([corner for plane in reply.guide_planes for corner in plane.vertices]).reshape(-1, 3)
-        shown = Shown.of(self._place, self._group, self._scene, motion, landmarks)
-        made = [self._moving(reply, measured, shown), self._lasting(reply, shown)]
-        if self._full:
-            made += [self._planning(reply, motion.configurations[0], shown.drawn.links), self._field(shown)]
-        chunks = list(chain.from_iterable(made))
-        timeline = STEP if self._full and steps and not motion.timed else PATH_TIME
-        drawn_scene = shared_scene(self._scene, self._request, shown.eye.hiding, _colliding(reply))
-        self._place.write(self._run_id, chunks, drawn_scene, self._group.robot, shown.drawn, shown.eye, timeline)
 
-    def _moving(self, reply: PlanReply, profile: ClearanceProfile | None, shown: Shown) -> Iterator[Chunk]:
-        """The motion, and what changes along it."""
-        yield from shown.robot()
-        if reply.path and self._full:
-            waypoints = poses(self._group, configurations_of(self._group, reply.path))
-            yield from robot_entities.planned_path(waypoints.tip)
-        yield from shown.curves(reply.trajectory, profile, self._request.min_clearance)
+def _planning(
+    group: PlanningGroup, log: EventLog, reply: PlanReply, start: Configuration, links: Sequence[str]
+) -> Iterator[Chunk]:
+    """The planner's life, over its steps."""
+    steps, numbered = log.steps(), list(log.numbered())
+    yield from planner_entities.text_log(log, reply)
+    yield from plots.step_potential(steps)
+    yield from planner_entities.trees(group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
+    yield from planner_entities.relaxed(group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
+    rows = evenly(len(steps), planner_entities.MOST_FRAMES)
+    times, qs = [steps[index][0] for index in rows], [steps[index][1].q for index in rows]
+    if not steps:  # trees and optimised motions are told without the robot, which waits at its start
+        times, qs = [0], [start]
+    yield robot_entities.link_motion(group, links, poses(group, qs), np.array(times), STEP)
+    yield plots.step_positions(group, np.array(qs), np.array(times))
+    if steps:
+        yield from planner_entities.step_points(log, poses(group, [step.q for _, step in steps]).tip)
 
-    def _lasting(self, reply: PlanReply, shown: Shown) -> Iterator[Chunk]:
-        """What holds for the whole run."""
-        yield from shown.bodies(_colliding(reply))
-        yield from scene_entities.guide_planes(reply.guide_planes)
-        yield from scene_entities.goals(self._request)
-        if reply.status.code != Status.SUCCESS:
-            yield scene_entities.failure(reply, shown.at.tip[-1])
-        remarks = [*shown.drawn.faults, *_shown_pace(shown.motion)]
-        yield from plan_documents.documents_of(self._request, reply, self._group, self._scene, remarks, self._made_with)
 
-    def _field(self, shown: Shown) -> Iterator[Chunk]:
-        """The field, and what it does to the robot along the motion; along the planner's steps where that failed."""
-        steps = self._log.steps()
-        if shown.motion.timed or not steps:
-            yield from shown.field()
-        elif self._scene.obstacles:
-            few = [steps[index] for index in evenly(len(steps), field_entities.MOMENTS)]
-            times = rr.TimeColumn(STEP, sequence=[number for number, _ in few])
-            yield from shown.field_at(None, np.array([step.q for _, step in few]), times)
-
-    def _planning(self, reply: PlanReply, start: Configuration, links: Sequence[str]) -> Iterator[Chunk]:
-        """What the planner did, over its steps."""
-        steps = self._log.steps()
-        yield from log.text_log(self._log, reply)
-        yield from plots.step_potential(steps)
-        numbered = list(self._log.numbered())
-        yield from search.trees(self._group, [(n, event) for n, event in numbered if isinstance(event, LoggedTrees)])
-        yield from search.relaxed(self._group, [(n, event) for n, event in numbered if isinstance(event, PathRelaxed)])
-        shown = evenly(len(steps), log.MOST_FRAMES)
-        times, qs = [steps[index][0] for index in shown], [steps[index][1].q for index in shown]
-        if not steps:  # trees and optimised motions are told without the robot, which waits at its start
-            times, qs = [0], [start]
-        at = poses(self._group, qs)
-        yield robot_entities.link_motion(self._group, links, at, np.array(times), STEP)
-        yield plots.step_positions(self._group, np.array(qs), np.array(times))
-        if steps:
-            yield from log.step_points(self._log, poses(self._group, [step.q for _, step in steps]).tip)
+def _knots(group: PlanningGroup, given: GivenMotion) -> Trajectory | None:
+    """The knots of a given motion, where their columns are plain coordinates and there are velocities."""
+    if given.times is None or given.velocities is None or given.is_point or not group.is_euclidean:
+        return None
+    begins, ends = piece_accelerations(given.times, given.positions, given.velocities)
+    return Trajectory(
+        times=given.times.tolist(),
+        positions=given.positions.tolist(),
+        velocities=given.velocities.tolist(),
+        accelerations=np.concatenate([begins, ends[-1:]]).tolist(),
+    )
 
 
 def _colliding(reply: PlanReply) -> frozenset[str]:
-    """Names of the bodies that a failure says are in collision."""
+    """The bodies that a failure says are in collision, by name."""
     pair = reply.status.details.get("pair")
     return frozenset(map(str, pair)) if isinstance(pair, list | tuple) else frozenset()
-
-
-def _shown_pace(motion: Motion) -> list[str]:
-    if motion.timed or len(motion.times) < 2:
-        return []
-    return ["there is no trajectory: the path is shown at an even pace, its times mean nothing"]

@@ -23,7 +23,7 @@ GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
 
 GHOST_STEP = 0.02
-"""How far some point of a part has to move before the part is drawn again [m]."""
+"""Distance that some point of a part has to move before the part is drawn again [m]."""
 
 AXES = 0.08
 """Length of the axes of the tip's frame [m]."""
@@ -43,7 +43,7 @@ def _axes_of(link: str) -> Chunk:
 
 
 def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np.ndarray, timeline: str) -> Chunk:
-    """Where the links are: one entity with the frame that each joint moves, over time, and with what is fixed to them.
+    """The frames of links: one entity with the frame that each joint moves, over time, and with the frames fixed to it.
 
     Args:
         group: The joints that were planned for.
@@ -77,7 +77,7 @@ def tip_trace(tip: np.ndarray) -> Chunk:
 
 
 def planned_path(waypoints: np.ndarray) -> Iterator[Chunk]:
-    """What the planner itself found, before it became a trajectory: the tip at its waypoints (n, 3) [m, world]."""
+    """The path that the planner found, before it became a trajectory: the tip at its waypoints (n, 3) [m, world]."""
     line = rr.LineStrips3D([waypoints], colors=[WAYPOINT_COLOR], radii=[0.0015])
     yield still("/path/planned", line, rr.Points3D(waypoints, colors=[WAYPOINT_COLOR], radii=[0.005]))
 

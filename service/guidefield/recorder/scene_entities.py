@@ -97,7 +97,7 @@ def single(name: str) -> str:
 
 
 def moving(all_of_them: Sequence[Obstacle], times: np.ndarray) -> Iterator[Chunk]:
-    """How the obstacles that have a motion move from where they are drawn, at times (n,) [s] of the trajectory."""
+    """The moving obstacles, relative to where they are drawn, at times (n,) [s] of the trajectory."""
     for one in all_of_them:
         if one.motion is None:
             continue
@@ -161,7 +161,7 @@ def _goal(called: str, asked: PoseGoal) -> Chunk:
 
 
 def failure(reply: MotionReply, tip: np.ndarray) -> Chunk:
-    """Where a run failed: a mark at the tip (3,) [m, world] as it then was, and in a few words what happened."""
+    """The place of a failure: a mark at the tip (3,) [m, world], and in a few words what happened."""
     pair = reply.status.details.get("pair")
     between = f": {pair[0]} - {pair[1]}" if isinstance(pair, list | tuple) and len(pair) == 2 else ""
     words = f"{reply.status.name.replace('_', ' ').lower()}{between}"

@@ -12,11 +12,10 @@ import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
 from guidefield.recorder import bodies, bodies_file, robot_entities, scene_entities, surface
-from guidefield.recorder.blueprint import SWITCHED_OFF, Eye
-from guidefield.recorder.camera import choose_eye
 from guidefield.recorder.chunks import PATH_TIME, begun, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
-from guidefield.recorder.writing import encode_recording
+from guidefield.recorder.rrd_file import encode_recording
+from guidefield.recorder.view import SWITCHED_OFF, Eye, choose_eye
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -50,7 +49,7 @@ class MovingBody:
 
 @dataclass(frozen=True, eq=False)
 class StreamMotion:
-    """What a recording of a stream shows, by the client's clock.
+    """The motion of a stream as its recording shows it, by the client's clock.
 
     Attributes:
         times: Of the updates, shape (n,) [s].
@@ -97,7 +96,7 @@ def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: Stre
 
 
 def _stops(group: PlanningGroup, motion: StreamMotion) -> Iterator[Chunk]:
-    """Where the tip would stand, and the way there."""
+    """The tip's stopping place, and the path to it."""
     stops = poses(group, configurations_of(group, motion.stops.tolist())).tip
     now = poses(group, configurations_of(group, motion.rows.tolist())).tip
     times = [path_times(motion.times)]

@@ -14,11 +14,10 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk, RrdReader
 
-from guidefield.recorder.blueprint import Eye, layout
 from guidefield.recorder.chunks import shown, still
 from guidefield.recorder.documents import with_warning
-from guidefield.recorder.meshes_file import UNREADABLE, read_chunks, read_meshes
-from guidefield.recorder.writing import encode_recording
+from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
+from guidefield.recorder.view import Eye, layout
 
 LEFT_OUT = "/left_out"
 """The entity that stands for what a stored recording lacks."""
@@ -30,11 +29,11 @@ _log = logging.getLogger(__name__)
 
 
 def left_out(meshes: str, eye: Eye, timeline: str, *, scene_too: bool) -> Chunk:
-    """What stands in a stored recording for what it lacks.
+    """Stand for the parts that a stored recording lacks.
 
     Args:
         meshes: Name of the file of its robot's meshes, in their folder.
-        eye: What `blueprint.layout` is given.
+        eye: What `view.layout` is given.
         timeline: The same.
         scene_too: Whether it lacks its scene, to whose file it is linked.
     """

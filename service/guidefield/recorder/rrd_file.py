@@ -1,4 +1,4 @@
-"""Chunks and a layout to one `.rrd` file: whole or not at all, and without leaving threads behind."""
+"""Chunks and a layout as an `.rrd` file: written whole or not at all, without leaving threads behind, and read back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import rerun as rr
 import rerun_bindings as bindings
-from rerun.chunk import Chunk, LazyChunkStream
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from guidefield.whole_file import write_whole
 
@@ -94,3 +94,23 @@ def _disconnected_after(stream: rr.RecordingStream) -> Iterator[Any]:
         stream.disconnect()
         del stream
         bindings.flush_and_cleanup_orphaned_recordings()
+
+
+UNREADABLE = (OSError, ValueError, KeyError, RuntimeError)
+"""Exceptions of reading a file that is missing or damaged."""
+
+
+def read_meshes(file: Path) -> list[Chunk]:
+    """The meshes in a robot's file, as a recording takes them in.
+
+    Raises:
+        OSError, ValueError, RuntimeError: if there is no such file, or it isn't whole.
+    """
+    return [chunk for chunk in read_chunks(file) if chunk.entity_path.startswith("/robot/")]
+
+
+def read_chunks(file: Path) -> list[Chunk]:
+    """All that a robot's file holds; raises as `read_meshes`."""
+    if not file.exists():
+        raise FileNotFoundError(f"there is no {file}")
+    return list(RrdReader(file).stream().to_chunks())

@@ -1,7 +1,7 @@
-"""A large scene in a file of its own that the recordings of many runs share: its obstacles, drawn, and its message.
+"""Place a recording: whole, or in a store, where many recordings share the robot's meshes and a large scene.
 
-A file is named by its content. Each recording holds on to the file by a hard link beside itself, so that a file goes
-with the last recording that needs it.
+The scene's file is named by its content and has its obstacles, drawn, and its message. Each recording holds on to it by
+a hard link beside itself, so that the file goes with the last recording that needs it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,14 @@ from rerun.chunk import Chunk
 
 from guidefield.memo import memoized
 from guidefield.messages.requests import MotionRequest
-from guidefield.recorder import bodies, scene_entities, surface
-from guidefield.recorder.chunks import still
+from guidefield.recorder import bodies, bodies_file, scene_entities, surface
+from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder.chunks import shown, still
 from guidefield.recorder.packing import LARGE_BYTES, MESSAGE_COMPONENT, SCENE, encoded, large_scene, packed
-from guidefield.recorder.whole import LINK
-from guidefield.recorder.writing import encode_recording
+from guidefield.recorder.rrd_file import encode_recording, write_recording
+from guidefield.recorder.view import Eye, layout
+from guidefield.recorder.whole import LINK, left_out
+from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, declared_with
 from guidefield.whole_file import write_whole
 
@@ -121,7 +124,7 @@ def _content(scene: Scene) -> tuple[int, bytes]:
 
 @functools.cache
 def _readers() -> bytes:
-    """What draws: files that another version has drawn aren't taken for its own."""
+    """The code that draws: a file drawn by another version has another name."""
     files = (__file__, bodies.__file__, scene_entities.__file__, surface.__file__)
     return b"".join([rr.__version__.encode(), *(Path(file).read_bytes() for file in files)])
 
@@ -133,3 +136,56 @@ def _remove_unused(folder: Path) -> None:
             state = file.stat()
             if state.st_nlink == 1 and time.time() - state.st_mtime > UNUSED_S:
                 file.unlink()
+
+
+@dataclass(frozen=True)
+class Place:
+    """The place of a recording, whole or in a store.
+
+    Attributes:
+        file: The recording.
+        bodies: Folder of robots that are kept prepared (bodies_file.py).
+        whole: Whether the robot's meshes and the layout are put into the recording; else it is for a store (whole.py).
+    """
+
+    file: Path
+    bodies: Path
+    whole: bool
+
+    def write(
+        self,
+        run_id: str,
+        chunks: Sequence[Chunk],
+        scene: SharedScene,
+        robot: RobotModel,
+        drawn: Drawn,
+        eye: Eye,
+        timeline: str,
+    ) -> None:
+        """Write a recording.
+
+        Args:
+            run_id: Name of the run; identifies the recording.
+            chunks: What is in it, but for scene and robot.
+            scene: The scene.
+            robot: The robot.
+            drawn: As what it is drawn.
+            eye: From where to look at the scene.
+            timeline: The timeline to begin with.
+
+        Raises:
+            OSError: if the file cannot be written; nothing is left of it.
+        """
+        if not self.whole:
+            linked = scene.is_large and scene.link(self.file, self.bodies)
+            rest = [] if linked else scene.chunks()
+            lacking = left_out(drawn.file.name, eye, timeline, scene_too=linked)
+            try:
+                write_recording(self.file, run_id, [*chunks, *rest, lacking], None)
+            except OSError:
+                self.file.with_suffix(LINK).unlink(missing_ok=True)
+                raise
+            return
+        present = shown(chunks)
+        every = [*chunks, *scene.chunks(), *bodies_file.meshes(robot, drawn)]
+        write_recording(self.file, run_id, every, layout(eye, timeline, present))

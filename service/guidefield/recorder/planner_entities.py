@@ -1,4 +1,4 @@
-"""The planner's events in a recording: a line of text for each, and a point for each step."""
+"""The life of the planner over the timeline of steps: words, steps, trees, and the motion as it was optimised."""
 
 from __future__ import annotations
 
@@ -10,9 +10,20 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.task.event_log import EventLog, LoggedEvent, LoggedTrees
+from guidefield.planner.task.event_log import (
+    GROWTH_STEPS,
+    MAX_ITERATIONS,
+    MAX_NODES,
+    EventLog,
+    LoggedEvent,
+    LoggedTrees,
+    evenly,
+)
 from guidefield.planner.task.trace import Note, PathRelaxed, StageEntered, StageLeft, StepKind
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import Kinematics
+from guidefield.robot.model.spaces import ChartPoints
 
 MOST_FRAMES = 60
 """Steps at which the robot is shown: of more, as many, evenly chosen."""
@@ -55,7 +66,7 @@ def text_log(log: EventLog, reply: PlanReply) -> Iterator[Chunk]:
 
 
 def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
-    """Where the steps brought the tip (n, 3) [m, world], coloured by kind of step."""
+    """The tip (n, 3) [m, world] after each step, coloured by kind of step."""
     steps = log.steps()
     colors = [STEP_COLORS.get(step.kind, OTHER_COLOR) for _, step in steps]
     if colors:
@@ -84,3 +95,63 @@ def _told(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tuple[in
     if isinstance(event, PathRelaxed):
         return "DEBUG", f"relax: objective {event.objective:.4g}", RELAX_COLOR
     return "DEBUG", f"{event.kind.value}: {event.message}", STEP_COLORS.get(event.kind, OTHER_COLOR)
+
+
+MOST_WAYPOINTS = 24
+"""Points by which a motion that is being optimised is shown."""
+
+TREE_COLOR = (150, 170, 200, 140)
+RELAXED_COLOR = (190, 160, 250, 255)
+
+
+def trees(group: PlanningGroup, grown: Sequence[tuple[int, LoggedTrees]]) -> Iterator[Chunk]:
+    """The tip's motion along each edge of the trees, in the order in which they grew.
+
+    Args:
+        group: The joints that were planned for.
+        grown: Trees, each with the first of its `GROWTH_STEPS` numbers on the timeline.
+    """
+    steps: list[int] = []
+    strips: list[np.ndarray] = []
+    counts: list[int] = []
+    for first, event in grown:
+        edges = [tree_edges(group, *tree) for tree in event.trees]
+        for number in range(GROWTH_STEPS):
+            batch = [edge for tree in edges for edge in np.array_split(tree, GROWTH_STEPS)[number]]
+            steps.append(first + number)
+            counts.append(len(batch))
+            strips += batch
+    if strips:
+        columns = rr.LineStrips3D.columns(
+            strips=strips, colors=[TREE_COLOR] * len(strips), radii=np.full(len(strips), 0.001)
+        )
+        yield timed("/planner/connect/tree", [rr.TimeColumn(STEP, sequence=steps)], columns.partition(counts))
+
+
+def tree_edges(group: PlanningGroup, points: ChartPoints, parents: np.ndarray) -> np.ndarray:
+    """The tip at both ends of the edges to the first `MAX_NODES` nodes of a tree, shape (edges, 2, 3) [m, world]."""
+    tips = _tips(group, points[:MAX_NODES])  # a parent comes before its children
+    children = np.flatnonzero(parents[:MAX_NODES] >= 0)
+    return np.stack([tips[parents[children]], tips[children]], axis=1)
+
+
+def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> Iterator[Chunk]:
+    """The tip's way along a motion after steps of its optimisation, each with its number on the timeline."""
+    if not paths:
+        return
+    chosen = evenly(len(paths), MAX_ITERATIONS)
+    strips = []
+    for index in chosen:
+        path = paths[index][1].path
+        strips.append(_tips(group, path[evenly(len(path), MOST_WAYPOINTS)]))
+    times = rr.TimeColumn(STEP, sequence=[paths[index][0] for index in chosen])
+    columns = rr.LineStrips3D.columns(
+        strips=strips, colors=[RELAXED_COLOR] * len(strips), radii=np.full(len(strips), 0.003)
+    )
+    yield timed("/planner/relaxed", [times], columns)
+
+
+def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
+    """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
+    kinematics = Kinematics(group)
+    return np.array([kinematics.tip_position(group.expand_from_chart(point)) for point in points])
