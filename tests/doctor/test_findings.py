@@ -26,7 +26,7 @@ from guidefield.doctor.memory import SERVICE_TAKES, WORKER_TAKES, memory, memory
 from guidefield.doctor.processors import cores, cores_found, vectors
 from guidefield.doctor.session import session
 from guidefield.doctor.storage import disk, kernels, room_found, runs
-from guidefield.endpoint.own_session import NoAnswer, seconds_to_answer, taken
+from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer
 from guidefield.first_start import compiled_mark, processor
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
@@ -275,7 +275,7 @@ def test_graphics(
 
 
 def test_a_query_on_loopback_is_answered() -> None:
-    assert seconds_to_answer() > 0.0
+    assert measure_answer() > 0.0
     assert session().state is not State.WRONG
 
 
@@ -283,7 +283,7 @@ def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.Monk
     def unanswered() -> float:
         raise NoAnswer("the loopback is down")
 
-    monkeypatch.setattr(doctor_session, "seconds_to_answer", unanswered)
+    monkeypatch.setattr(doctor_session, "measure_answer", unanswered)
     finding = session()
     assert finding.state is State.WRONG
     assert "the loopback is down" in finding.found
@@ -293,10 +293,10 @@ def test_a_port_is_taken_where_somebody_listens(monkeypatch: pytest.MonkeyPatch)
     import socket
 
     with free_port() as port:
-        assert not taken(f"tcp/127.0.0.1:{port}")
+        assert not is_taken(f"tcp/127.0.0.1:{port}")
     with socket.create_server(("127.0.0.1", 0)) as server:
         held = f"tcp/127.0.0.1:{server.getsockname()[1]}"
-        assert taken(held)
+        assert is_taken(held)
         monkeypatch.setattr(doctor_session, "DEFAULT_LISTEN", held)
         assert "is taken" in session().found
 

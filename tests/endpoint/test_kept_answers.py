@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from guidefield.endpoint.kept_answers import keep_answer
+from guidefield.endpoint.under_way import keep_answer
 from guidefield.errors import GuidefieldError, InvalidGoal, ServerBusy, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding

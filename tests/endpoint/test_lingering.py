@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import zenoh
 
 from guidefield.cli.loopback import LOOPBACK, free_port
-from guidefield.endpoint.lingering import DESCRIPTORS, close_links_at_once, close_sockets_at_once
+from guidefield.endpoint.link import DESCRIPTORS, close_links_at_once, close_sockets_at_once
 from tests.journeys.service import await_that
 
 LINGERING = struct.pack("ii", 1, 10)

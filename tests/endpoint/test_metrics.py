@@ -16,8 +16,7 @@ from typing import Any
 import pytest
 
 from guidefield.cli.loopback import free_port
-from guidefield.endpoint.meter import Meter
-from guidefield.endpoint.metrics import metrics_server
+from guidefield.endpoint.monitoring import Meter, metrics_server
 from guidefield.endpoint.service import CannotServe, ServiceSettings, serve
 from guidefield.handlers.info import Figures, brief_info
 from guidefield.messages.replies import Disk, Health, InfoReply, UserFigures
@@ -52,7 +51,7 @@ def _samples(port: int) -> dict[tuple[str, ...], float]:
 def _busy() -> InfoReply:
     meter = Meter()
     for seconds in (0.0005, 0.003, 0.003, 100.0):
-        meter.time("plan", seconds)
+        meter.count_answer("answered", "plan", seconds)
     return brief_info(
         Figures(
             counters={"asked": 5, "answered": 3, "refused": 1, "crashes": 2},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from guidefield.endpoint.tracing import no_trace, opentelemetry_trace
+from guidefield.endpoint.monitoring import no_trace, opentelemetry_trace
 
 
 def test_a_query_has_one_span() -> None:

@@ -31,7 +31,7 @@ from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
-from guidefield.endpoint.own_session import DEFAULT_LISTEN
+from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
 from guidefield.engine import answer

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from guidefield.doctor.finding import Finding, fine, remark, wrong
-from guidefield.endpoint.own_session import DEFAULT_LISTEN, NoAnswer, seconds_to_answer, taken
+from guidefield.endpoint.link import DEFAULT_LISTEN, NoAnswer, is_taken, measure_answer
 
 
 def session() -> Finding:
     """Whether a query on loopback is answered, and whether a service's own port is free."""
     try:
-        seconds = seconds_to_answer()
+        seconds = measure_answer()
     except NoAnswer as error:
         return wrong(
             "zenoh",
@@ -17,7 +17,7 @@ def session() -> Finding:
             "look at the firewall's rules for lo, and at ZENOH_RUNTIME and ZENOH_CONFIG in the environment",
         )
     answered = f"a query on loopback is answered in {1e3 * seconds:.1f} ms"
-    if taken(DEFAULT_LISTEN):
+    if is_taken(DEFAULT_LISTEN):
         return remark(
             "zenoh",
             f"{answered}; {DEFAULT_LISTEN} is taken",

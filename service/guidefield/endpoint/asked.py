@@ -24,9 +24,9 @@ JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json"
 FILE = "application/octet-stream"
 """The Zenoh encoding of a recording."""
 RETRY_AFTER = 1.0
-"""When to ask again whose answers wait to be read [s]."""
+"""Time after which a client may ask again whose answers wait to be read [s]."""
 LONGEST_CLIENT = 64
-"""How much of a client's name counts [bytes]."""
+"""Part of a client's name that counts [bytes]."""
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ def _unread() -> ServerBusy:
 
 
 def encoding_of(told: object) -> Encoding:
-    """How a payload is written, by what Zenoh says of it; None: by Zenoh's own default.
+    """Return the encoding of a payload, by Zenoh's name of it; None: Zenoh's default.
 
     Raises:
         MalformedRequest: if that isn't understood.
@@ -78,7 +78,7 @@ class Asked:
         self._query = query
         self._prefix = f"guidefield/{instance}"
         self._key = str(query.key_expr)
-        self._user = PLAIN
+        self._asker = Asker(PLAIN, self._client())
         self._encoding = Encoding.JSON
         self._is_recording = False
         self._count = count
@@ -86,7 +86,7 @@ class Asked:
         self._open = threading.Lock()
 
     def read(self, let_in: Callable[[keys.Query, int], None] = _anybody) -> keys.Query:
-        """What the query says.
+        """Read the query.
 
         Args:
             let_in: Is told all but the payload, and how long that is [bytes], and raises what the query is refused
@@ -100,16 +100,17 @@ class Asked:
         chunks = self._key.split("/")
         if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
             raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
-        self._user, below = divided(chunks[2:])
-        owner, key = owned(self._user, below)
+        user, below = divided(chunks[2:])
+        owner, key = owned(user, below)
+        self._asker = Asker(user, self._asker.client)
         told = keys.Query(
             key=key,
             parameters=dict(self._query.parameters),
             payload=b"",
             encoding=self._encoding,
-            user=self._user,
+            user=user,
             owner=owner,
-            client=self._client(),
+            client=self._asker.client,
             names_owner=key != below,
         )
         self._is_recording = keys.is_recording(told)
@@ -120,7 +121,7 @@ class Asked:
         return told if payload is None else replace(told, payload=payload.to_bytes())
 
     def _client(self) -> str:
-        """Who asks: the query's attachment, a name that the client gave itself."""
+        """Return the name that the client gave itself: the query's attachment."""
         attachment = self._query.attachment
         return "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
 
@@ -133,11 +134,11 @@ class Asked:
         """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
-        asker, told = Asker(self._user, self._client()), "answered" if answer[0] else "refused"
-        if not self._post(asker, len(answer[1]), partial(self._send, answer)):
+        told = "answered" if answer[0] else "refused"
+        if not self._post(self._asker, len(answer[1]), partial(self._send, answer)):
             told = "refused"
             unread = False, codec.encode(error_reply(_unread()), self._encoding)
-            if not self._post(asker, 0, partial(self._send, unread)):
+            if not self._post(self._asker, 0, partial(self._send, unread)):
                 told = "dropped"
                 self._query.drop()
         self._count(told)

@@ -24,16 +24,12 @@ import zenoh
 
 from guidefield.endpoint.allowances import Allowances
 from guidefield.endpoint.asked import Asked
-from guidefield.endpoint.condition import Condition
-from guidefield.endpoint.kept_answers import keep_answer
-from guidefield.endpoint.meter import Meter
-from guidefield.endpoint.promised import Promised, Settled
+from guidefield.endpoint.monitoring import Condition, End, Meter, Trace
 from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
-from guidefield.endpoint.tracing import End, Trace, no_trace
-from guidefield.endpoint.under_way import UnderWay
+from guidefield.endpoint.under_way import UnderWay, keep_answer
 from guidefield.engines import Engines
-from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed, ServerBusy
+from guidefield.errors import DiskRefused, MalformedRequest, NotAllowed
 from guidefield.handlers.expired import (
     Stage,
     cancelled_run,
@@ -46,8 +42,8 @@ from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
-from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.messages.replies import Done, Health, Identity, UserFigures
+from guidefield.messages.quotas import Quotas
+from guidefield.messages.replies import Done, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
@@ -62,17 +58,17 @@ from guidefield.worker import Job
 _log = logging.getLogger(__name__)
 
 HEAVY_KEYS = ("plan", "certify", "kinematics", "robots")
-"""What needs a worker; and so does any other query with a payload."""
+"""First chunks of keys that need a worker; any other query with a payload does, too."""
 KINDS = ("plan", "certify", "kinematics", "robots", "scenes", "runs", "streams", "info")
-"""What queries are timed under, by the first chunk of their key."""
+"""First chunks of keys under which queries are timed."""
 LATE, LATE_SHARE = 0.02, 0.03
-"""How much later than its time a request is answered that is still loaded for [s], and by which share of its time."""
+"""Delay of the answer to a request that is still loaded for when its time is up [s], and as a share of its time."""
 LAST, LAST_SHARE = 0.04, 0.045
-"""The same for any request: a worker that minds its time by itself gets so much to say what it has found."""
+"""The same for any request: time for a worker that minds its time by itself to send what it has found."""
 BRIEF = 1 << 14
-"""A query of kinematics that is longer may take long [bytes]."""
+"""Largest query of kinematics that counts as brief [bytes]."""
 LAST_ANSWERS = 5.0
-"""How long the last answers may take to be read at the end [s]."""
+"""Time for the last answers to be read at the end [s]."""
 
 
 class Endpoint:
@@ -80,17 +76,18 @@ class Endpoint:
 
     Args:
         instance: Name of the service.
-        engines: Answer what needs no worker.
-        runs: Where runs are kept.
-        pool: Answers the rest; jobs are `worker.Job`.
+        engines: Answer requests that need no worker.
+        runs: All runs that are kept.
+        pool: Answers the other requests; jobs are `worker.Job`.
+        streams: All streams that are open.
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.
-        condition: How the service is; None: ready.
-        data: Folder whose disk is told of.
-        rules: What the service keeps to, as `info` tells it.
-        quotas: What each user may have.
-        access_control: Whether the configuration keeps users to their own keys.
-        streams: Where streams are kept; None: there are none.
+        condition: The state of the service.
+        data: Folder whose disk `info` describes.
+        rules: The limits of the service, and its rules of delivery, for `info`.
+        quotas: The quotas of users.
+        access_control: True if the configuration keeps users to their own keys.
+        memory_of_renderer: Returns the resident memory of the process that renders recordings [bytes].
     """
 
     def __init__(
@@ -99,27 +96,21 @@ class Endpoint:
         engines: Engines,
         runs: RunDatabase,
         pool: Pool,
+        streams: Streams,
         publish: Callable[[str, bytes], None],
-        trace: Trace = no_trace,
-        condition: Condition | None = None,
-        data: Path | None = None,
-        rules: Rules | None = None,
-        quotas: Quotas = DEFAULT_QUOTAS,
-        access_control: bool = False,
-        streams: Streams | None = None,
+        trace: Trace,
+        condition: Condition,
+        data: Path,
+        rules: Rules,
+        quotas: Quotas,
+        access_control: bool,
+        memory_of_renderer: Callable[[], int],
     ) -> None:
-        self._instance = instance
-        self._engines, self._runs = engines, runs
-        self._pool = pool
-        self._streams = streams
-        self._publish = publish
-        self._trace = trace
-        self._condition = condition
-        self._data = data
-        self._rules = rules or Rules()
-        self._under_way = UnderWay(pool)
-        self._readers = Readers()
-        self._quotas, self._access_control = quotas, access_control
+        self._instance, self._engines, self._runs, self._pool = instance, engines, runs, pool
+        self._streams, self._publish, self._trace, self._condition = streams, publish, trace, condition
+        self._data, self._rules, self._quotas, self._access_control = data, rules, quotas, access_control
+        self._memory_of_renderer = memory_of_renderer
+        self._under_way, self._readers = UnderWay(pool), Readers()
         self._allowances = Allowances(quotas, pool.waiting)
         self._meter = Meter()
         self._began = time.monotonic()
@@ -128,8 +119,8 @@ class Endpoint:
         """Take a query; returns at once, and whatever happens the query is answered."""
         received = time.monotonic()
         key = str(query.key_expr)
-        end = self._trace(_kind(key), key)
-        count = partial(self._count_answer, _kind(key), received, end)
+        kind = _kind(key)
+        count = partial(self._count_answer, kind, received, self._trace(kind, key))
         asked = Asked(query, self._instance, count, self._pool.outbox.post)
         self._meter.count("asked")
         with asked.answering_failures():
@@ -146,12 +137,12 @@ class Endpoint:
             elif keys.is_cancel(read):
                 asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
             elif not keys.is_sharing(read) and (read.key[0] in HEAVY_KEYS or read.payload or self._is_owed(read)):
-                self._hand_over(asked, read, received)
+                self._hand_over(read, received).add_done_callback(asked.settle)
             else:
-                self._look_up(asked, read)
+                self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(asked.settle)
 
     def _is_owed(self, read: keys.Query) -> bool:
-        """Whether a query asks for a run's recording that isn't rendered yet: a worker does it."""
+        """Return whether a query asks for a run's recording that isn't rendered yet: a worker does it."""
         if not keys.is_recording(read):
             return False
         return self._runs.of(read.owner).recordings.is_owed(read.key[1])
@@ -167,17 +158,14 @@ class Endpoint:
         if keys.is_recording(read):  # the stream itself may be over
             stream_keys.check(read)
             require_own(read)
-            self._hand_over(asked, read, received)
+            self._hand_over(read, received).add_done_callback(asked.settle)
             return
-        if self._streams is None:
-            raise ServerBusy("this service takes no streams")
-        if self._condition is not None:
-            self._condition.require_ready()
+        self._condition.require_ready()
         self._streams.ask(read).add_done_callback(asked.settle)
 
     def hear_update(self, sample: zenoh.Sample) -> None:
-        """Take what somebody put for a stream; returns at once."""
-        if self._streams is None or sample.kind != zenoh.SampleKind.PUT:
+        """Take an update that was put for a stream; returns at once."""
+        if sample.kind != zenoh.SampleKind.PUT:
             return
         try:
             self._streams.update(str(sample.key_expr), sample.payload, sample.encoding, self._allowances.ask)
@@ -185,7 +173,7 @@ class Endpoint:
             _log.exception("an update could not be taken")
 
     def _require_right(self, read: keys.Query) -> None:
-        """Refuse what a user may not do with what is another's.
+        """Refuse a query that a user may not make about another's things.
 
         Keys that name an owner are open to onlookers, too, so there its own things are for reading alone.
         """
@@ -198,7 +186,7 @@ class Endpoint:
             raise NotAllowed(f"{told!r} is for reading; to change it, name it without its owner", user=read.owner)
 
     def ask(self, read: keys.Query, received: float) -> Future[Answer]:
-        """Have work done that was asked for in another way than by a query on one of the keys.
+        """Have work done that was asked for by other means than a query on one of the keys.
 
         Args:
             read: What a query would say.
@@ -211,45 +199,43 @@ class Endpoint:
         self._pool.stand_by()  # there are others beside the keys
         self._allowances.ask(read.user)
         keys.check(read)
-        promised = Promised(partial(self._count_answer, read.key[0], received, _untraced))
-        self._hand_over(promised, read, received)
-        return promised.answer
+        answer = self._hand_over(read, received)
+        answer.add_done_callback(partial(self._count_outcome, read.key[0], received))
+        return answer
 
     def forget(self, client: Asker) -> None:
-        """End whatever a client asked for that is gone."""
-        ended = self._under_way.cancel_all_of(client)
-        ended += 0 if self._streams is None else self._streams.forget(client)
+        """End all requests of a client that is gone."""
+        ended = self._under_way.cancel_all_of(client) + self._streams.forget(client)
         if ended:
             self._meter.count("forgotten")
             _log.info("client %s of %s is gone: %d requests of it end", client.client, client.user, ended)
 
     def close(self) -> None:
-        """Answer what is being read, refuse what waits to be, and send what waits to be sent."""
+        """Finish files that are being read, refuse those that wait, and send the remaining answers."""
         self._readers.close()
         self._pool.outbox.close(LAST_ANSWERS)
 
     def _count_answer(self, kind: str, received: float, end: End, what: str) -> None:
         end(what)
-        self._meter.count(what)
-        self._meter.time(kind, time.monotonic() - received)
+        self._meter.count_answer(what, kind, time.monotonic() - received)
+
+    def _count_outcome(self, kind: str, received: float, answer: Future[Answer]) -> None:
+        is_reply = answer.exception() is None and answer.result()[0]
+        self._meter.count_answer("answered" if is_reply else "refused", kind, time.monotonic() - received)
 
     def figures(self, user: str = PLAIN) -> Figures:
-        """What it counts and measures, as it stands now, and as a user may see it."""
+        """Return its counts and measures by now, as far as a user may see them."""
         return Figures(
-            counters={
-                **self._meter.counters(),
-                "crashes": self._pool.crashes,
-                **({} if self._streams is None else self._streams.counters),
-            },
+            counters={**self._meter.counters(), "crashes": self._pool.crashes, **self._streams.counters},
             uptime=time.monotonic() - self._began,
             workers=self._pool.workers,
             busy=self._pool.busy,
             queue=self._pool.queue,
-            memory=self._pool.memory + (0 if self._streams is None else self._streams.memory),
-            streams=0 if self._streams is None else self._streams.open,
+            memory=self._pool.memory + self._streams.memory + self._memory_of_renderer(),
+            streams=self._streams.open,
             latency=self._meter.latency(),
-            health=Health() if self._condition is None else self._condition.now,
-            disk=None if self._data is None else disk_of(self._data),
+            health=self._condition.now,
+            disk=disk_of(self._data),
             identity=Identity(user=user, access_control=self._access_control, quota=self._quotas.of(user)),
             users=self._users(user),
         )
@@ -268,10 +254,6 @@ class Endpoint:
         kind, own = read.key[:2]
         return self._under_way.cancel((read.owner, kind, checked_name(own, f"{kind[:-1]}_id")))
 
-    def _look_up(self, asked: Asked, read: keys.Query) -> None:
-        task = self._readers.submit(read.asker, partial(self._read_files, read))
-        task.add_done_callback(asked.settle)
-
     def _read_files(self, read: keys.Query) -> Answer:
         if keys.is_recording(read):
             runs = self._runs.of(read.owner)
@@ -287,15 +269,13 @@ class Endpoint:
             self._tell_changed(read, SceneChanged(name=read.key[1], version=None))
         return answer
 
-    def _hand_over(self, asked: Settled, read: keys.Query, received: float) -> None:
-        if self._condition is not None:
-            self._condition.require_ready()
+    def _hand_over(self, read: keys.Query, received: float) -> Future[Answer]:
+        """Have a worker answer a query."""
+        self._condition.require_ready()
         self._allowances.work(read.user)
         head = keys.run_head(read)
-        size = len(read.payload)
         if head is None:
-            self._hand_work_over(asked, read, received)
-            return
+            return self._hand_work_over(read, received)
         run_id = head.run_id or uuid.uuid4().hex
         runs = self._runs.of(read.user)
         run = NewRun(read.user, run_id, "certify" if read.key == ("certify",) else "plan", read.payload, read.encoding)
@@ -305,18 +285,18 @@ class Endpoint:
             deadline=TimedAnswer(received + head.allowed, partial(_expired, run_id, head, "queue", read.encoding)),
             late=_late(received, head.allowed, partial(_expired, run_id, head, "load", read.encoding)),
             asker=read.asker,
-            size=size,
+            size=len(read.payload),
             hear=partial(self._tell_progress, read.user, run_id),
             begin=partial(runs.begin, run),
         )
-        self._under_way.submit(
+        return self._under_way.submit(
             (read.user, "runs", run_id),
             task,
             cancelled=partial(_cancelled, run_id, head, read.encoding, received),
             words=(read.encoding, read.payload),
             answer=keep_answer(runs, run, task),
             kept=partial(self._answered_before, read, run_id if head.run_id else None),
-        ).add_done_callback(asked.settle)
+        )
 
     def _answered_before(self, read: keys.Query, run_id: str | None) -> Future[Answer] | None:
         """The answer to come of a run that has ended, if there is one of that name."""
@@ -326,16 +306,18 @@ class Endpoint:
                 return self._readers.submit(read.asker, partial(_answer_again, runs, run_id, read))
         return None
 
-    def _hand_work_over(self, asked: Settled, read: keys.Query, received: float) -> None:
-        """Have something done that makes no run."""
+    def _hand_work_over(self, read: keys.Query, received: float) -> Future[Answer]:
+        """Have a query answered that makes no run."""
         head = keys.work_head(read)
-        told = partial(error_answer, read.encoding)
-        late = _late(received, head.allowed, partial(told, expired_work(head.allowed, "load")))
+
+        def expire(stage: Stage) -> Answer:
+            return error_answer(read.encoding, expired_work(head.allowed, stage))
+
         task = Task(
             Job(read, received),
             head.allowed + BACKSTOP,
-            deadline=TimedAnswer(received + head.allowed, partial(told, expired_work(head.allowed, "queue"))),
-            late=None if keys.changes_store(read) else late,
+            deadline=TimedAnswer(received + head.allowed, partial(expire, "queue")),
+            late=None if keys.changes_store(read) else _late(received, head.allowed, partial(expire, "load")),
             asker=read.asker,
             size=len(read.payload),
             is_brief=read.key == ("kinematics",) and len(read.payload) <= BRIEF,
@@ -343,9 +325,11 @@ class Endpoint:
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
         words = (read.key, read.encoding, read.payload)
-        self._under_way.submit(name, task, partial(told, cancelled_work()), words).add_done_callback(asked.settle)
+        cancelled = partial(error_answer, read.encoding, cancelled_work())
+        answer = self._under_way.submit(name, task, cancelled, words)
         if keys.is_scene(read):
             task.add_done_callback(partial(self._tell_change, read))
+        return answer
 
     def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
         """Publish how far a run is, for everybody if its user shares it."""
@@ -365,7 +349,7 @@ class Endpoint:
 
 
 def _thing(read: keys.Query) -> tuple[Kind, str]:
-    """What a query is about that somebody may have.
+    """Return the kind and the name of the thing that a query is about.
 
     Raises:
         MalformedRequest: if its key names nothing of that kind.
@@ -376,12 +360,8 @@ def _thing(read: keys.Query) -> tuple[Kind, str]:
     return kinds[read.key[0]], read.key[1]
 
 
-def _untraced(_what: str) -> None:
-    pass
-
-
 def _kind(key: str) -> str:
-    """What a query's time is counted under."""
+    """Return the kind under which a query's time is counted."""
     chunks = f"{key}/////".split("/")
     kind = chunks[4] if chunks[2] == USERS else chunks[2]
     return kind if kind in KINDS else "other"
@@ -399,7 +379,7 @@ def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: fl
 
 
 def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
-    """What is answered in place of a worker that is late, and when."""
+    """Return the answer in place of a worker that is late, with its time."""
     at, at_last = (later + share * allowed for later, share in ((LATE, LATE_SHARE), (LAST, LAST_SHARE)))
     return TimedAnswer(received + allowed + at, answer, received + allowed + at_last)
 

@@ -1,14 +1,24 @@
-"""How the service's links are set where its configuration leaves Zenoh's own, and Zenoh's threads."""
+"""Links of a service: their settings, sockets that are closed without waiting, and a query over loopback."""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import socket
+import struct
+import time
+from pathlib import Path
+
+import zenoh
+
+from guidefield.errors import without_source
 from guidefield.messages import codec
 from guidefield.pool.outbox import MOST_THREADS
 
 READ_WITHIN = 15.0
-"""How long an answer may take to be read, beside what the system keeps of it, before its link is ended [s]."""
+"""Time for reading an answer, beside what the system keeps of it, before its link is ended [s]."""
 LEASE = 10.0
-"""How long a link that was cut without a word may go unnoticed [s].
+"""Time for which a link that was cut without a word may go unnoticed [s].
 
 It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost its links, and with them the answers.
 """
@@ -32,4 +42,97 @@ UNLESS_TOLD = {
     "transport/link/tx/queue/congestion_control/block/wait_before_close": f"{1e6 * READ_WITHIN:.0f}",  # [us]
     "transport/link/rx/max_message_size": str(LONGEST_MESSAGE),
 }
-"""What holds where the configuration leaves Zenoh's own: nobody is looked for, and nothing is read without end."""
+"""Settings where the configuration leaves Zenoh's own: no scouting, and nothing is read without end."""
+
+
+DESCRIPTORS = Path("/dev/fd")
+"""Folder that lists the open files of a process, on Linux and macOS."""
+AT_ONCE = struct.pack("ii", 0, 0)
+"""The option's value: off, and its time."""
+
+
+def close_links_at_once(session: zenoh.Session) -> zenoh.LinkEventsListener[None]:
+    """Have every link of a session closed without waiting, those that come later too, until what it returns ends.
+
+    Zenoh has the system wait, when a TCP or TLS socket is closed, until the other end has read what was sent, for up to
+    ten seconds (`SO_LINGER`, not configurable in Zenoh 1.10), and closes sockets in the threads that receive, accept
+    and manage all links. If the links of many end to which something is still being sent, nobody else is served
+    meanwhile. Without that option closing returns at once, and the system goes on to send what is left by itself.
+    """
+
+    def opened(event: zenoh.LinkEvent) -> None:
+        if event.kind == zenoh.SampleKind.PUT:
+            close_sockets_at_once()
+
+    return session.info.declare_link_events_listener(opened, history=True)
+
+
+def close_sockets_at_once() -> None:
+    """Have no TCP socket of this process wait for its reader when it is closed; only Zenoh's do."""
+    for number in DESCRIPTORS.iterdir():
+        try:
+            found = socket.socket(fileno=int(number.name))
+        except OSError:  # no socket, or closed meanwhile
+            continue
+        with contextlib.suppress(OSError):  # closed meanwhile
+            if found.type == socket.SOCK_STREAM and found.family in (socket.AF_INET, socket.AF_INET6):
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, AT_ONCE)
+        found.detach()  # it stays Zenoh's
+
+
+LOOPBACK = "127.0.0.1"
+DEFAULT_LISTEN = f"tcp/{LOOPBACK}:7447"
+"""Default endpoint of a service."""
+KEY = "guidefield-doctor/answer"
+WITHIN = 5.0
+"""Time-out of the query over loopback [s]."""
+
+
+class NoAnswer(RuntimeError):
+    """A query on loopback wasn't answered; says why."""
+
+
+def measure_answer() -> float:
+    """Measure a query from one session on loopback to another and back [s].
+
+    Raises:
+        NoAnswer: if it isn't answered within `WITHIN`, or a session can't be opened.
+    """
+    try:
+        with contextlib.ExitStack() as opened:
+            held = opened.enter_context(socket.socket())
+            held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            held.bind((LOOPBACK, 0))
+            endpoint = f"tcp/{LOOPBACK}:{held.getsockname()[1]}"
+            service = opened.enter_context(zenoh.open(_config("peer", "listen", endpoint)))
+            opened.enter_context(service.declare_queryable(KEY, _answer))
+            client = opened.enter_context(zenoh.open(_config("client", "connect", endpoint)))
+            began = time.monotonic()
+            if not any(reply.ok is not None for reply in client.get(KEY, timeout=WITHIN)):
+                raise NoAnswer(f"a query at {endpoint} got none within {WITHIN:g} s")
+            return time.monotonic() - began
+    except (zenoh.ZError, OSError) as error:
+        raise NoAnswer(without_source(error)) from None
+
+
+def _answer(query: zenoh.Query) -> None:
+    with query:
+        query.reply(KEY, b"here")
+
+
+def _config(mode: str, way: str, endpoint: str) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in UNLESS_TOLD.items():
+        config.insert_json5(key, value)
+    config.insert_json5("mode", json.dumps(mode))
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5(f"{way}/endpoints", json.dumps([endpoint]))
+    return config
+
+
+def is_taken(endpoint: str) -> bool:
+    """Return whether somebody listens at an endpoint of this machine, such as `DEFAULT_LISTEN`."""
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    with socket.socket() as probe:
+        probe.settimeout(WITHIN)
+        return probe.connect_ex((host, int(port))) == 0

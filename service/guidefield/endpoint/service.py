@@ -17,16 +17,19 @@ from pathlib import Path
 import zenoh
 
 from guidefield.endpoint.clients import Clients
-from guidefield.endpoint.condition import Condition
 from guidefield.endpoint.endpoint import Endpoint
-from guidefield.endpoint.lingering import close_links_at_once
-from guidefield.endpoint.link import RUNTIME, UNLESS_TOLD
-from guidefield.endpoint.metrics import metrics_server
-from guidefield.endpoint.own_session import DEFAULT_LISTEN
+from guidefield.endpoint.link import DEFAULT_LISTEN, RUNTIME, UNLESS_TOLD, close_links_at_once
+from guidefield.endpoint.monitoring import (
+    Condition,
+    Trace,
+    exporting_provider,
+    metrics_server,
+    no_trace,
+    opentelemetry_trace,
+)
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.streams import Streams
-from guidefield.endpoint.tracing import Trace, exporting_provider, no_trace, opentelemetry_trace
 from guidefield.engines import Engines
 from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, without_source
 from guidefield.first_start import compile_kernels
@@ -34,7 +37,7 @@ from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN, base_key
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.messages.replies import InfoReply, error_reply
+from guidefield.messages.replies import Health, InfoReply, error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.renderer import Renderer
@@ -45,17 +48,17 @@ from guidefield.worker import EngineSetup
 _log = logging.getLogger(__name__)
 
 DEFAULT_QUEUE = 64
-"""How many requests may wait."""
+"""Default number of requests that may wait."""
 DEFAULT_STREAMS = 4
-"""How many streams may be open at once."""
+"""Default number of streams that may be open at once."""
 DEFAULT_GRACE = 10.0
-"""How long requests that are being worked on may take at the end [s]."""
+"""Default time for requests under way at the end [s]."""
 ANSWERS_WITHIN = 5.0
-"""How long a service of the same name may take to say that it is alive [s]; where there is none it takes no time."""
+"""Time for a service of the same name to say that it is alive [s]; if there is none, nothing waits."""
 EAGER_WITHIN = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
 PATIENCE = 0.2
-"""How often a start looks whether it is to be given up [s]."""
+"""Time between two looks of a start whether it is to be given up [s]."""
 
 
 class CannotServe(RuntimeError):
@@ -64,7 +67,7 @@ class CannotServe(RuntimeError):
 
 @dataclass(frozen=True)
 class ServiceSettings:
-    """How a service runs.
+    """The settings of a service.
 
     Attributes:
         data: Folder of its runs, scenes and robots.
@@ -108,7 +111,7 @@ class ServiceSettings:
 
 
 def limits_of(queue: int) -> Limits:
-    """How much may wait, where so many requests may; a single client may have half of them."""
+    """Return the limits of a queue of so many requests; a single client may have half of them."""
     return Limits(tasks=queue, tasks_of_client=(queue + 1) // 2)
 
 
@@ -140,9 +143,11 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
         opened.enter_context(_alone_in(settings.data, announce))
-        condition = Condition()
-        told = _Told(condition)
-        _tell_metrics(settings, told, opened)
+        condition, began = Condition(), time.monotonic()
+        figures: list[Callable[[], Figures]] = [
+            lambda: Figures({}, time.monotonic() - began, health=condition.now)  # until there is an endpoint
+        ]
+        _tell_metrics(settings, lambda: brief_info(figures[-1]()), opened)
         session = opened.enter_context(_opened(config))
         opened.callback(close_links_at_once(session).undeclare)
         trace = _trace(settings, opened)
@@ -161,14 +166,23 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             memory=settings.memory,
             is_listened_to=lambda: progress.matching_status.matching,
         )
-        publish = partial(_publish, session)
-        rules = Rules(
-            limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY
-        )
-        known = (publish, trace, condition, settings.data, rules, settings.quotas, _has_access_control(config))
         streams = _streams(settings, setup, session)
-        endpoint = Endpoint(settings.instance, engines, runs, pool, *known, streams)
-        told.figures = endpoint.figures
+        endpoint = Endpoint(
+            settings.instance,
+            engines,
+            runs,
+            pool,
+            streams,
+            partial(_publish, session),
+            trace,
+            condition,
+            settings.data,
+            Rules(limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY),
+            settings.quotas,
+            _has_access_control(config),
+            lambda: renderer.memory,
+        )
+        figures.append(endpoint.figures)
         for keys in (base_key(settings.instance, PLAIN), base_key(settings.instance, "*")):
             heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
             opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
@@ -181,7 +195,8 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
         opened.callback(streams.close)
         opened.callback(pool.close, settings.grace)
-        opened.callback(condition.end, f"what is being worked on is finished, within {settings.grace:g} s")
+        ending = Health(state="ending", doing=f"what is being worked on is finished, within {settings.grace:g} s")
+        opened.callback(setattr, condition, "now", ending)
         announce(f"starting (workers: {settings.workers})")
         if not _started(settings, pool, condition, announce, stop):
             return
@@ -254,24 +269,12 @@ def _trace(settings: ServiceSettings, opened: contextlib.ExitStack) -> Trace:
     return opentelemetry_trace(provider)
 
 
-class _Told:
-    """What a service says about itself over HTTP: how it is, and its figures once there is an endpoint."""
-
-    def __init__(self, condition: Condition) -> None:
-        began = time.monotonic()
-        self.figures: Callable[[], Figures] = lambda: Figures({}, time.monotonic() - began, health=condition.now)
-
-    def brief(self) -> InfoReply:
-        """What it says."""
-        return brief_info(self.figures())
-
-
-def _tell_metrics(settings: ServiceSettings, told: _Told, opened: contextlib.ExitStack) -> None:
+def _tell_metrics(settings: ServiceSettings, brief: Callable[[], InfoReply], opened: contextlib.ExitStack) -> None:
     """Tell metrics and health until the service has ended, if that is asked for."""
     if settings.metrics is None:
         return
     try:
-        opened.enter_context(metrics_server(settings.metrics, settings.instance, told.brief))
+        opened.enter_context(metrics_server(settings.metrics, settings.instance, brief))
     except ImportError:
         raise CannotServe("metrics need prometheus-client: pip install 'guidefield[metrics]'") from None
     except OSError as error:
@@ -281,26 +284,27 @@ def _tell_metrics(settings: ServiceSettings, told: _Told, opened: contextlib.Exi
 def _started(
     settings: ServiceSettings, pool: Pool, condition: Condition, announce: Callable[[str], None], stop: threading.Event
 ) -> bool:
-    """Whether the pool became ready before it was told to stop; the condition says meanwhile what is done.
+    """Return whether the pool became ready before it was told to stop; the condition tells what is done.
 
     The kernels are compiled before the workers load them: each would compile them all.
     """
 
     def told(sentence: str) -> None:
-        condition.start(sentence)
+        condition.now = Health(state="starting", doing=sentence)
         announce(sentence)
 
     try:
         compile_kernels(told, stop.is_set)
         robots = f", and prepares {', '.join(settings.prepare)}" if settings.prepare else ""
-        condition.start(f"the first of {settings.workers} workers loads the planner{robots}")
+        doing = f"the first of {settings.workers} workers loads the planner{robots}"
+        condition.now = Health(state="starting", doing=doing)
         pool.start()
         while not pool.ready(PATIENCE):
             if stop.is_set():
                 return False
     except RuntimeError as error:
         raise CannotServe(str(error)) from None
-    condition.be_ready()
+    condition.now = Health(state="ready")
     return True
 
 
@@ -311,7 +315,7 @@ def _ros_offer(
     endpoint: Endpoint,
     opened: contextlib.ExitStack,
 ) -> Callable[[contextlib.ExitStack], object]:
-    """What offers the service to ROS 2 nodes, once it is ready; nothing where nobody asked for it.
+    """Return a function that offers the service to ROS 2 nodes once it is ready; without settings it does nothing.
 
     It is withdrawn before the pool is closed, and its last answers go out after that.
     """

@@ -108,7 +108,7 @@ class InfoReply(Reply):
         counters: What was counted since the start.
         uptime: Time since the start [s].
         latency: From a query's arrival to its answer, by the first chunk of its key.
-        memory: Resident memory of the workers, and of the streams' processes [bytes].
+        memory: Resident memory of the workers, of the streams' processes and of that which renders recordings [bytes].
         keys: Every key with its parameters and messages; the names are those of the schemas.
         codes: Every code that a status or an error may have.
         limits: What it bounds, and by how much.

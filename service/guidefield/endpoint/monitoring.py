@@ -1,26 +1,70 @@
-"""Metrics and health over HTTP on loopback, for Prometheus and whoever watches; needs ``guidefield[metrics]``.
+"""Health, counters and times of a service: metrics over HTTP on loopback, and traces of queries.
 
-Theory of operation. What `info` tells in brief is told here in Prometheus' text format, asked anew for each scrape:
-nothing is counted twice. The server is there before anything else of a service, so that a watcher sees it start.
+Metrics need ``guidefield[metrics]``, traces ``guidefield[otel]``; both cost nothing unless they are asked for. The
+server of metrics is there before anything else of a service, so that a watcher sees it start; it tells what `info`
+tells in brief, in Prometheus' text format, asked anew for each scrape.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Iterator
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from guidefield.errors import ServerBusy
 from guidefield.messages import codec
-from guidefield.messages.replies import Histogram, InfoReply
+from guidefield.messages.replies import Health, Histogram, InfoReply
+
+BOUNDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 60.0)
+"""Upper bounds of the histogram's bins [s]."""
+
+
+class Meter:
+    """Counts events and times of answers; any thread may."""
+
+    def __init__(self) -> None:
+        self._counters = Counter(asked=0, answered=0, refused=0)
+        self._bins: dict[str, list[int]] = {}
+        self._sums: dict[str, float] = {}
+        self._lock = threading.Lock()
+
+    def count(self, event: str) -> None:
+        """Count an event."""
+        with self._lock:
+            self._counters[event] += 1
+
+    def count_answer(self, outcome: str, kind: str, seconds: float) -> None:
+        """Count the outcome of a query of a kind, and its time [s]."""
+        with self._lock:
+            self._counters[outcome] += 1
+            bins = self._bins.setdefault(kind, [0] * (len(BOUNDS) + 1))
+            bins[bisect_left(BOUNDS, seconds)] += 1
+            self._sums[kind] = self._sums.get(kind, 0.0) + seconds
+
+    def counters(self) -> dict[str, int]:
+        """The counts."""
+        with self._lock:
+            return dict(self._counters)
+
+    def latency(self) -> dict[str, Histogram]:
+        """The times, by kind."""
+        with self._lock:
+            return {
+                kind: Histogram(bounds=list(BOUNDS), counts=list(bins), sum=self._sums[kind])
+                for kind, bins in self._bins.items()
+            }
+
 
 LOOPBACK = "127.0.0.1"
 PATIENCE = 5.0
-"""How long whoever asks may take to say what for, and to read the answer [s]."""
+"""Time for a client of HTTP to ask, and to read the answer [s]."""
 OUTCOMES = ("asked", "answered", "refused", "dropped")
-"""Counters of queries by what became of them; the others count other events."""
+"""Counters of queries by outcome; the others count other events."""
 
 
 @contextlib.contextmanager
@@ -41,7 +85,7 @@ def metrics_server(port: int, instance: str, brief: Callable[[], InfoReply]) -> 
     """
     exposition = _exposition(instance, brief)
 
-    class Asked(BaseHTTPRequestHandler):
+    class Handler(BaseHTTPRequestHandler):
         timeout = PATIENCE
 
         def do_GET(self) -> None:
@@ -64,7 +108,7 @@ def metrics_server(port: int, instance: str, brief: Callable[[], InfoReply]) -> 
         def log_message(self, format: str, *_arguments: object) -> None:  # noqa: A002 - the name of the base class
             """Say nothing: a scrape every few seconds is no event."""
 
-    with ThreadingHTTPServer((LOOPBACK, port), Asked) as server:
+    with ThreadingHTTPServer((LOOPBACK, port), Handler) as server:
         server.daemon_threads = True
         thread = threading.Thread(target=server.serve_forever, name="guidefield-metrics", daemon=True)
         thread.start()
@@ -75,16 +119,16 @@ def metrics_server(port: int, instance: str, brief: Callable[[], InfoReply]) -> 
 
 
 def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], tuple[bytes, str]]:
-    """What tells the metrics in Prometheus' text format, with its content type."""
+    """Write metrics in Prometheus' text format, with its content type."""
     from prometheus_client import CollectorRegistry
     from prometheus_client.exposition import CONTENT_TYPE_LATEST, generate_latest
 
-    class Told:
+    class Collector:
         def collect(self) -> Iterator[Any]:
             return families(instance, brief())
 
     registry = CollectorRegistry(auto_describe=False)
-    registry.register(Told())
+    registry.register(Collector())
     return lambda: (generate_latest(registry), CONTENT_TYPE_LATEST)
 
 
@@ -160,9 +204,85 @@ def families(instance: str, told: InfoReply) -> Iterator[Any]:
 
 
 def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
-    """How often something took at most so long, by the bound."""
+    """The cumulative counts of a histogram, by the bound."""
     total, buckets = 0, []
     for bound, count in zip([*map(str, histogram.bounds), "+Inf"], histogram.counts, strict=True):
         total += count
         buckets.append((bound, float(total)))
     return buckets
+
+
+End = Callable[[str], None]
+"""Ends the trace of a query; is told whether it was answered or refused."""
+
+Trace = Callable[[str, str], End]
+"""Begins the trace of a query, by the kind and the key of it."""
+
+
+def no_trace(_kind: str, _key: str) -> End:
+    """Trace nothing."""
+    return _nothing
+
+
+def _nothing(_outcome: str) -> None:
+    pass
+
+
+def opentelemetry_trace(provider: Any) -> Trace:
+    """Trace with a provider of OpenTelemetry's: one span for each query, from its arrival to its answer."""
+    tracer = provider.get_tracer("guidefield")
+
+    def begin(kind: str, key: str) -> End:
+        span = tracer.start_span(kind, attributes={"guidefield.key": key})
+
+        def end(outcome: str) -> None:
+            span.set_attribute("guidefield.outcome", outcome)
+            span.end()
+
+        return end
+
+    return begin
+
+
+def exporting_provider(instance: str) -> Any:
+    """A provider that sends spans to where OpenTelemetry's own environment variables say (OTEL_EXPORTER_OTLP_ENDPOINT).
+
+    Raises:
+        ImportError: if OpenTelemetry isn't installed.
+    """
+    from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
+    from opentelemetry.sdk.resources import Resource
+    from opentelemetry.sdk.trace import TracerProvider
+    from opentelemetry.sdk.trace.export import BatchSpanProcessor
+
+    resource = Resource.create({"service.name": "guidefield", "service.instance.id": instance})
+    provider = TracerProvider(resource=resource)
+    provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
+    return provider
+
+
+RETRY_AFTER = 2.0
+"""Time after which a service that is starting may be asked again [s]."""
+
+
+class Condition:
+    """The state of a service; one thread changes it, any may look.
+
+    Attributes:
+        now: The state: starting, ready or ending, and the work that this takes.
+    """
+
+    def __init__(self) -> None:
+        self.now = Health(state="starting", doing="starting")
+
+    def require_ready(self) -> None:
+        """Refuse a request that needs a worker before there is one, or when there won't be any more.
+
+        Raises:
+            ServerBusy: unless the service is ready.
+        """
+        now = self.now
+        if now.state == "starting":
+            raise ServerBusy(f"the service is starting: {now.doing}; ask again later", retry_after=RETRY_AFTER)
+        if now.state == "ending":
+            raise ServerBusy("the service is shutting down")
