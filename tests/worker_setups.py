@@ -181,6 +181,16 @@ def _owe(value: str, call: Call) -> tuple[bool, bytes]:
     return True, b"owed"
 
 
+def _grow_after(mebibytes: str, call: Call) -> tuple[bool, bytes]:
+    """Answer at once, and take so much memory after that."""
+
+    def grow() -> None:
+        _grow(mebibytes)
+
+    call.follow(grow)
+    return True, b"answered"
+
+
 def _answer_and_end(_value: str, call: Call) -> tuple[bool, bytes]:
     call.owe(lambda: os._exit(0))
     return True, b"last words"
@@ -207,6 +217,7 @@ _TALKATIVE = {
     "give_way": _give_way,
     "last_word": _last_word,
     "owe": _owe,
+    "grow after": _grow_after,
     "use": _use,
     "until_cancelled": _until_cancelled,
     "tell": _tell,

@@ -57,17 +57,20 @@ def test_a_job_that_is_worked_on_is_told_to_end_and_the_next_is_not(pool: Pool, 
 
 
 def test_a_job_that_is_prepared_too_long_is_answered_and_the_worker_goes_on(pool: Pool, tmp_path: Path) -> None:
-    crashes = pool.crashes
+    crashes, has_ended = pool.crashes, threading.Event()
     begun, prepared, done = (tmp_path / name for name in ("begun", "prepared", "done"))
     late = TimedAnswer(time.monotonic() + 0.2, lambda: (True, b"too late"))
-    task = pool.submit(Task(("prepare", f"{begun} {prepared} {done}"), PATIENCE, late=late))
+    job = ("prepare", f"{begun} {prepared} {done}")
+    task = pool.submit(Task(job, PATIENCE, late=late, end_late=has_ended.set))
     await_begun(begun)
     assert task.result(PATIENCE) == (True, b"too late")
     assert time.monotonic() >= late.at
     assert pool.busy == 1, "what it prepares is kept"
+    assert not has_ended.is_set()
     for file in (prepared, done):
         file.touch()
     assert pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE) == (True, begun.read_bytes())
+    assert has_ended.wait(PATIENCE)
     assert pool.crashes == crashes
 
 
@@ -164,6 +167,18 @@ def test_a_worker_that_takes_too_much_memory_is_stopped_with_the_reason(pool: Po
     assert _echoes(pool)
     with pytest.raises(ProcessLookupError):
         os.kill(int(before), 0)
+
+
+def test_a_worker_that_takes_too_much_memory_after_its_answer_is_replaced(pool: Pool) -> None:
+    before, crashes = int(pool.submit(Task(("pid", ""), PATIENCE)).result(PATIENCE)[1]), pool.crashes
+    assert pool.submit(Task(("grow after", "320"), PATIENCE)).result(PATIENCE) == (True, b"answered")
+    until = time.monotonic() + PATIENCE
+    while pool.crashes == crashes and time.monotonic() < until:
+        time.sleep(0.01)
+    assert pool.crashes == crashes + 1
+    with pytest.raises(ProcessLookupError):
+        os.kill(before, 0)
+    assert _echoes(pool)
 
 
 def test_one_huge_allocation_fails_at_once_inside_the_worker(pool: Pool) -> None:

@@ -11,8 +11,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import Asker
-from guidefield.pool.usage import HALVED_IN, Usage
-from guidefield.pool.waiting import HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
+from guidefield.pool.waiting import HALVED_IN, HELD_UP, TRIAL, Limits, Task, TimedAnswer, Usage, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import UnknownObject
-from guidefield.stores.recordings import LOG, LOST, RECORDING, ROBOT, SCENE, Kept, Recordings, SharedFile
+from guidefield.stores.recordings import LOG, LOST, RECORDING, ROBOT, SCENE, SCENE_LINK, Kept, Recordings, SharedFile
 
 
 @pytest.fixture
@@ -42,6 +42,8 @@ def test_a_log_is_the_mark_of_a_recording_that_is_owed(recordings: Recordings) -
     assert recordings.find("r1").read_bytes() == b"all of it"
     assert recordings.kept("r1") == Kept("rendered", len(b"all of it"))
     assert names(recordings.folder) == {"r1.rrd"}
+    recordings.file("r1", SCENE_LINK).write_bytes(b"its scene")
+    assert recordings.kept("r1") == Kept("rendered", len(b"all of it") + len(b"its scene"))
 
 
 def test_why_a_recording_is_lost_is_told(recordings: Recordings) -> None:

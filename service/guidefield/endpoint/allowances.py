@@ -8,8 +8,7 @@ import time
 
 from guidefield.errors import QuotaExceeded
 from guidefield.messages.quotas import Quotas
-from guidefield.pool.usage import HALVED_IN
-from guidefield.pool.waiting import Waiting
+from guidefield.pool.waiting import HALVED_IN, Waiting
 
 MOST_USERS = 1_000
 """For how many users it is remembered when they asked."""

@@ -288,6 +288,7 @@ class Endpoint:
             size=len(read.payload),
             hear=partial(self._tell_progress, read.user, run_id),
             begin=partial(runs.begin, run),
+            end_late=partial(runs.drop_recording, run_id),
         )
         return self._under_way.submit(
             (read.user, "runs", run_id),

@@ -281,7 +281,7 @@ class Pool:
         """How long to wait [s]; None: until something comes."""
         with self._lock:
             now, slots = time.monotonic(), self._all_slots()
-            is_active = now < self._active_until or len(self.waiting) or any(slot.is_busy for slot in slots)
+            is_active = now < self._active_until or len(self.waiting) or any(slot.is_working for slot in slots)
             due_at = min(slot.due_at for slot in slots)
             self._look_at = min(due_at, now + LOOKED_AFTER)
             self._sleeps_until = self._look_at if is_active else due_at
@@ -335,7 +335,9 @@ class Pool:
             given = self._assign()
         self._give(given)
         task = current.task
-        if waits or task.done():  # it was answered while the worker still prepared for it
+        if task.done():  # it was answered while the worker still worked on it
+            task.end_late()
+        if waits or task.done():
             return
         if frame.kind == FAILED:
             task.set_exception(WorkerCrashed(f"the work failed: {frame.what.decode()}"))
@@ -410,7 +412,9 @@ class Pool:
             slot.start_at = now + RESTART_PAUSE * (not worker.is_ready)
             given = self._assign()
         self._give(given)
-        if current is not None and not waits and not current.task.done():
+        if current is not None and current.task.done():
+            current.task.end_late()
+        elif current is not None and not waits:
             current.task.set_exception(self._fault_of(worker, code, is_begun))
         if self.waiting.closed:
             return
@@ -463,7 +467,7 @@ class Pool:
             assert task.deadline is not None, "only tasks with a deadline expire"
             task.end_overdue(task.deadline)
         for slot in self._all_slots():
-            if slot.worker is not None and slot.worker.current is not None:
+            if slot.worker is not None and slot.worker.is_working:
                 self._look_after_worker(slot, slot.worker, slot.worker.current, now)
             if slot.start_at is not None and now >= slot.start_at:
                 slot.start_at = None
@@ -479,18 +483,18 @@ class Pool:
                 given += [] if held_up is None else [(worker, self._occupy(worker, held_up))]
         self._give(given)
 
-    def _look_after_worker(self, slot: Slot, worker: Worker, current: Current, now: float) -> None:
-        task = current.task
-        if now >= worker.late_at and task.late is not None:
+    def _look_after_worker(self, slot: Slot, worker: Worker, current: Current | None, now: float) -> None:
+        task = None if current is None else current.task
+        if task is not None and task.late is not None and now >= worker.late_at:
             task.end_overdue(task.late)
-        if slot is self._standing_by and self.waiting.is_held_up(now - current.since):
+        if current is not None and slot is self._standing_by and self.waiting.is_held_up(now - current.since):
             worker.set_back()
         if worker.memory > self._memory:
             limit = self._memory // 2**20
             worker.reason = WorkerCrashed(
                 f"the request took more than {limit} MiB of memory and was stopped", mebibytes=limit
             )
-        elif now - current.since > task.seconds:
+        elif current is not None and task is not None and now - current.since > task.seconds:
             worker.reason = WorkerCrashed(
                 f"the request took longer than {task.seconds:g} s and was stopped", seconds=task.seconds
             )

@@ -29,7 +29,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.pool.waiting import Answer
 
 DATA_ROOM = 2
-"""How many times its memory limit a worker may ask the system for: one huge allocation fails at once."""
+"""Address space of a worker as a multiple of its memory limit: one huge allocation fails at once."""
 
 LONGEST_REASON = 4096
 """Longest reason that is told of a worker that can't be prepared [characters]."""
@@ -41,20 +41,23 @@ TOLD = struct.Struct("<BQdQ")
 READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
 """Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
 
+NOTHING, OPTIONAL, OWED = range(3)
+"""Work that remains after an answer: none; work that ends early for the next job; work to be done before that."""
+
 _PR_SET_PDEATHSIG = 1
-"""Of Linux's `prctl`: which signal a process gets when the thread that started it ends."""
+"""Option of Linux's `prctl`: the signal that a process gets when the thread that started it ends."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """What a slot and its worker process share.
+    """The numbers and the socket that a slot and its worker process share.
 
     Attributes:
         begun: Number of the job that was begun last, in shared memory.
         cancelled: Number of the job that is to be ended early, in shared memory.
         set_back: Number of the job that is to be ended early because it will be begun anew, in shared memory.
         prepared: Number of the job that a worker is done preparing for, in shared memory.
-        owed: Whether a worker still has something to do after an answer, in shared memory.
+        remaining: The work that remains after an answer, in shared memory: `NOTHING`, `OPTIONAL` or `OWED`.
         listened: Whether anybody listens to progress, in shared memory of all workers.
         socket: The worker's end of its pair of sockets.
     """
@@ -63,7 +66,7 @@ class Line:
     cancelled: Any
     set_back: Any
     prepared: Any
-    owed: Any
+    remaining: Any
     listened: Any
     socket: socket.socket
 
@@ -97,7 +100,7 @@ class Call:
         return self.number in (self.line.cancelled.value, self.line.set_back.value)
 
     def set_back(self) -> bool:
-        """Whether it is to be ended early and will be begun anew: then it leaves no trace."""
+        """Return whether it is to be ended early and will be begun anew: then it leaves no trace."""
         return bool(self.line.set_back.value == self.number)
 
     def be_prepared(self) -> None:
@@ -106,15 +109,16 @@ class Call:
 
     def follow(self, work: Callable[[], None]) -> None:
         """Have work done after the answer; it asks `is_awaited`, and ends early then."""
+        self.line.remaining.value = max(OPTIONAL, self.line.remaining.value)
         self.later.append(work)
 
     def owe(self, work: Callable[[], None]) -> None:
         """Have work done after the answer, and before the next job; the worker lives until then, if it can."""
-        self.line.owed.value = 1
-        self.follow(work)
+        self.line.remaining.value = OWED
+        self.later.append(work)
 
     def is_awaited(self) -> bool:
-        """Whether the next job has come."""
+        """Return whether the next job has come."""
         return bool(connection.wait([self.line.socket], 0.0))
 
     def finish(self) -> None:
@@ -124,10 +128,10 @@ class Call:
                 work()
             except Exception:  # the worker outlives it
                 logging.getLogger(__name__).exception("what a worker does after an answer failed")
-        self.line.owed.value = 0
+        self.line.remaining.value = NOTHING
 
     def is_listened_to(self) -> bool:
-        """Whether anybody hears what is told."""
+        """Return whether anybody listens to progress."""
         return bool(self.line.listened.value)
 
     def tell(self, what: bytes) -> None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
-from guidefield.pool.process import JOB, TOLD, Line, Setup, be_worker
+from guidefield.pool.process import JOB, OWED, TOLD, Line, Setup, be_worker
 from guidefield.pool.waiting import Task
 from guidefield.system import processor_time, resident
 
@@ -67,8 +67,8 @@ class Worker:
         for end in (self.socket, theirs):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING_ROOM)
         self.socket.setblocking(False)
-        begun, cancelled, set_back, prepared, owed = (spawn.Value("Q", 0, lock=False) for _ in range(5))
-        self.line = Line(begun, cancelled, set_back, prepared, owed, listened, theirs)
+        begun, cancelled, set_back, prepared, remaining = (spawn.Value("Q", 0, lock=False) for _ in range(5))
+        self.line = Line(begun, cancelled, set_back, prepared, remaining, listened, theirs)
         self.process = spawn.Process(
             target=be_worker, args=(setup, self.line, memory), name="guidefield-worker", daemon=True
         )
@@ -106,8 +106,13 @@ class Worker:
 
     @property
     def owes(self) -> bool:
-        """Whether it has something left to do after its answers, and nothing else."""
-        return self.line.owed.value > 0 and self.current is None
+        """Return whether it has work after its answers that must be done, and nothing else."""
+        return bool(self.line.remaining.value == OWED) and self.current is None
+
+    @property
+    def is_working(self) -> bool:
+        """Return whether it works, on a job or after an answer."""
+        return self.current is not None or bool(self.line.remaining.value)
 
     @property
     def memory(self) -> int:
@@ -251,8 +256,13 @@ class Slot:
 
     @property
     def is_busy(self) -> bool:
-        """Whether its worker works."""
+        """Return whether its worker has a job."""
         return self.worker is not None and self.worker.current is not None
+
+    @property
+    def is_working(self) -> bool:
+        """Return whether its worker works, on a job or after an answer."""
+        return self.worker is not None and self.worker.is_working
 
     @property
     def is_empty(self) -> bool:

@@ -26,21 +26,26 @@ from typing import Any
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import SOMEBODY, Asker
-from guidefield.pool.usage import Usage
 
 Answer = tuple[bool, bytes]
-"""Whether it is a reply, or else an error; and the payload."""
+"""True for a reply, False for an error; and the payload."""
 
 BACKSTOP = 60.0
 """A worker that plans longer than its request allows by this is to be stopped [s]."""
 LONGEST_WORK = 600.0
 """A worker that works longer on anything but a plan is to be stopped [s]."""
 HELD_UP = 0.4
-"""How long a task of a user who has no worker waits before the worker that stands by takes it [s]."""
+"""Wait of a user without a worker, after which the worker that stands by takes its task [s]."""
 TRIAL = 0.4
-"""How long that works on a task before another user's may take its place [s]."""
+"""Time for which that one works on a task before another user's may take its place [s]."""
 SOONEST, LATEST = 0.1, 30.0
-"""When somebody may be told to ask again at the earliest and latest [s]."""
+"""Bounds of the time after which somebody is told to ask again [s]."""
+HALVED_IN = 30.0
+"""Half-life of a user's use of processors [s]: after heavy use a user is served like others again within minutes."""
+FORGOTTEN = 1e-3
+"""Less than this is nothing [s]."""
+NEWEST = 0.1
+"""Weight of the newest request in the typical time of one."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def _hear_nothing(_told: bytes) -> None:
     pass
 
 
-def _begin_in_silence() -> None:
+def _do_nothing() -> None:
     pass
 
 
@@ -78,6 +83,7 @@ class Task(Future[Answer]):
         size: How much room the job takes while it waits [bytes].
         hear: Is called with what the worker tells while it works.
         begin: Is called when a worker begins with it, and again when one begins anew.
+        end_late: Is called when a worker has ended with it after it was answered in the worker's place.
         is_brief: Whether it will most likely take milliseconds, and may be done twice: a worker may hold it while it
             works on another one.
 
@@ -98,7 +104,8 @@ class Task(Future[Answer]):
         asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
-        begin: Callable[[], None] = _begin_in_silence,
+        begin: Callable[[], None] = _do_nothing,
+        end_late: Callable[[], None] = _do_nothing,
         is_brief: bool = False,
     ) -> None:
         super().__init__()
@@ -110,6 +117,7 @@ class Task(Future[Answer]):
         self.size = size
         self.hear = hear
         self.begin = begin
+        self.end_late = end_late
         self.is_brief = is_brief
         self.cancelled_by_client = False
         self.if_cancelled: Callable[[], Answer] | None = None
@@ -126,7 +134,7 @@ class Task(Future[Answer]):
 
 @dataclass(frozen=True)
 class Limits:
-    """How much may wait.
+    """Limits of the queue.
 
     Attributes:
         tasks: How many tasks.
@@ -143,7 +151,7 @@ class Limits:
 
 @dataclass
 class _Line:
-    """What waits of one user: a row for each client, whose turn is next first."""
+    """The waiting tasks of one user: a row for each client, in the order of their turns."""
 
     rows: OrderedDict[str, deque[Task]] = field(default_factory=OrderedDict)
     count: int = 0
@@ -187,6 +195,33 @@ class _Line:
         return task
 
 
+class Usage:
+    """Processor seconds by user, halved every `HALVED_IN`.
+
+    Attributes:
+        typical: How long a request takes, as far as was seen [s].
+    """
+
+    def __init__(self) -> None:
+        self._spent: dict[str, tuple[float, float]] = {}
+        self.typical = 1.0
+
+    def of(self, user: str, now: float) -> float:
+        """Return the processor time of a user [s], at a clock's time [s]."""
+        spent, at = self._spent.get(user, (0.0, now))
+        return spent * math.exp2((at - now) / HALVED_IN)
+
+    def add(self, user: str, seconds: float, processor: float, now: float) -> None:
+        """A request of a user took so long, and so much of the processors [s]."""
+        self.typical += NEWEST * (seconds - self.typical)
+        self._spent[user] = self.of(user, now) + processor, now
+        self._spent = {name: spent for name, spent in self._spent.items() if self.of(name, now) > FORGOTTEN}
+
+    def users(self, now: float) -> set[str]:
+        """Return the users who got any."""
+        return {user for user in self._spent if self.of(user, now) > FORGOTTEN}
+
+
 class Waiting:
     """The queue; whoever takes a task from it says when it is done. Safe for threads, and nobody waits in it.
 
@@ -197,6 +232,7 @@ class Waiting:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._lines: OrderedDict[str, _Line] = OrderedDict()
+        self._count = self._size = 0
         self._running: Counter[str] = Counter()
         self._usage = Usage()
         self._turns: dict[str, float] = {}
@@ -205,21 +241,20 @@ class Waiting:
         self.closed = False
 
     def __len__(self) -> int:
-        with self._lock:
-            return sum(line.count for line in self._lines.values())
+        return self._count
 
     def of_user(self, user: str) -> int:
-        """How many tasks of a user wait."""
+        """Return the number of a user's tasks that wait."""
         with self._lock:
             return self._lines[user].count if user in self._lines else 0
 
     def running(self, user: str) -> int:
-        """How many tasks of a user are worked on."""
+        """Return the number of a user's tasks that are worked on."""
         with self._lock:
             return self._running[user]
 
     def users(self) -> set[str]:
-        """Who has tasks that wait or are worked on, or had some lately."""
+        """Return the users who have tasks that wait or are worked on, or had some lately."""
         with self._lock:
             return {*self._lines, *self._running, *self._usage.users(time.monotonic())}
 
@@ -229,7 +264,7 @@ class Waiting:
             return self._usage.of(user, time.monotonic())
 
     def retry_after(self, user: str) -> float:
-        """When half of what a user has waiting will be done, as far as can be told [s]."""
+        """Estimate the time until half of a user's waiting tasks are done [s]."""
         with self._lock:
             return self._retry_after(user)
 
@@ -261,8 +296,10 @@ class Waiting:
     def take(self, *, brief: bool = False) -> Task | None:
         """The next task, if there is one, and it is a `brief` one where that is asked. `done` says when it is done."""
         with self._lock:
-            user = min(self._lines, key=self._order, default=None)
-            if user is None or (brief and not self._lines[user].next().is_brief):
+            if not self._count:
+                return None
+            user = min(self._lines, key=self._order)
+            if brief and not self._lines[user].next().is_brief:
                 return None
             return self._taken_of(user)
 
@@ -276,7 +313,7 @@ class Waiting:
             return None if user is None else self._taken_of(user)
 
     def is_held_up(self, worked: float) -> bool:
-        """Whether somebody is held up who may take the place of what the worker standing by worked on so long [s]."""
+        """Return whether a user is held up who may take the place of a task that took so long [s]."""
         with self._lock:
             return self._held_up(time.monotonic(), worked) is not None
 
@@ -296,7 +333,7 @@ class Waiting:
             if task.cancelled_by_client:
                 return False
             task.set_back += gave_way
-            self._come(task.asker.user).put_first(task)
+            self._put(task, first=True)
             return True
 
     def done(self, task: Task, seconds: float, processor: float) -> None:
@@ -321,7 +358,7 @@ class Waiting:
             }
 
     def take_expired(self, now: float) -> list[Task]:
-        """Those tasks whose deadline has passed."""
+        """Remove the tasks whose deadline has passed, and return them."""
         with self._lock:
             expired = [task for task in self._all() if task.deadline is not None and task.deadline.at < now]
             for task in expired:
@@ -329,7 +366,7 @@ class Waiting:
             return expired
 
     def withdraw(self, task: Task) -> bool:
-        """Whether the task was waiting; it isn't any more."""
+        """Remove a task from the queue; return whether it was there."""
         with self._lock:
             line = self._lines.get(task.asker.user)
             waiting = line is not None and task in line.rows.get(task.asker.client, ())
@@ -343,6 +380,7 @@ class Waiting:
             self.closed = True
             left = list(self._all())
             self._lines.clear()
+            self._count = self._size = 0
             return left
 
     def _require_room_for_client(self, row: deque[Task], task: Task) -> None:
@@ -354,12 +392,11 @@ class Waiting:
             raise self._busy(told, task, bytes_limit=most_bytes)
 
     def _full(self, task: Task) -> ServerBusy | None:
-        """What is told of a queue that has no room for a task; None if it has."""
-        most, most_bytes = self._limits.tasks, self._limits.bytes
-        count = sum(line.count for line in self._lines.values())
+        """Return the refusal of a task for which the queue has no room; None if it has."""
+        most, most_bytes, count = self._limits.tasks, self._limits.bytes, self._count
         if count >= most:
             return self._busy(f"{count} requests wait already", task, queue=count, limit=most)
-        if count and sum(line.size for line in self._lines.values()) + task.size > most_bytes:
+        if count and self._size + task.size > most_bytes:
             told = f"the requests that wait take up to {most_bytes} bytes already"
             return self._busy(told, task, bytes_limit=most_bytes)
         return None
@@ -382,8 +419,11 @@ class Waiting:
         waits = 0.5 * (line.count if line is not None else 1) * self._usage.typical
         return round(min(max(waits, SOONEST), LATEST), 2)
 
-    def _put(self, task: Task) -> None:
-        self._come(task.asker.user).put(task)
+    def _put(self, task: Task, *, first: bool = False) -> None:
+        line = self._come(task.asker.user)
+        (line.put_first if first else line.put)(task)
+        self._count += 1
+        self._size += task.size
 
     def _come(self, user: str) -> _Line:
         """The line of a user, whose turn comes at the earliest after those that were served."""
@@ -399,6 +439,8 @@ class Waiting:
         self._turn = max(self._turn, self._turns[user])
         line = self._lines.pop(user)
         task = line.take()
+        self._count -= 1
+        self._size -= task.size
         if line.count:
             self._lines[user] = line  # at the end: of users who are equal every other one comes first
         self._running[user] += 1
@@ -420,5 +462,7 @@ class Waiting:
     def _remove(self, task: Task) -> None:
         line = self._lines[task.asker.user]
         line.remove(task)
+        self._count -= 1
+        self._size -= task.size
         if not line.count:
             del self._lines[task.asker.user]

@@ -124,13 +124,13 @@ class Recordings:
         return [name for _, name in sorted(found, reverse=True)]
 
     def kept(self, run_id: str) -> Kept:
-        """What there is of a run's recording; a log counts with all that it needs."""
+        """Return what there is of a run's recording; its size counts files that it shares with others."""
         log = _size(self.file(run_id, LOG))
         if log is not None:
             return Kept("owed", log + sum(_size(self.file(run_id, one)) or 0 for one in (*NEEDED, RECORDING)))
         recording = _size(self.path(run_id))
         if recording is not None:
-            return Kept("rendered", recording)
+            return Kept("rendered", recording + (_size(self.file(run_id, SCENE_LINK)) or 0))
         lost = _size(self.file(run_id, LOST))
         return Kept("none") if lost is None else Kept("lost", lost)
 

@@ -270,6 +270,10 @@ class UserRuns:
             return nothing
         return self._writer.submit(partial(execute, FORGET, (run.owner, run.run_id)))
 
+    def drop_recording(self, run_id: str) -> None:
+        """Delete the recording of a run, or its log; nobody waits for it."""
+        self._writer.submit(lambda _: self.recordings.drop(run_id), urgent=False)
+
     def has(self, run_id: str) -> bool:
         """Return whether there is a run of that name."""
         return self._row(run_id, "1") is not None
