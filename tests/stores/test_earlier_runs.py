@@ -14,7 +14,7 @@ from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import error_reply
 from guidefield.messages.store_requests import UNREADABLE, ReadRuns
-from guidefield.stores import earlier_runs, runs as module
+from guidefield.stores import run_rows, runs as module
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import REQUEST
@@ -97,7 +97,7 @@ def test_a_kill_in_the_middle_loses_none(kept_up_to: int, data: Path, monkeypatc
         removed(folder)
 
     with monkeypatch.context() as patched:
-        patched.setattr(earlier_runs.shutil, "rmtree", killed_later)
+        patched.setattr(run_rows.shutil, "rmtree", killed_later)
         database = RunDatabase(data)
         with pytest.raises(KilledError):
             database.take_over(lambda _: None)

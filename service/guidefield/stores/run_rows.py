@@ -1,13 +1,20 @@
-"""Rows of the database of runs: written, completed and deleted within a transaction."""
+"""Rows of the database of runs: written, completed and deleted within a transaction; those of guidefield 0.1, too.
+
+Guidefield 0.1 kept each run in a folder of its own. Folders are taken over some at a time: their rows are committed and
+flushed, and only then their recordings move and the folders go. A kill at any moment leaves each run in the database,
+in its folder, or in both; the next start goes on.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import shutil
 import sqlite3
 import time
 from collections.abc import Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
@@ -15,13 +22,17 @@ import msgspec
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import ErrorReply
+from guidefield.messages.replies import ErrorReply, is_certify
 from guidefield.messages.store_requests import RUNNING, UNREADABLE
-from guidefield.stores.files import decoded
-from guidefield.stores.recordings import Kept, Recordings
+from guidefield.stores.files import decoded, read_if_any
+from guidefield.stores.recordings import LOST, OWED, RECORDING, Kept, Recordings
 
+AT_ONCE = 100
+"""Folders that are taken over in one transaction."""
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
 """Errors that are no fault of the request: the run that ended so is kept."""
+
+NOT_RECORDED = Kept("none")
 
 Kind = Literal["plan", "certify"]
 
@@ -87,18 +98,23 @@ class _ReplyHead(msgspec.Struct):
     status: _Outcome
 
 
-def insert(run: NewRun, db: sqlite3.Connection) -> int:
-    """Add a run that begins; its number."""
+def insert(run: NewRun, db: sqlite3.Connection, ending: Ending | None = None, recording: Kept = NOT_RECORDED) -> int:
+    """Add a run that begins, or that has ended and has some recording; its number."""
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
-    robot = head.robot if isinstance(head.robot, str) else "urdf"
-    scene = head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base or ""
-    begun = (run.owner, run.run_id, run.kind, RUNNING, "", robot, scene, run.began, len(run.request))
-    columns = "owner, run_id, kind, status, message, robot, scene, began, bytes"
-    values = ", ".join("?" * len(begun))
-    number = db.execute(f"INSERT INTO runs ({columns}) VALUES ({values})", begun).lastrowid  # noqa: S608 - ours
+    row = {
+        "owner": run.owner,
+        "run_id": run.run_id,
+        "kind": run.kind,
+        "robot": head.robot if isinstance(head.robot, str) else "urdf",
+        "scene": head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base or "",
+        "began": run.began,
+        **_columns(run, ending, recording),
+    }
+    columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
+    number = db.execute(f"INSERT INTO runs ({columns}) VALUES ({values})", row).lastrowid  # noqa: S608 - ours
     assert number is not None, "a row has a number"
-    documents = "INSERT INTO documents (number, encoding, request) VALUES (?, ?, ?)"
-    db.execute(documents, (number, run.encoding.value, run.request))
+    reply, error = (None, None) if ending is None else (ending.reply, ending.error)
+    db.execute("INSERT INTO documents VALUES (?, ?, ?, ?, ?)", (number, run.encoding.value, run.request, reply, error))
     return number
 
 
@@ -110,20 +126,30 @@ def find_unended(run: NewRun, db: sqlite3.Connection) -> int | None:
 
 
 def complete(number: int, run: NewRun, ending: Ending, recording: Kept, db: sqlite3.Connection) -> None:
-    """Write how a run ended, and what there is of its recording."""
-    outcome: _Outcome | None = None
-    if ending.reply is not None:
-        head = decoded(ending.reply, _ReplyHead, run.encoding)
-        outcome = None if head is None else head.status
-    elif ending.error is not None:
-        outcome = decoded(ending.error, _Outcome)
-    outcome = outcome or _Outcome(UNREADABLE)
-    size = len(run.request) + len(ending.reply or b"") + len(ending.error or b"")
-    db.execute(
-        "UPDATE runs SET status = ?, message = ?, ended = ?, bytes = ?, recording = ?, recorded = ? WHERE number = ?",
-        (outcome.name, outcome.message, ending.ended, size, recording.bytes, recording.kind, number),
-    )
+    """Write the end of a run, and what there is of its recording."""
+    row = _columns(run, ending, recording)
+    assigned = ", ".join(f"{name} = :{name}" for name in row)
+    db.execute(f"UPDATE runs SET {assigned} WHERE number = :number", row | {"number": number})  # noqa: S608 - ours
     db.execute("UPDATE documents SET reply = ?, error = ? WHERE number = ?", (ending.reply, ending.error, number))
+
+
+def _columns(run: NewRun, ending: Ending | None, recording: Kept) -> dict[str, Any]:
+    """The columns of a run that change when it ends."""
+    outcome: _Outcome | None = _Outcome(RUNNING)
+    size = len(run.request)
+    if ending is not None:
+        head = None if ending.reply is None else decoded(ending.reply, _ReplyHead, run.encoding)
+        outcome = head.status if head is not None else decoded(ending.error or b"", _Outcome)
+        size += len(ending.reply or b"") + len(ending.error or b"")
+    outcome = outcome or _Outcome(UNREADABLE)
+    return {
+        "status": outcome.name,
+        "message": outcome.message,
+        "ended": None if ending is None else ending.ended,
+        "bytes": size,
+        "recording": recording.bytes,
+        "recorded": recording.kind,
+    }
 
 
 def end_abandoned(error: ErrorReply, since: float, db: sqlite3.Connection) -> None:
@@ -146,3 +172,51 @@ def drop_runs(recordings: Recordings, runs: Iterable[tuple[int, str]], db: sqlit
 def execute(statement: str, values: tuple[Any, ...], db: sqlite3.Connection) -> int:
     """Run one statement; the number of rows that it changed."""
     return db.execute(statement, values).rowcount
+
+
+def earlier_folders(runs: Path) -> list[Path]:
+    """The folders of runs in a folder, the oldest first; what a killed process left behind is deleted."""
+    folders = []
+    for found in runs.iterdir() if runs.is_dir() else ():
+        if found.name.startswith("."):
+            shutil.rmtree(found, ignore_errors=True)
+        elif found.is_dir():
+            folders.append((_began(found), found))
+    return [folder for _, folder in sorted(folders)]
+
+
+def add_folders(owner: str, folders: list[Path], shared: Path, db: sqlite3.Connection) -> None:
+    """Add the rows of runs to the database, but of those that are there."""
+    for folder in folders:
+        there = db.execute("SELECT 1 FROM runs WHERE (owner, run_id) = (?, ?)", (owner, folder.name)).fetchone()
+        if there is None:
+            _add(owner, folder, (shared / folder.name).exists(), db)
+
+
+def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -> None:
+    """Move recordings to where they are looked for now, and delete what the database has."""
+    recordings.folder.mkdir(exist_ok=True)
+    for folder in folders:
+        for name, ending in (("recording.rrd", RECORDING), ("recording.owed", OWED), ("recording.lost", LOST)):
+            with contextlib.suppress(FileNotFoundError):
+                (folder / name).rename(recordings.folder / f"{folder.name}{ending}")
+        (shared / folder.name).unlink(missing_ok=True)
+        shutil.rmtree(folder)
+
+
+def _add(owner: str, folder: Path, shared: bool, db: sqlite3.Connection) -> None:
+    request = read_if_any(folder / "request.json") or b""
+    run = NewRun(owner, folder.name, "certify" if is_certify(request) else "plan", request, began=_began(folder))
+    reply, error = read_if_any(folder / "reply.json"), read_if_any(folder / "error.json")
+    ending, kept, recording = None, NOT_RECORDED, folder / "recording.rrd"
+    if reply is not None or error is not None:
+        ending = Ending(folder.stat().st_mtime, reply, error)
+        kept = Kept("rendered", recording.stat().st_size) if recording.exists() else kept
+    number = insert(run, db, ending, kept)
+    db.execute("UPDATE runs SET shared = ? WHERE number = ?", (shared, number))
+
+
+def _began(folder: Path) -> float:
+    """The time at which a run began [s since 1970]."""
+    request = folder / "request.json"
+    return (request if request.exists() else folder).stat().st_mtime

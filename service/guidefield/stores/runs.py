@@ -37,20 +37,23 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.stores.earlier_runs import AT_ONCE, add_folders, earlier_folders, move_recordings
 from guidefield.stores.files import checked_name, decoded, user_folder, users_in
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.run_file import FILE, Readers, checkpoint
 from guidefield.stores.run_rows import (
+    AT_ONCE,
     KEPT_ERRORS,
     Ending,
     NewRun,
+    add_folders,
     complete,
     drop_runs,
+    earlier_folders,
     end_abandoned,
     execute,
     find_unended,
     insert,
+    move_recordings,
 )
 from guidefield.stores.run_writer import RunWriter
 
@@ -392,15 +395,15 @@ class UserRuns:
         begun = run.begun if run.begun is not None and not run.begun.cancel() else None
 
         def end(db: sqlite3.Connection) -> None:
-            number = find_unended(run, db)
+            ending, recording = Ending(time.time(), reply, error), self.recordings.kept(run.run_id)
             if begun is not None and begun.exception() is None:
+                number = find_unended(run, db)
                 if number is None:
                     return  # it was deleted while it ran
+                complete(number, run, ending, recording, db)
             else:
                 execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
-                number = insert(run, db)
-            recording = self.recordings.kept(run.run_id)
-            complete(number, run, Ending(time.time(), reply, error), recording, db)
+                number = insert(run, db, ending, recording)
             self._database.make_room(run.owner, number, db)
 
         def settle(done: Future[None]) -> None:
