@@ -155,14 +155,12 @@ def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
 
 def _pairs(problem: Problem) -> np.ndarray:
     """Moving body (its place among them) and other body of the robot's own pairs, both ways, shape (k, 2)."""
-    place = {body: index for index, body in enumerate(_moving(problem.group))}
-    pairs = [
-        (place[points], other)
-        for first, second in problem.world.pairs.own.tolist()
-        for points, other in ((first, second), (second, first))
-        if points in place
-    ]
-    return np.array(pairs, np.int64).reshape(-1, 2)
+    moving, own = list(_moving(problem.group)), problem.world.pairs.own
+    place = np.full(problem.world.pairs.links, -1)
+    place[moving] = np.arange(len(moving))
+    both = np.stack([own, own[:, ::-1]], axis=1).reshape(-1, 2)  # arrays, as a chain of 96 links has 9,120 rows
+    there = place[both[:, 0]] >= 0
+    return np.column_stack([place[both[there, 0]], both[there, 1]]).astype(np.int64)
 
 
 def _links(group: PlanningGroup) -> DistanceTables:
