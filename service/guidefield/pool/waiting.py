@@ -67,7 +67,7 @@ def _hear_nothing(_told: bytes) -> None:
     pass
 
 
-def _do_nothing() -> None:
+def _ignore() -> None:
     pass
 
 
@@ -104,8 +104,8 @@ class Task(Future[Answer]):
         asker: Asker = SOMEBODY,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
-        begin: Callable[[], None] = _do_nothing,
-        end_late: Callable[[], None] = _do_nothing,
+        begin: Callable[[], None] = _ignore,
+        end_late: Callable[[], None] = _ignore,
         is_brief: bool = False,
     ) -> None:
         super().__init__()
