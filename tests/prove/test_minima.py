@@ -233,7 +233,11 @@ def test_a_hull_that_is_kilometres_away_is_measured_to_the_same_accuracy() -> No
     faces += [(0, 6, 4), (1, 5, 7), (1, 7, 3)]
     block = messages.Mesh(name="block", vertices=[tuple(corner) for corner in corners.tolist()], triangles=faces)
     plane = messages.HalfSpace(name="plane", normal=(0.0, 0.0, 1.0), offset=float(stand[2]) - 0.6)
-    place = World.build(arm, scene_of(block, plane))
+    rng = np.random.default_rng(3)
+    points = rng.uniform((-0.8, -0.8, 1.3), (0.8, 0.8, 1.6), (40, 3)) + stand
+    cloud = messages.PointCloud(name="cloud", points=[tuple(point) for point in points.tolist()], radius=0.02)
+    ball = messages.Sphere(name="ball", radius=0.1, position=tuple((stand + (-0.9, 0.0, 0.4)).tolist()))
+    place = World.build(arm, scene_of(block, plane, cloud, ball))
     trajectory = clear_motion(place, 0.1)
     check(place, trajectory, found_along(place, trajectory), 100)
 

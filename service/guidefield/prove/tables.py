@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import coal
+import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -19,6 +20,7 @@ from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, MovingObstacles, ObstacleBodies, RobotBodies
 from guidefield.memo import memoized
+from guidefield.messages import scene as messages
 from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
@@ -26,7 +28,8 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.movers import movers
-from guidefield.scene.scene import Scene
+from guidefield.scene.points import points_in
+from guidefield.scene.scene import Scene, build
 from guidefield.scene.swept import motion_of
 
 ROUNDED = 1e-5
@@ -324,6 +327,18 @@ def robot_parts(group: PlanningGroup) -> BodyParts:
 @memoized
 def _obstacle_parts(scene: Scene) -> BodyParts:
     """The convex parts of a scene's obstacles, seen from the world's origin, or from among them if that is far away."""
+    made = _parts_in_world(scene)
+    if _rounding(made.parts) <= ROUNDED:
+        return made
+    # single precision tells little of coordinates far away
+    boxes = obstacle_boxes(scene).tree.boxes
+    anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
+    shifted = [_shifted(obstacle.message, anchor) for obstacle in scene.obstacles]
+    read_only(anchor)
+    return _parts_in_world(build(messages.Scene(name=scene.message.name, obstacles=shifted)))._replace(anchor=anchor)
+
+
+def _parts_in_world(scene: Scene) -> BodyParts:
     table, (primitive_roots, primitives) = PartsTable(), primitive_parts(scene)
     first = table.add_parts(primitives)
     of_primitives = iter((first + primitive_roots).tolist())
@@ -335,24 +350,27 @@ def _obstacle_parts(scene: Scene) -> BodyParts:
         else table.add_shape(obstacle.shape, obstacle.placement)
         for obstacle in scene.obstacles
     ]
-    made = BodyParts(_frozen(roots), table.tables(), np.zeros(3))
-    if _rounding(made.parts) > ROUNDED:
-        made = _far_parts(scene)
-    read_only(made.anchor)
-    return made
+    return BodyParts(_frozen(roots), table.tables(), _ORIGIN)
 
 
-def _far_parts(scene: Scene) -> BodyParts:
-    """The convex parts of obstacles seen from among them: single precision tells little of coordinates far away."""
-    boxes, table = obstacle_boxes(scene).tree.boxes, PartsTable()
-    anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
-    roots = []
-    for obstacle in scene.obstacles:
-        shift = np.zeros(3) if obstacle.endless else anchor
-        placement = pin.SE3(obstacle.placement.rotation, obstacle.placement.translation - shift)
-        add = table.add_surface if isinstance(obstacle.shape, coal.BVHModelBase) else table.add_shape
-        roots.append(add(obstacle.shape, placement))
-    return BodyParts(_frozen(roots), table.tables(), anchor)
+def _shifted(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
+    """An obstacle at rest as seen from an anchor, shape (3,) [m]; a half-space, whose numbers are exact, as it is."""
+    if isinstance(message, messages.HalfSpace):
+        return msgspec.structs.replace(message, trajectory=None)
+    if isinstance(message, messages.Polygon):
+        return msgspec.structs.replace(
+            message,
+            vertices=[tuple(point) for point in (np.array(message.vertices) - anchor).tolist()],
+            trajectory=None,
+        )
+    if isinstance(message, messages.PointCloud):
+        return msgspec.structs.replace(message, points=(points_in(message.points) - anchor).tolist(), trajectory=None)
+    x, y, z = (np.array(message.position) - anchor).tolist()
+    return msgspec.structs.replace(message, position=(x, y, z), trajectory=None)
+
+
+_ORIGIN = np.zeros(3)
+read_only(_ORIGIN)
 
 
 def _frozen(roots: list[int]) -> np.ndarray:
