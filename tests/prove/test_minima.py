@@ -236,7 +236,7 @@ def test_a_hull_that_is_kilometres_away_is_measured_to_the_same_accuracy() -> No
     rng = np.random.default_rng(3)
     points = rng.uniform((-0.8, -0.8, 1.3), (0.8, 0.8, 1.6), (40, 3)) + stand
     cloud = messages.PointCloud(name="cloud", points=[tuple(point) for point in points.tolist()], radius=0.02)
-    ball = messages.Sphere(name="ball", radius=0.1, position=tuple((stand + (-0.9, 0.0, 0.4)).tolist()))
+    ball = messages.Sphere(name="ball", radius=0.1, position=tuple(np.add(stand, (-0.9, 0.0, 0.4)).tolist()))
     place = World.build(arm, scene_of(block, plane, cloud, ball))
     trajectory = clear_motion(place, 0.1)
     check(place, trajectory, found_along(place, trajectory), 100)

@@ -358,11 +358,8 @@ def _shifted(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacl
     if isinstance(message, messages.HalfSpace):
         return msgspec.structs.replace(message, trajectory=None)
     if isinstance(message, messages.Polygon):
-        return msgspec.structs.replace(
-            message,
-            vertices=[tuple(point) for point in (np.array(message.vertices) - anchor).tolist()],
-            trajectory=None,
-        )
+        corners = (np.array(message.vertices) - anchor).tolist()
+        return msgspec.structs.replace(message, vertices=[*map(tuple, corners)], trajectory=None)
     if isinstance(message, messages.PointCloud):
         return msgspec.structs.replace(message, points=(points_in(message.points) - anchor).tolist(), trajectory=None)
     x, y, z = (np.array(message.position) - anchor).tolist()
