@@ -19,7 +19,7 @@ from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, MovingObstacles, ObstacleBodies, RobotBodies
-from guidefield.memo import memoized
+from guidefield.memo import lasting, memoized
 from guidefield.messages import scene as messages
 from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
@@ -60,14 +60,21 @@ class WorldTables(NamedTuple):
     error: float
 
 
-@memoized
 def world_tables(world: World, *, in_time: bool) -> WorldTables:
     """The tables of a world, its obstacles in time or all at rest where they are at first."""
-    scene = world.scene
-    in_time = in_time and scene.moves
-    obstacles = obstacles_in_time(scene) if in_time else obstacles_at_first(scene)
-    movers = moving_placements(scene) if in_time else NOTHING_MOVES
-    return WorldTables(robot_bodies(world), obstacles, movers, body_pairs(world), arithmetic_error(world))
+    return _tables_in_time(world) if in_time and world.scene.moves else _tables_at_first(world)
+
+
+@lasting
+def _tables_at_first(world: World) -> WorldTables:
+    obstacles = obstacles_at_first(world.scene)
+    return WorldTables(robot_bodies(world), obstacles, NOTHING_MOVES, body_pairs(world), arithmetic_error(world))
+
+
+@lasting
+def _tables_in_time(world: World) -> WorldTables:
+    obstacles, movers = obstacles_in_time(world.scene), moving_placements(world.scene)
+    return _tables_at_first(world)._replace(obstacles=obstacles, movers=movers)
 
 
 def arithmetic_error(world: World) -> float:
