@@ -35,6 +35,7 @@ from guidefield.planner.optimize.settings import (
 )
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
 from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.quality import certify_and_measure
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
@@ -44,7 +45,7 @@ from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.settings import LIMITS
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
@@ -300,7 +301,7 @@ def _rounded(
 def _certified(problem: Problem, trajectory: Trajectory, crossings: Mapping[int, int], stages: Stages) -> Finished:
     """A trajectory, judged."""
     with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-        verdict = judged(problem, trajectory.bezier())
+        verdict = judged(problem, trajectory)
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
     return Finished(verdict, trajectory.positions, crossings, trajectory)
@@ -311,14 +312,14 @@ def _warned(finished: Finished, warning: str) -> Finished:
     return replace(finished, warnings=(warning, *finished.warnings))
 
 
-def judged(problem: Problem, pieces: ChartCurves) -> Verdict:
-    """Whether a motion, pieces (m, 4, nv), is free, and keeps the path constraints."""
+def judged(problem: Problem, trajectory: Trajectory) -> Verdict:
+    """Judge whether a motion among obstacles at rest is free, and keeps the path constraints."""
     deadline = problem.deadline.at_least(LAST_JUDGEMENT)
-    verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline)
+    verdict = certify_and_measure(trajectory, problem, deadline)
     if not (verdict.free and problem.path_constraints):
         return verdict
     turns = problem.world.bodies.turns
-    kept = certify_constraints(problem.constrained_frames, turns, pieces, deadline)
+    kept = certify_constraints(problem.constrained_frames, turns, trajectory.bezier(), deadline)
     return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 

@@ -137,7 +137,7 @@ def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathS
         return middle
     trajectory = ends.around(middle.trajectory)
     with stages.entered("certify", "with how it stops, and gets up to speed") as stage:
-        verdict = judged(problem, trajectory.bezier())
+        verdict = judged(problem, trajectory)
         problem.counters.collision_checks += verdict.evaluations
         stage.outcome = verdict.reason.value
     stops = problem.optimization_iterations != 0
@@ -232,7 +232,7 @@ def _stopped(
 def _judged(problem: Problem, motion: Trajectory) -> Verdict:
     """Whether a motion from time 0 on is free."""
     if not problem.scene.moves:
-        return judged(problem, motion.bezier())
+        return judged(problem, motion)
     return certify_timed(problem.world, motion.bezier(), motion.piece_times(), problem.min_clearance)
 
 

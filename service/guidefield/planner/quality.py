@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,18 +12,20 @@ from typing import NamedTuple, Protocol, cast
 import numpy as np
 
 from guidefield.collision.world import World
-from guidefield.deadline import DeadlineExpired
+from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
-from guidefield.memo import memoized
+from guidefield.memo import MISSING, Answers, memoized
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.certificate import certify_curve
 from guidefield.prove.closest import ClosestPairs
 from guidefield.prove.curve import Curve
 from guidefield.prove.enclosures import enclosures_at
-from guidefield.prove.minima import smallest_along
-from guidefield.prove.search import TOLERANCE, Smallest
+from guidefield.prove.minima import confirm, smallest_along
+from guidefield.prove.search import TOLERANCE, Found, Goal, Smallest
+from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
@@ -175,14 +178,16 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         DeadlineExpired: if the deadline passed before any were found.
     """
     deadline = problem.deadline.at_least(MEASURING.last)
-    times, lengths, inside = _samples(trajectory, problem)
-    coarse, start, end = _coarse(times), float(times[0]), float(times[-1])
-    curve, world = Curve(trajectory.bezier(), trajectory.piece_times()), problem.world
-    spans: list[tuple[float, float]] = [(start, end), *([inside] if inside else [])]
-    deadline.check("the motion was measured")
-    found = smallest_along(world, curve, coarse, spans, deadline=deadline)
+    asked = _asked_along(trajectory, problem)
+    times, lengths, coarse, spans, curve, world = *asked, problem.world
+    known = _SEARCHED.of(trajectory, None)
+    if known is not MISSING and known[1]() is world:  # with its certificate
+        found = confirm(world, curve, coarse, spans, known[0])
+    else:
+        deadline.check("the motion was measured")
+        found = smallest_along(world, curve, coarse, spans, deadline=deadline)
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
-    begins = np.array([*(begin for begin, _ in spans), start])
+    begins = np.array([*(begin for begin, _ in spans), times[0]])
     enclosed = enclosures_at(world, curve, begins, deadline)
     if any(enclosed) or min(one.distance for one in closest) <= 0.0:
         n_self = world.pairs.n_self
@@ -206,6 +211,44 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         curve=curve,
         world=world,
     )
+
+
+def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline: Deadline) -> Verdict:
+    """Certify a motion, and search in the same pass the distances that `clearance` asks for if it is free."""
+    asked = _asked_along(trajectory, problem)
+    goal = Goal(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
+    found = certify_curve(problem.world, asked.curve, goal, deadline)
+    if found.verdict.free:
+        _SEARCHED.keep(trajectory, None, (found, weakref.ref(problem.world)))
+    return found.verdict
+
+
+class _AskedAlong(NamedTuple):
+    """What is asked for along a motion.
+
+    Attributes:
+        times: Of samples, shape (k,) [s].
+        lengths: Joint distance travelled at them, shape (k,) [rad or m].
+        coarse: Those at which distances are asked for, shape (l,) [s].
+        spans: The whole motion, and the inner span if there is one [s].
+        curve: The motion.
+    """
+
+    times: np.ndarray
+    lengths: np.ndarray
+    coarse: np.ndarray
+    spans: list[tuple[float, float]]
+    curve: Curve
+
+
+def _asked_along(trajectory: MotionInTime, problem: Conditions) -> _AskedAlong:
+    times, lengths, inside = _samples(trajectory, problem)
+    spans = [(float(times[0]), float(times[-1])), *([inside] if inside else [])]
+    return _AskedAlong(times, lengths, _coarse(times), spans, Curve(trajectory.bezier(), trajectory.piece_times()))
+
+
+_SEARCHED = Answers[tuple[Found, "weakref.ref[World]"]](1)
+"""What a certificate's search found along a motion, and in which world."""
 
 
 def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, every: int = 1) -> ClearanceProfile:

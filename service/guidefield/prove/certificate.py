@@ -12,7 +12,7 @@ from guidefield.kernels.prove.questions import IN_MOTION
 from guidefield.prove.bezier import point_on
 from guidefield.prove.curve import Curve
 from guidefield.prove.position_limits import excesses
-from guidefield.prove.search import RESOLUTION_FLOOR, Goal, search
+from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, found_nothing, search
 from guidefield.prove.settings import LIMITS
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.configuration import LimitFault
@@ -98,19 +98,39 @@ def certify_moving(
 
 def _judge(world: World, pieces: ChartCurves, times: np.ndarray, goal: Goal, deadline: Deadline) -> Verdict:
     pieces = np.asarray(pieces, float)
+    if not len(pieces):
+        return Verdict(Reason.FREE, 0)
+    return certify_curve(world, Curve(pieces, times), goal, deadline).verdict
+
+
+def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:
+    """Judge a motion, and search what else a goal asks for; see `certify`.
+
+    Where a joint leaves its limits, or a held object touches another body of the robot, there is a verdict alone.
+
+    Args:
+        world: The robot among obstacles.
+        curve: The motion, of one piece at least.
+        goal: What is asked, a verdict among it.
+        deadline: Ends the judgement.
+
+    Raises:
+        ValueError: if a control point is not finite.
+    """
+    pieces = curve.pieces
     if not np.isfinite(pieces).all():
         raise ValueError("control points have to be finite")
-    if world.held_contacts and len(pieces):
+    if world.held_contacts:
         begin: ChartPoint = pieces[0, 0]
-        return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin)
+        return found_nothing(Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), world.held_contacts[0].pair, begin))
     beyond = judge_limits(world, pieces)
-    count = len(pieces) if beyond is None or beyond.piece is None else beyond.piece
-    verdict = Verdict(Reason.FREE, 0)
+    if beyond is None:
+        return search(world, curve, goal, deadline)
+    count, verdict = beyond.piece or 0, Verdict(Reason.FREE, 0)
     if count:
-        verdict = search(world, Curve(pieces[:count], times[: count + 1]), goal, deadline).verdict
-    if not verdict.free or beyond is None:
-        return verdict
-    return replace(beyond, evaluations=verdict.evaluations)
+        before = Curve(pieces[:count], curve.times[: count + 1])
+        verdict = search(world, before, goal._replace(spans=(), samples=np.empty(0)), deadline).verdict
+    return found_nothing(replace(beyond, evaluations=verdict.evaluations) if verdict.free else verdict)
 
 
 def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:

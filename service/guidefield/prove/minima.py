@@ -47,6 +47,13 @@ def smallest_along(
         ContradictionError: if Coal measures another distance where one is smallest.
     """
     found = search(world, curve, Goal(min_clearance, spans=spans, samples=samples), deadline)
+    return confirm(world, curve, samples, spans, found)
+
+
+def confirm(
+    world: World, curve: Curve, samples: np.ndarray, spans: Sequence[tuple[float, float]], found: Found
+) -> Found:
+    """Have Coal confirm what a search found, and measure depths in contact; see `smallest_along`."""
     _confirm(world, curve, {(one.time, one.pair): one for one in (*found.obstacle, found.own)})
     if min((one.distance for one in (*found.obstacle, found.own)), default=np.inf) > NEARLY:
         return found

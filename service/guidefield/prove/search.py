@@ -144,6 +144,11 @@ class Found(ReadOnly):
     distances: np.ndarray
 
 
+def found_nothing(verdict: Verdict) -> Found:
+    """Return a verdict without any distance."""
+    return Found(verdict, [], Smallest(), np.empty(0))
+
+
 def search(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:
     """Search a motion.
 
