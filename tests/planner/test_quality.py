@@ -13,6 +13,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.handlers.plan import answer_plan
+from guidefield.memo import MISSING
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
@@ -166,6 +167,7 @@ def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypat
     exact = asked()
     assert not any("clearance" in warning for warning in exact.warnings)
     monkeypatch.setattr(Deadline, "expired", lambda _: measuring())
+    monkeypatch.setattr(quality._SEARCHED, "of", lambda *_: MISSING)  # as if the certificate had been alone
     hurried = asked()
     assert hurried.status.name == "SUCCESS"
     told = [warning for warning in hurried.warnings if warning not in exact.warnings]

@@ -26,7 +26,7 @@ FREE, IN_CONTACT, TOO_CLOSE, UNDECIDED = range(4)
 """Reasons."""
 
 NEARLY = 1e-5
-"""Bodies closer than this count as in contact where the smallest distance is searched: no depth is found here [m]."""
+"""Bodies closer than this are measured by Coal: kernels find no depth [m]."""
 
 
 @uncounted
@@ -57,7 +57,7 @@ def required_distance(
             since < questions[q, UNTIL]
             and until > questions[q, SINCE]
             and questions[q, OWN] == own
-            and questions[q, DISTANCE] > NEARLY
+            and questions[q, DISTANCE] > 0.0
         ):
             least = max(least, questions[q, DISTANCE] - tolerance, 0.0)
     if verdict[RESOLUTION] >= 0.0 and since < verdict[END]:

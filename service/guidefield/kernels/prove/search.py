@@ -76,6 +76,9 @@ listed; then the number of columns."""
 
 TO_LIST = -1.0
 
+FINE = 1e-5
+"""No distance of a pair that moves less than this in a segment differs by more from that in its middle [m]."""
+
 LOG_ENDS = 3
 """Columns of a segment in a log: begin, end, and the parameter of the placement."""
 
@@ -189,7 +192,7 @@ def _is_done(
     own = is_own(moving.pairs, pair)
     was_told = since <= last[WHEN] <= until and last[APART] > 0.0
     if was_told and known[TRAVEL] > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
-        return False  # it isn't as far apart in the middle either
+        return _is_fine(verdict, since, known[TRAVEL])  # it isn't as far apart in the middle either
     kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
     if kept == np.inf:
         return True
@@ -209,7 +212,13 @@ def _is_done(
         search.ask.log[LOG_PATIENT] = 0.0
         if kept < np.inf:
             _leave_undecided(verdict, since, until, pair)
-    return False
+    return _is_fine(verdict, since, known[TRAVEL])
+
+
+@uncounted
+def _is_fine(verdict: Floats, since: float, travel: float) -> bool:
+    """Return whether a pair that moves so little [m] needs no smaller segments, as far as distances are asked for."""
+    return bool(travel <= FINE and not (verdict[RESOLUTION] >= 0.0 and since < verdict[END]))
 
 
 @uncounted
