@@ -292,22 +292,20 @@ def test_info_names_versions_and_schemas(engine: Engine) -> None:
     assert reply.counters["answered"] >= 0
 
 
-class _Recorder:
-    """Stands in for the recorder: keeps what it is told."""
-
-    finished: list[str | None] = []
-
-    def __init__(self, place: Any, *_about: object) -> None:
-        self._path: Path = place.file
-
-    def write(self, reply: Any, _profile: object) -> None:
-        self.finished.append(reply.recording)
-        self._path.write_bytes(b"recording")
+FINISHED: list[str | None] = []
+"""The recordings that were written, by their names in replies."""
 
 
-class _FullDisk(_Recorder):
-    def write(self, reply: Any, _profile: object) -> None:
-        raise OSError(28, "No space left on device")
+def _record(
+    place: Any, _group: object, _scene: object, _request: object, _log: object, reply: Any, *_about: object
+) -> None:
+    """Stand in for the recorder."""
+    FINISHED.append(reply.recording)
+    place.file.write_bytes(b"recording")
+
+
+def _refuse_to_record(*_: object) -> None:
+    raise OSError(28, "No space left on device")
 
 
 GROUP: Any = None
@@ -325,8 +323,8 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)
-    monkeypatch.setattr("guidefield.recorder.recorder.Recorder", _Recorder)
-    monkeypatch.setattr(_Recorder, "finished", [])
+    monkeypatch.setattr("guidefield.recorder.recorder.record_plan", _record)
+    FINISHED.clear()
     return asked
 
 
@@ -339,10 +337,10 @@ def test_the_log_of_a_run_is_kept_or_its_recording_where_no_log_can_be(
     assert planned[0]["received"] == received
     assert received <= planned[0]["began"] <= time.monotonic()
     assert [file.name for file in (tmp_path / "recordings").iterdir()] == ["r1.log"]
-    assert _Recorder.finished == []
+    assert FINISHED == []
     monkeypatch.setattr(Recordings, "owe", _refuse)
     assert keeping.answer(msgspec.structs.replace(PLAN, run_id="r2")).recording == "guidefield/cell/runs/r2/recording"
-    assert _Recorder.finished == ["guidefield/cell/runs/r2/recording"]
+    assert FINISHED == ["guidefield/cell/runs/r2/recording"]
     assert (tmp_path / "recordings" / "r2.rrd").read_bytes() == b"recording"
 
 
@@ -367,7 +365,7 @@ def test_an_engine_keeps_no_run(keeping: Engine, planned: list[dict[str, Any]]) 
 def test_a_full_disk_is_a_warning_and_the_plan_is_answered(
     keeping: Engine, planned: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("guidefield.recorder.recorder.Recorder", _FullDisk)
+    monkeypatch.setattr("guidefield.recorder.recorder.record_plan", _refuse_to_record)
     monkeypatch.setattr(Recordings, "owe", _refuse)
     reply = keeping.answer(PLAN)
     assert reply.recording is None
