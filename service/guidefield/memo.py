@@ -169,6 +169,10 @@ def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
     return found
 
 
+MANY, SAMPLED = 512, 32
+"""Of a sequence with more items the size of about so many tells that of all."""
+
+
 def size_of(answer: object) -> int:
     """Estimate the memory of an answer [bytes]: its arrays, without those of objects that have or share answers."""
     sizes = dict[int, int]()
@@ -186,6 +190,10 @@ def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
         sizes[id(value)] = len(value)
     elif isinstance(value, tuple | list | dict):
         sizes[id(value)] = 8 * len(value)
+        if len(value) > MANY and not isinstance(value, dict):
+            some = value[:: len(value) // SAMPLED]
+            sizes[id(value)] += len(value) * sum(map(size_of, some)) // len(some)
+            return
         for one in value.values() if isinstance(value, dict) else value:
             _add_sizes(one, sizes)
     elif hasattr(value, "num_tris"):

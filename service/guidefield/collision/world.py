@@ -166,11 +166,6 @@ class World:
         return joint_placements(self.data)
 
     @cached_property
-    def _joints_there(self) -> np.ndarray:
-        """The same to write in."""
-        return joint_placements(self.data, writeable=True)
-
-    @cached_property
     def body_placements(self) -> np.ndarray:
         """Placements of the robot's bodies, shape (r, 3, 4) [m]: where they stand now, so copy what is kept."""
         return body_placements(self._robot)
@@ -206,11 +201,6 @@ class World:
         """Put the robot's bodies where the joints in `data` stand."""
         pin.updateGeometryPlacements(self.model, self.data, self.group.geometry, self._robot)
         self._transforms.forget()
-
-    def put_joints(self, placements: np.ndarray) -> None:
-        """Put the robot where its joints stood before, `joint_placements` then, shape (njoints, 3, 4) [m]."""
-        self._joints_there[:] = placements
-        self.place_bodies()
 
     def put_bodies(self, placements: np.ndarray) -> None:
         """Put the robot's bodies where they stood before, `body_placements` then, shape (r, 3, 4) [m]."""

@@ -83,12 +83,6 @@ class SlicePlane:
         )
 
 
-def horizontal(centre: tuple[float, float, float], size: float) -> SlicePlane:
-    """A square seen from above: x to the right, y up."""
-    corner = np.array([centre[0] - 0.5 * size, centre[1] + 0.5 * size, centre[2]])
-    return SlicePlane(corner, np.array([size, 0.0, 0.0]), np.array([0.0, -size, 0.0]))
-
-
 def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
     """Two planes in which a path can be followed: the one that fits it best, and the one across that along it.
 
