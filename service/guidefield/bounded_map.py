@@ -28,7 +28,7 @@ BUILT_SCENES = Limit(16, 2**29)
 RENDERED_SCENES = Limit(4, 2**29)
 """The same of the process that renders recordings."""
 
-OBSTACLES = Limit(512, 2**29)
+OBSTACLES = Limit(512, 2**27)
 """Obstacles that are no primitives at rest, by content, counted as in scenes."""
 
 BYTES_PER_FACE = 512
