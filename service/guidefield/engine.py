@@ -376,7 +376,7 @@ class Engine:
         Raises:
             GuidefieldError: if the request is ill-posed.
         """
-        from guidefield.handlers.certify_case import motion_of
+        from guidefield.handlers.certify import motion_of
 
         return motion_of(request, self._robot(request.robot), self._scene(request.scene))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.cli.quota_file import read_quotas
+from guidefield.cli.serving import read_quotas
 from guidefield.errors import MalformedRequest
 from guidefield.messages.quotas import Quota
 

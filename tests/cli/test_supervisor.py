@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.cli import serving
-from guidefield.cli.supervisor import tell_supervisor
+from guidefield.cli.serving import tell_supervisor
 from guidefield.endpoint.service import ServiceSettings
 
 

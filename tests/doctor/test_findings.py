@@ -16,15 +16,28 @@ from typer.testing import CliRunner
 
 from guidefield.cli import app
 from guidefield.cli.loopback import free_port
-from guidefield.doctor import session as doctor_session
-from guidefield.doctor.clock import SLACK, UNSYNCHRONIZED, clock, clock_found
-from guidefield.doctor.control_group import memory_limit, processor_quota
-from guidefield.doctor.examination import examination
+from guidefield.doctor import examination as doctor_examination
+from guidefield.doctor.examination import (
+    SLACK,
+    UNSYNCHRONIZED,
+    clock,
+    clock_found,
+    examination,
+    graphics_found,
+    session,
+)
 from guidefield.doctor.finding import Finding, State
-from guidefield.doctor.graphics import graphics_found
-from guidefield.doctor.memory import SERVICE_TAKES, WORKER_TAKES, memory, memory_found
-from guidefield.doctor.processors import cores, cores_found, vectors
-from guidefield.doctor.session import session
+from guidefield.doctor.resources import (
+    SERVICE_TAKES,
+    WORKER_TAKES,
+    cores,
+    cores_found,
+    memory,
+    memory_found,
+    memory_limit,
+    processor_quota,
+    vectors,
+)
 from guidefield.doctor.storage import disk, kernels, room_found, runs
 from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer
 from guidefield.first_start import compiled_mark, processor
@@ -283,7 +296,7 @@ def test_a_machine_whose_sessions_get_no_answer_is_told(monkeypatch: pytest.Monk
     def unanswered() -> float:
         raise NoAnswer("the loopback is down")
 
-    monkeypatch.setattr(doctor_session, "measure_answer", unanswered)
+    monkeypatch.setattr(doctor_examination, "measure_answer", unanswered)
     finding = session()
     assert finding.state is State.WRONG
     assert "the loopback is down" in finding.found
@@ -297,7 +310,7 @@ def test_a_port_is_taken_where_somebody_listens(monkeypatch: pytest.MonkeyPatch)
     with socket.create_server(("127.0.0.1", 0)) as server:
         held = f"tcp/127.0.0.1:{server.getsockname()[1]}"
         assert is_taken(held)
-        monkeypatch.setattr(doctor_session, "DEFAULT_LISTEN", held)
+        monkeypatch.setattr(doctor_examination, "DEFAULT_LISTEN", held)
         assert "is taken" in session().found
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from guidefield import case_file
-from guidefield.handlers.certify import answer_certify
-from guidefield.handlers.certify_case import motion_of
+from guidefield.handlers.certify import answer_certify, motion_of
 from guidefield.messages import codec
 from guidefield.messages.replies import as_plain_data
 from guidefield.referee.judge import judge

@@ -11,8 +11,8 @@ import pytest
 import guidefield
 from guidefield.errors import ERRORS, ServerBusy, Status
 from guidefield.mcp_server import words
-from guidefield.mcp_server.advice import ADVICE, advised
 from guidefield.mcp_server.tools import TOOLS
+from guidefield.mcp_server.words import ADVICE, advised
 from guidefield.messages import codec
 from guidefield.messages.replies import ClearanceReply, InverseKinematicsReply
 from guidefield.messages.requests import Clearance, PlanRequest

@@ -13,8 +13,7 @@ from guidefield.planner import fallback_connection
 from guidefield.planner.connect.connect import Connection
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.guide.guide import Crossing
-from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.stages import Stage, StageFailed
+from guidefield.planner.task.stages import PathSoFar, Stage, StageFailed
 from tests.planner.problems import problem, scene_of
 
 

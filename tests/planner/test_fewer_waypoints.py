@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.fewer_waypoints import fewer_waypoints
+from guidefield.planner.finish import fewer_waypoints
 from guidefield.planner.motion.waypoints import length_of, subdivided
 from guidefield.planner.settings import STRAIGHT_WAYS
 from guidefield.planner.task.problem import Problem

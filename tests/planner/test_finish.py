@@ -31,10 +31,9 @@ from guidefield.planner.optimize.settings import (
     of_many,
 )
 from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.task.ending import refusal
 from guidefield.planner.task.problem import Objective, Problem
-from guidefield.planner.task.refusal import refusal
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import PathSoFar, Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build

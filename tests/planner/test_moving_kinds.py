@@ -20,7 +20,7 @@ from guidefield.errors import Status
 from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem

@@ -12,7 +12,7 @@ from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note

@@ -25,10 +25,8 @@ from guidefield.scene import carried as room, content, distance_tables as of_dis
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.crop import Ball, nearest_obstacles
-from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.moving_tables import moving_tables
-from guidefield.scene.placed import placed_rows
-from guidefield.scene.scene import Scene, build
+from guidefield.scene.distance_tables import distance_tables, moving_tables
+from guidefield.scene.scene import Scene, build, placed_rows
 from tests.scene.solids import l_prism
 
 BALL = Ball(0.1, 0.2, 0.3, 0.9)

@@ -21,9 +21,8 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.auto_planes import derive
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.task.problem import LastPlaneGoal
 from guidefield.scene.guide_plane import GuidePlane, build

@@ -25,7 +25,7 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
 from guidefield.planner.connect.settings import TREE
-from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.group.reduced_model import select

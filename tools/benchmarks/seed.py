@@ -25,9 +25,8 @@ from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner.guide import rounds
 from guidefield.planner.guide.aim import Aim
-from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.auto_planes import derive
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
 from guidefield.planner.guide.rounds import Attempt

@@ -17,8 +17,8 @@ from benchmarks.posed import posed
 from benchmarks.problems import ROBOTS, Problems, scene_of
 from guidefield.deadline import Deadline
 from guidefield.planner.connect import tree_search
+from guidefield.planner.connect.connect import Rounds, shorter
 from guidefield.planner.connect.settings import TREE
-from guidefield.planner.connect.shorter import Rounds, shorter
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import ConfigurationGoal
 from guidefield.robot.model.margin import MARGIN

@@ -12,7 +12,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from guidefield.batch.answering import CannotWork, answered
+from guidefield.batch.local import CannotWork, answered
 from guidefield.batch.request_file import Item
 from guidefield.batch.results import Outcome, crashed
 from guidefield.engine import Engine

@@ -17,18 +17,18 @@ import msgspec
 import typer
 from rich.console import Console
 
-from guidefield.batch.answering import CannotWork
+from guidefield.batch.local import CannotWork
 from guidefield.cli import demonstration, doctoring, ending, serving
 from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
-from guidefield.cli.quota_file import read_quotas
 from guidefield.cli.recording import fetch_recording
 from guidefield.cli.refereeing import refereed
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
+from guidefield.cli.serving import read_quotas
 from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
 from guidefield.endpoint.link import DEFAULT_LISTEN

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import logging
+import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
@@ -19,8 +21,10 @@ from pathlib import Path
 from guidefield import logs
 from guidefield.cli.ending import BY_FORCE, end_when_told
 from guidefield.cli.loopback import LOOPBACK, free_port
-from guidefield.cli.supervisor import tell_supervisor
 from guidefield.endpoint.service import ServiceSettings, serve
+from guidefield.errors import MalformedRequest
+from guidefield.messages import codec
+from guidefield.messages.quotas import Quotas
 
 WHERE = signal.SIGUSR1
 """A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
@@ -127,3 +131,44 @@ def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
         if line.startswith("ready"):
             return
     raise RuntimeError("the service ended before it was ready; its log is above")
+
+
+READY, STOPPING = "ready", "stopping"
+"""How the sentences begin by which a service says that it takes requests, and that it ends."""
+
+
+def tell_supervisor(sentence: str) -> None:
+    """Tell a sentence, if there is anybody to be told; a supervisor that doesn't listen keeps nobody waiting.
+
+    Args:
+        sentence: As `endpoint.service.serve` announces it.
+    """
+    where = os.environ.get("NOTIFY_SOCKET", "")
+    if not where:
+        return
+    told = [f"STATUS={' '.join(sentence.split())}"]
+    if sentence.startswith(READY):
+        told.append("READY=1")
+    if sentence.startswith(STOPPING):
+        told.append("STOPPING=1")
+    address = f"\0{where[1:]}" if where.startswith("@") else where
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.setblocking(False)
+        try:
+            sender.sendto("\n".join(told).encode(), address)
+        except OSError:
+            return  # it has gone, or reads nothing; the service is none the worse
+
+
+def read_quotas(file: Path) -> Quotas:
+    """The quotas that a JSON file holds.
+
+    Raises:
+        MalformedRequest: if it holds none; says where it is wrong and what would be right.
+        OSError: if it can't be read.
+    """
+    try:
+        quotas: Quotas = codec.decode(file.read_bytes(), Quotas)
+    except MalformedRequest as error:
+        raise MalformedRequest(f"{file}: {error.message}", **error.details) from None
+    return quotas

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
-from guidefield.messages.certificate_in_words import certified, place_in_words
+from guidefield.messages.certify_reply import certified, place_in_words
 from guidefield.messages.replies import CertifyReply, ClearanceFigures, LimitUse, MotionReply, PlanReply, Stage, Timing
 
 

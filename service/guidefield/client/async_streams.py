@@ -11,9 +11,8 @@ from typing import Any, Self, TypeVar
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import Question
-from guidefield.client.stream_facts import StreamFacts
 from guidefield.client.stream_link import Answer, StreamLink
-from guidefield.client.streams import END_WITHIN
+from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError
 from guidefield.messages.goals import Positions
 from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply

@@ -13,8 +13,7 @@ from guidefield.kernels.collide.primitive_boxes import along_both, primitive_box
 from guidefield.read_only import ReadOnly
 from guidefield.scene.carried import Rows, carried
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.placed import rows_of
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, rows_of
 
 ROUNDING = 1e-9
 """What boxes along the world's axes are wider by, of a metre and of each metre that they are from the origin."""

@@ -12,15 +12,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.allowed import Allowed, allowed_among
+from guidefield.collision.allowed import Allowed, HeldContact, allowed_among, held_contacts
 from guidefield.collision.bodies import Bodies, bodies, body_placements, joint_placements
 from guidefield.collision.coal_transforms import CoalTransforms
-from guidefield.collision.held_contacts import HeldContact, held_contacts
 from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import NarrowPhase
-from guidefield.collision.near_pairs import NearPairs
-from guidefield.collision.near_tables import balled_robot, boxed_obstacles
+from guidefield.collision.near_pairs import NearPairs, balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import PairNames, Pairs
 from guidefield.collision.penetration_depth import ClosestPoints

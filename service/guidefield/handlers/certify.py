@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from guidefield.case_file import Motion
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.attached import are_large, holding
-from guidefield.handlers.certify_case import motion_of
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
@@ -23,6 +23,7 @@ from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMo
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
+from guidefield.planner.given_leaving import judge_leaving
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
@@ -162,3 +163,36 @@ def _since(problem: GivenProblem, judgement: Judgement) -> float | None:
         return None
     times = _motion(problem).piece_times()
     return float(times[min(judgement.leaving.piece + 1, len(times) - 1)])
+
+
+def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motion:
+    """The motion that a request is about, and what it is judged by.
+
+    Where a contact at the start may be left, how it is left is found out first.
+
+    Args:
+        request: What is asked.
+        robot: The robot that it names.
+        scene: The scene that it names.
+
+    Raises:
+        GuidefieldError: as `certify_problem` does, where the question is ill-posed.
+    """
+    problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
+    given = problem.motion
+    leaving = judge_leaving(problem, given.pieces) if request.leave_start_contact else None
+    if leaving is not None and not leaving.leaves:
+        leaving = None
+    return Motion(
+        world=problem.world,
+        placement=request.robot_placement,
+        held=request.attached_objects,
+        times=given.times,
+        positions=given.positions,
+        velocities=given.velocities,
+        jerk_limits=problem.jerk_limits,
+        min_clearance=problem.min_clearance,
+        path_constraints=request.path_constraints,
+        touching=() if leaving is None else [one.pair for one in leaving.contacts],
+        left_at=(0, 0.0) if leaving is None else (leaving.piece, leaving.share),
+    )

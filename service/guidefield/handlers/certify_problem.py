@@ -10,9 +10,8 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGroup, MalformedRequest
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import jerk_limits, limited, start_of
+from guidefield.handlers.asked_group import constraints_of, jerk_limits, limited, start_of
 from guidefield.handlers.attached import holding
-from guidefield.handlers.constraints import constraints_of
 from guidefield.handlers.given_columns import (
     Columns,
     chart_points,

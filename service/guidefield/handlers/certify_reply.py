@@ -12,15 +12,14 @@ from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
-from guidefield.messages.certificate_in_words import place_in_words
+from guidefield.messages.certify_reply import place_in_words
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.given_leaving import Leaving
 from guidefield.planner.judgement import GivenProblem, Judgement
 from guidefield.planner.leaving import left_contacts
 from guidefield.planner.motion.limit_shares import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
-from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.refusal import refused_at
+from guidefield.planner.task.ending import Ending, refused_at
 from guidefield.prove.verdict import Reason, Verdict
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}

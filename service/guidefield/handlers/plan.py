@@ -6,17 +6,17 @@ import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
+from typing import Any
 
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.errors import GuidefieldError
+from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
 from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
-from guidefield.handlers.end_limits import refuse_ends
 from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
@@ -25,14 +25,14 @@ from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMo
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
-from guidefield.planner.guide.attempts import ATTEMPTS
-from guidefield.planner.guide.guide import PROJECTED
+from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.plan import Plan, Planner, plan
+from guidefield.planner.plan import Plan, Planner, plan, refused
 from guidefield.planner.quality import UNMEASURED, Clearance, clearance_profile, clearances
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.configuration import LimitFault, limit_faults
+from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.scene.scene import Scene, build
 
 
@@ -191,3 +191,41 @@ def _picked_up(
         return []
     obstacles = [one for one in declared(request.scene).obstacles if one.name in names]
     return [AttachedObject(obstacle=one, link=robot.tip) for one in obstacles]
+
+
+def refuse_ends(problem: Problem) -> Plan | None:
+    """Return the plan of a problem whose start or goal is beyond a joint limit; None if they are not."""
+    faults = limit_faults(problem.group.robot.joints, problem.group.q_reference)
+    if faults:
+        return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults, problem.group.robot))
+    if isinstance(problem.goal, ConfigurationGoal):
+        configurations = problem.goal.configurations
+        faults = limit_faults(problem.group.joints, configurations[0])
+        if faults:
+            message, details = _limit_message("goal", faults, problem.group.robot)
+            if len(configurations) > 1:
+                message = (
+                    f"all {len(configurations)} goals are outside of limits; {message.replace('goal', 'first', 1)}"
+                )
+            return refused(problem, Status.GOAL_STATE_INVALID, message, details)
+    return None
+
+
+def _limit_message(end: str, faults: list[LimitFault], robot: RobotModel) -> tuple[str, dict[str, Any]]:
+    """The joint that is farthest beyond a limit, as a sentence and values, and all others as values."""
+    first, *others = sorted(faults, key=lambda fault: -fault.excess)
+    joint = robot.joint(first.joint)
+    unit = {1: " m" if joint.kind is JointKind.PRISMATIC else " rad"}.get(joint.nv, "") if joint else ""
+    more = f" (and {', '.join(fault.joint for fault in others)})" if others else ""
+    return (
+        f"the {end} has joint {first.joint} at {first.value:.6g}, {first.excess:.3g}{unit} outside its limits"
+        f" [{first.lower:.6g}, {first.upper:.6g}]{more}",
+        {
+            "stage": end,
+            "joint": first.joint,
+            "value": first.value,
+            "limits": [first.lower, first.upper],
+            "excess": first.excess,
+            "joints": [first.joint, *(fault.joint for fault in others)],
+        },
+    )

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import InvalidConfiguration, InvalidGoal, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import clamp_slight, clamped_goals, jerk_limits, limited, rates_of, start_of
+from guidefield.handlers.asked_group import (
+    clamp_slight,
+    clamped_goals,
+    constraints_of,
+    jerk_limits,
+    limited,
+    rates_of,
+    start_of,
+)
 from guidefield.handlers.attached import holding
-from guidefield.handlers.constraints import constraints_of
-from guidefield.handlers.many_turns import many_turns_warnings
 from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest
@@ -20,7 +28,7 @@ from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, limit_faults
-from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
@@ -191,3 +199,31 @@ def _goal_configuration(group: PlanningGroup, positions: requests.Positions) -> 
                 path=f"$.{name}",
             )
     return group.part_of(clamp_slight(group.robot, q))
+
+
+HARDLY_RADIANS = 4.0 * math.pi
+"""A goal that is further from the start was probably given in degrees [rad]: no whole turn is ever needed."""
+
+
+def many_turns_warnings(request: PlanRequest, robot: RobotModel) -> list[str]:
+    """A warning for each continuous joint whose goal is further than `HARDLY_RADIANS` from its start.
+
+    A joint with limits needs none: there such a goal is refused.
+    """
+    goal = request.goal
+    if isinstance(goal, requests.JointsGoal):
+        many = [goal.positions]
+    elif isinstance(goal, requests.JointSetGoal):
+        many = goal.positions
+    else:
+        return []
+    warnings: dict[str, str] = {}
+    for positions in many:
+        for name, value in positions.items():
+            joint, start = robot.joint(name), request.start.get(name, 0.0)
+            if joint is None or joint.kind is not JointKind.CONTINUOUS or isinstance(value, list):
+                continue
+            if not isinstance(start, list) and (away := abs(value - start)) > HARDLY_RADIANS:
+                turns = f"{value:g} is {away / (2.0 * math.pi):.1f} turns from the start"
+                warnings[name] = f"the goal of joint {name!r} is hardly in radians: {turns}"
+    return list(warnings.values())

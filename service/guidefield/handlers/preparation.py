@@ -24,9 +24,8 @@ from guidefield.prove.tables import prepare_obstacles, robot_parts
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.placed import unplaced
 from guidefield.scene.points import are_many
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, unplaced
 
 Asked = TypeVar("Asked", bound=Conditions)
 

@@ -19,8 +19,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import IDENTITY, Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance, ClearanceProfile, clearance_profile
-from guidefield.planner.sequence.composed import part
-from guidefield.planner.sequence.embedding import whole_configuration
+from guidefield.planner.sequence.composed import part, whole_configuration
 from guidefield.planner.sequence.sequence import SequencePlan
 from guidefield.planner.sequence.stretches import Stretch
 from guidefield.planner.task.conditions import Conditions

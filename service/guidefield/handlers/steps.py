@@ -16,17 +16,16 @@ from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
 from guidefield.geometry.placements import se3
-from guidefield.handlers.asked_group import clamped_goals, followers_of, limited, start_of
+from guidefield.handlers.asked_group import clamped_goals, constraints_of, followers_of, limited, start_of
 from guidefield.handlers.attached import holding
-from guidefield.handlers.constraints import constraints_of
-from guidefield.handlers.end_limits import refuse_ends
+from guidefield.handlers.plan import refuse_ends
 from guidefield.handlers.plan_problem import in_motion, problem_of
 from guidefield.handlers.planes import with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
 from guidefield.handlers.situation import Held, Standing
 from guidefield.messages import requests
 from guidefield.messages.requests import PlanRequest, PlanStep, RelativeGoal
-from guidefield.planner.guide.attempts import ATTEMPTS
+from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.sequence.course import StepMotion
 from guidefield.planner.sequence.straight_motion import straight_plan

@@ -13,10 +13,9 @@ from guidefield.planner.connect.constrained_tree import Keeper, connect_constrai
 from guidefield.planner.ends import UNREACHED, tip_points
 from guidefield.planner.guide.guide import Crossing
 from guidefield.planner.guide.tip_reach import inset_of
-from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stage, StageFailed
+from guidefield.planner.task.stages import PathSoFar, Stage, StageFailed
 from guidefield.planner.task.trace import Note
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
 from guidefield.robot.model.spaces import ChartPoints

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.fewer_waypoints import fewer_waypoints
+from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct, polyline
@@ -34,12 +35,12 @@ from guidefield.planner.optimize.settings import (
     of_many,
 )
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
-from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.settings import STRAIGHT_WAYS
 from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import PathSoFar, Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.settings import LIMITS
@@ -355,3 +356,21 @@ def _nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along
     return cast(ChartPoint, nearest[int(np.argmin(np.linalg.norm(place - nearest, axis=1)))])
+
+
+def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> ChartPoints:
+    """A path with the same ends, no longer, through the same waypoints on guide planes.
+
+    Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.
+
+    Args:
+        problem: Robot and world.
+        path: Chart points, shape (n, nv).
+        crossings: By index of each guide plane that was reached, its index in the path.
+    """
+    if problem.path_constraints:  # which a straight way would leave
+        return path
+    kept = sorted({0, len(path) - 1, *crossings.values()})
+    margin = problem.min_clearance + STRAIGHT_WAYS.margin
+    ways = [problem.lanes.shortened(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
+    return np.concatenate([path[:1], *(way[1:] for way in ways)])

@@ -20,9 +20,8 @@ from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.stopping import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.stages import PathSoFar, StageFailed, Stages
 from guidefield.prove.certificate import certify_timed
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly

@@ -9,9 +9,8 @@ import numpy as np
 
 from guidefield.planner.connect.constrained_tree import Keeper
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.motion.path_curve import PathCurve
 from guidefield.planner.motion.settings import CURVE
-from guidefield.planner.motion.timing import Limits, executed, parameterize
+from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion.waypoints import distinct, subdivided
 from guidefield.planner.task.problem import Problem

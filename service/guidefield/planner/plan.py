@@ -3,34 +3,38 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.ends import UNREACHED, check_start, goal_points
+from guidefield.messages import scene as messages
+from guidefield.planner.ends import UNREACHED, check_start, goal_points, tip_points
 from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
 from guidefield.planner.finish import Finished, finish
 from guidefield.planner.guide.guide import PROJECTED, cross
 from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
+from guidefield.planner.judgement import finish_timed
 from guidefield.planner.leaving import after, joined, leave
-from guidefield.planner.led_goal import led_goal_points
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
-from guidefield.planner.onward import gone_on
-from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem, TipGoal
-from guidefield.planner.task.refusal import refusal
-from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.stages import PathSoFar, StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.planner.timed_goal import reach_in_time
 from guidefield.planner.timed_guide import cross_planes_timed
-from guidefield.planner.timed_judgement import finish_timed
 from guidefield.planner.timed_shape import shaped_across
+from guidefield.prove.certificate import certify_timed
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane, build
 
 
 class Planner(enum.Enum):
@@ -280,3 +284,91 @@ def _judgement(problem: Problem, verdict: Verdict) -> Ending:
         message = "cancelled; the motion by then is certified free over its whole length"
         return Ending(Status.PREEMPTED, message)
     return Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")
+
+
+def gone_on(
+    problem: Problem,
+    begun: Trajectory,
+    go_on: Callable[[Problem], Finished],
+    around: Callable[[Trajectory], Trajectory],
+    stages: Stages,
+    crossings: Mapping[int, int],
+) -> Finished:
+    """The motion that has begun and what follows it, judged in time as one.
+
+    Args:
+        problem: Robot, obstacles and what to keep.
+        begun: The motion so far, from time 0 on, in the end at rest.
+        go_on: Plans what follows, from where the motion ends; time 0 is then.
+        around: Makes the whole of what follows.
+        stages: Where time is counted.
+        crossings: By index of each guide plane that was reached by then, the index of its knot.
+
+    Returns:
+        The whole; where what follows failed, the motion so far, judged, and why.
+    """
+    end = float(begun.times[-1])
+    rest = go_on(problem.since(end, problem.group.from_chart(begun.positions[-1])))
+    whole = begun if rest.trajectory is None else around(rest.trajectory)
+    with stages.entered("certify", "the whole motion, in time, between samples too") as stage:
+        pieces, times = whole.bezier(), whole.piece_times()
+        verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
+            problem.world, pieces, times, problem.min_clearance, deadline=problem.deadline
+        )
+        problem.counters.collision_checks += verdict.evaluations
+        stage.outcome = verdict.reason.value
+    if rest.trajectory is None:
+        return Finished(verdict, begun.positions, crossings, failure=rest.failure, warnings=rest.warnings)
+    path = np.concatenate([whole.positions[: len(begun.positions)], rest.path[1:]])
+    return Finished(verdict, path, crossings, whole, warnings=rest.warnings)
+
+
+ROOM = 1.05
+"""Half side of the square about the goal over the radius of the tip's body."""
+
+
+def led_goal_points(
+    problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
+) -> tuple[PathSoFar, ChartPoints]:
+    """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
+
+    The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
+    configuration it arrives at is one that fits there, and the pose is looked for next to it.
+
+    Args:
+        problem: Robot, world and a `TipGoal`.
+        found: The motion so far, through all guide planes.
+        stages: Gets a stage for it.
+        attempts: How the square is tried.
+
+    Returns:
+        The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
+        one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
+    """
+    assert isinstance(problem.goal, TipGoal)
+    group, target = problem.group, problem.goal.target
+    with stages.entered("guide", "to the place of the goal's pose") as stage:
+        here = found.path[-1]
+        square = _square(problem, here, np.asarray(target.placement.translation))
+        crossing = cross(problem, group.from_chart(here), square, len(problem.guide_planes), attempts)
+        stage.outcome = (
+            "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
+        )
+    along = group.chart_path(list(crossing.path), here)
+    if crossing.status is Status.SUCCESS:
+        found = found.extended(along)
+    try:
+        return found, tip_points(problem, target, (along[-1], here))
+    except StageFailed as failed:
+        return found.failed(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
+
+
+def _square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
+    """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
+    way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
+    length = float(np.linalg.norm(way))
+    across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
+    half = ROOM * max(tip_radius(problem), 1e-3)
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
+    return build(messages.GuidePlane(name="goal", vertices=vertices), 0)

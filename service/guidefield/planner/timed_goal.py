@@ -18,11 +18,11 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.finish import Finished, finish, found_motion
+from guidefield.planner.judgement import judged_in_time
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
 from guidefield.planner.schedule.schedule import Schedule, Stuck, after, at_any_rate, at_one_rate, slices_in, step_of
@@ -31,9 +31,8 @@ from guidefield.planner.schedule.slices import Slices
 from guidefield.planner.schedule.standing import free_from, met
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import PathSoFar, Stages
 from guidefield.planner.task.trace import Note
-from guidefield.planner.timed_judgement import judged_in_time
 from guidefield.planner.timed_shape import Judge, shaped_in_time
 from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.prove.verdict import Verdict

@@ -25,9 +25,8 @@ from guidefield.planner.motion.rest_to_rest import CUBIC, Profile, profile_of
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.path_motion import limits_of
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.ending import Ending, stopped_before
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import certify_moving

@@ -15,6 +15,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.planner.finish import HURRIED, NO_PLANES, Crossed, Finished, settings_of
+from guidefield.planner.judgement import judged_in_time
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
@@ -26,7 +27,6 @@ from guidefield.planner.schedule.standing import free_from, met, stays_free
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.timed_guide import TimedPath
-from guidefield.planner.timed_judgement import judged_in_time
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoints
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from guidefield.planner.connect.quickest import quickest_way
 from guidefield.planner.fallback_connection import connect_to_goal
-from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.settings import WAYS
 from guidefield.planner.schedule.slices import Slices, held
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import PathSoFar, Stages
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 

@@ -15,7 +15,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.messages.certificate_in_words import certified, place_in_words
+from guidefield.messages.certify_reply import certified, place_in_words
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, as_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.recorder.chunks import still

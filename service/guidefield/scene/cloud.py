@@ -12,7 +12,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
 from guidefield.geometry.extents import box_about
 from guidefield.memo import memoized
-from guidefield.scene.charges import Charges
+from guidefield.scene.recipe import Charges
 
 MOST_IN_BODIES = 5_000
 """A cloud of more points isn't turned into bodies with faces."""

@@ -17,19 +17,16 @@ from guidefield.geometry.cache import is_large
 from guidefield.geometry.placements import moved, se3
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
 from guidefield.messages import scene as messages
-from guidefield.scene.charges import Charges
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of
 from guidefield.scene.cropped_surface import CroppedSurface
 from guidefield.scene.facets import Facets
-from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh
+from guidefield.scene.flat import Sheet, build_sheets
+from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh, solids_of
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
-from guidefield.scene.recipe import Recipe
-from guidefield.scene.sheets import Sheet, build_sheets
-from guidefield.scene.size import size_warnings
-from guidefield.scene.solids import solids_of
+from guidefield.scene.recipe import Charges, Recipe
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,3 +329,29 @@ def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Ob
     )
     warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in mesh.warnings)
     return Obstacle(message, recipe, warnings=warnings)
+
+
+HARDLY_METRES = 100.0
+"""An obstacle that is larger was probably meant in millimetres [m]."""
+
+
+def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:
+    """A warning about an obstacle that is larger than `HARDLY_METRES` along one of its axes, if it is.
+
+    Args:
+        message: Its declaration.
+        declared_extent: Its largest extent along an axis [m], where it is declared by points.
+    """
+    if declared_extent is not None:
+        extent = declared_extent
+    elif isinstance(message, messages.Box):
+        extent = max(message.size)
+    elif isinstance(message, messages.Sphere):
+        extent = 2.0 * message.radius
+    elif isinstance(message, messages.Cylinder | messages.Capsule):
+        extent = max(message.length, 2.0 * message.radius)
+    else:  # a half-space has no size
+        return ()
+    if extent <= HARDLY_METRES:
+        return ()
+    return (f"obstacle {message.name!r} is {extent:.4g} m large: are its numbers millimetres? Lengths are in metres",)

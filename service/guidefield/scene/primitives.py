@@ -14,9 +14,8 @@ from guidefield.geometry.placements import moved, se3, unit
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.messages import scene as messages
-from guidefield.scene.charges import Charges
 from guidefield.scene.flat import axes_across
-from guidefield.scene.recipe import Recipe
+from guidefield.scene.recipe import Charges, Recipe
 
 HALF_SPACE_PATCH = 4.0
 """Side of the square that stands for a half-space in drawings [m]."""

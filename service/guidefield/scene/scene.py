@@ -14,11 +14,12 @@ import numpy as np
 
 from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
+from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.memo import memoized_by
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
-from guidefield.scene.carried import Rows, note
+from guidefield.scene.carried import Rows, carried, note
 from guidefield.scene.content import Content
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.motion import ObstacleMotion, posed
@@ -253,3 +254,28 @@ def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.
     """Rows of one kind of closed form from all obstacles, each with its charge behind."""
     rows = [np.insert(getattr(one.charges, kind), width, one.charge, axis=1) for one in obstacles]
     return np.concatenate([np.empty((0, width + 1)), *rows])
+
+
+_NONE = bytes(PLACED.size)
+
+
+def rows_of(obstacles: Sequence[Obstacle]) -> np.ndarray:
+    """`PLACED` of each obstacle, shape (n, 12), read-only; zeros of one that is no primitive."""
+    return np.frombuffer(b"".join([one.placed or _NONE for one in obstacles])).reshape(-1, PLACED.size // 8)
+
+
+def _over(known: np.ndarray, rows: Rows, scene: Scene) -> np.ndarray:
+    placed = rows.carry(known, rows_of([scene.obstacles[index] for index in rows.fresh]))
+    placed.setflags(write=False)
+    return placed
+
+
+@carried(_over)
+def placed_rows(scene: Scene) -> np.ndarray:
+    """`PLACED` of each obstacle of a scene, shape (n, 12), read-only; made once."""
+    return rows_of(scene.obstacles)
+
+
+def unplaced(scene: Scene) -> list[int]:
+    """Which obstacles of a scene are no primitives, ascending indices."""
+    return [index for index in scene.others if not scene.obstacles[index].placed]

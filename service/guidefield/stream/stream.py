@@ -31,7 +31,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import Scene
 from guidefield.stream.certificate import Judge, Judgement, Told
 from guidefield.stream.commit import Commit, one_after_another, towards
-from guidefield.stream.flight import flights, pressure_at
+from guidefield.stream.dodging import flights, pressure_at
 from guidefield.stream.follow import Way
 from guidefield.stream.goals import goals_of
 from guidefield.stream.obstacles import Obstacles

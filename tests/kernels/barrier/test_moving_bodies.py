@@ -11,8 +11,7 @@ from guidefield.kernels.barrier.moving_barrier import moving_distance
 from guidefield.kernels.barrier.moving_bodies import moved_bodies, place_moved
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
-from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.moving_tables import moving_tables
+from guidefield.scene.distance_tables import distance_tables, moving_tables
 from tests.kernels.barrier.test_robot_barrier import sampled
 from tests.planner.problems import problem, scene_of
 from tests.planner.test_moving_kinds import KINDS, moving

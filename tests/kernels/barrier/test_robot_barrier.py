@@ -24,8 +24,7 @@ from guidefield.planner.optimize.sampled_robot import sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.moving_tables import moving_tables
+from guidefield.scene.distance_tables import distance_tables, moving_tables
 from tests.collision.scenery import scattered
 from tests.planner.problems import problem, scene_of
 from tests.robots import box_arm, group, grouped

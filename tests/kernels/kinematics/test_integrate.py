@@ -9,7 +9,7 @@ import pytest
 from guidefield.kernels.kinematics.integrate import clamp, integrate
 from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.planner.guide.aim import Aim
-from guidefield.planner.guide.tip_constraints import evaluated, reorienting
+from guidefield.planner.guide.projected import evaluated, reorienting
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.scene.guide_plane import build

@@ -22,7 +22,7 @@ from guidefield.planner.optimize.constraint_samples import Sections, constraint_
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames
-from guidefield.scene.moving_tables import moving_tables
+from guidefield.scene.distance_tables import moving_tables
 from tests.kernels.barrier.test_robot_barrier import GROUPS, made, sampled
 from tests.planner.problems import problem, scene_of
 from tests.planner.test_moving_kinds import KINDS, moving

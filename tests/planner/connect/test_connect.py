@@ -13,8 +13,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect.connect import connect
-from guidefield.planner.guide.attempts import ATTEMPTS
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross
 from tests.collision.lanes.test_lanes import draw
 from tests.planner.problems import densely_free, problem, scene_of, seed_problem
 from tests.robots import box_arm, group, grouped, rest

@@ -14,7 +14,7 @@ from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import connect
-from guidefield.planner.connect.escape import can_be_left
+from guidefield.planner.connect.tree_search import can_be_left
 from guidefield.planner.connect.unconnected import why_not
 from guidefield.robot.group.group import PlanningGroup
 from tests.planner.connect.test_connect import wall_between

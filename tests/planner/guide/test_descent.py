@@ -12,12 +12,11 @@ from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
 from guidefield.planner.guide.aim import ANYWHERE
-from guidefield.planner.guide.attempts import ATTEMPTS
 from guidefield.planner.guide.descent import Descent, descend
-from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.guided_path import GuidedPath
+from guidefield.planner.guide.projected import evaluated, on_plane, reorienting, sliding
 from guidefield.planner.guide.settings import DESCENT
-from guidefield.planner.guide.tip_constraints import evaluated, on_plane, reorienting, sliding
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField
 from tests.planner.problems import library_scene, problem, seed_problem

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.planner.motion.path_curve import PathCurve
 from guidefield.planner.motion.settings import CURVE
-from guidefield.planner.motion.timing import Limits, executed, parameterize
+from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct, subdivided
 

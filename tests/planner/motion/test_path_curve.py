@@ -8,8 +8,8 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
-from guidefield.planner.motion.path_curve import PathCurve
 from guidefield.planner.motion.settings import CURVE
+from guidefield.planner.motion.timing import PathCurve
 from guidefield.planner.motion.waypoints import distinct, length_of, subdivided
 from tests.planner.motion.paths import curve_along, walk
 

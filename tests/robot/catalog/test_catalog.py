@@ -12,7 +12,7 @@ import pytest
 
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import UrdfFile
-from guidefield.robot.catalog import catalog as catalogs, kept_lines
+from guidefield.robot.catalog import catalog as catalogs
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.catalog.library import Entry, entries
 from guidefield.robot.catalog.sent import SentRobot
@@ -38,7 +38,7 @@ def test_robots_are_summarized_once_and_those_that_were_sent_when_they_change(
 
         return summarized
 
-    for room, name in ((kept_lines, "summarize"), (catalogs, "summarize_sent")):
+    for room, name in ((catalogs, "summarize"), (catalogs, "summarize_sent")):
         monkeypatch.setattr(room, name, counted(getattr(room, name)))
     catalog = Catalog()
     mine = SentRobot("mine", "a" * 64, box_arm("y", 2).text, None, {}, "fixed")
@@ -66,24 +66,24 @@ def test_another_process_finds_the_lines_on_disk_until_a_card_or_a_file_changes(
         asked.append(entry.name)
         return summarize(entry)
 
-    monkeypatch.setattr(kept_lines, "summarize", noted)
+    monkeypatch.setattr(catalogs, "summarize", noted)
     one = entries()["ur5"]
-    first = kept_lines.lines_of([one])
-    assert kept_lines.lines_of([one]) == first == [summarize(one)]
+    first = catalogs.lines_of([one])
+    assert catalogs.lines_of([one]) == first == [summarize(one)]
     assert asked == ["ur5"]
-    kept_lines.lines_of([replace(one, family="other")])
+    catalogs.lines_of([replace(one, family="other")])
     assert len(asked) == 2
     (damaged, *_) = (tmp_path / "guidefield" / "geometry").iterdir()
     for path in (tmp_path / "guidefield" / "geometry").iterdir():
         path.write_bytes(damaged.read_bytes()[:-20])
-    assert kept_lines.lines_of([one]) == first
+    assert catalogs.lines_of([one]) == first
     assert len(asked) == 3
     copy = tmp_path / "robot.urdf"
     copy.write_bytes((one.folder / one.card.urdf).read_bytes())
     card = msgspec.structs.replace(one.card, urdf="robot.urdf", srdf=None)
     for size in (0, 1):
         copy.write_bytes(copy.read_bytes() + b"\n" * size)
-        kept_lines.lines_of([replace(one, card=card, folder=tmp_path)])
+        catalogs.lines_of([replace(one, card=card, folder=tmp_path)])
     assert len(asked) == 5
 
 

@@ -34,8 +34,7 @@ from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.placed import placed_rows, rows_of, unplaced
-from guidefield.scene.scene import Scene
+from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
 
 
 class _Tables(NamedTuple):

@@ -20,9 +20,8 @@ from guidefield.kernels.tree.constrained_connect import Strides, grow_within
 from guidefield.kernels.tree.kd_buckets import buckets_for
 from guidefield.kernels.tree.path_constraints import KeptFrames
 from guidefield.kernels.tree.sphere_rejection import SIEVE
-from guidefield.planner.connect.escape import can_be_left
 from guidefield.planner.connect.sample_sources import Sources, sources_of
-from guidefield.planner.connect.settings import CONSTRAINED, TREE
+from guidefield.planner.connect.settings import CONSTRAINED, ESCAPE, TREE
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints
@@ -264,3 +263,28 @@ def _place(group: PlanningGroup, nv: int) -> _Place:
         room = _Room.build(nv, TREE.first_capacity) if place is None else place.room
         place = _PLACES.kept[nv, TREE.first_capacity] = _Place(room, weakref.ref(group), sources_of(group))
     return place
+
+
+def can_be_left(
+    lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
+) -> bool:
+    """Whether any of many short motions out of some configurations is free.
+
+    Args:
+        lanes: Robot and obstacles.
+        roots: Chart points, shape (k, nv), free.
+        clearance: What to keep from obstacles [m].
+        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
+        rng: Chooses directions.
+    """
+    group, along = lanes.world.group, np.eye(lanes.world.group.nv)
+    drawn = rng.normal(size=(ESCAPE.directions, group.nv))
+    directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]])
+    for root in roots:
+        for length in ESCAPE.lengths:
+            ends = np.clip(root + length * directions, group.lower, group.upper)
+            ends = ends[np.linalg.norm(ends - root, axis=1) > 0.5 * length]
+            for end in ends[~lanes.touching(ends, clearance)]:
+                if lanes.free_until(np.array([root, end]), resolution, clearance):
+                    return True
+    return False

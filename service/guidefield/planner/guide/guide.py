@@ -15,17 +15,20 @@ import numpy as np
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.swept import swept_world
-from guidefield.errors import Status
+from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Blocks, Projected
 from guidefield.planner.guide.rounds import Attempt, Round, rounds
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
+from guidefield.planner.guide.univariate import Univariate
+from guidefield.planner.task.ending import stopped_before
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.refusal import stopped_before
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.link_chain import link_chain
 from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
@@ -162,3 +165,27 @@ def margin_at(problem: Problem, q: Configuration) -> float:
         return max(problem.min_clearance, MARGIN)
     start = max(clearance_at(problem.world, problem.group.expand(q)).obstacle_distance, 0.0)
     return max(problem.min_clearance, min(MARGIN, 0.5 * start))
+
+
+def projected(group: PlanningGroup) -> tuple[Attempt, ...]:
+    """Projected in one block, in two, with shorter advances; then, where it is for such a robot, Univariate."""
+    try:
+        chain = link_chain(group)
+    except InvalidGroup:
+        return PROJECTED
+    return (*PROJECTED, Attempt(Univariate(chain), APPROACH.first_step, careful=True))
+
+
+def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
+    """Univariate, then with shorter advances.
+
+    Raises:
+        InvalidGroup: if the group isn't a chain of ball or universal joints.
+    """
+    minimizer = Univariate(link_chain(group))
+    step = APPROACH.first_step
+    return Attempt(minimizer, step, careful=True), Attempt(minimizer, step / 2, careful=True)
+
+
+ATTEMPTS = {"projected": projected, "univariate": univariate}
+"""By the name that a request gives."""

@@ -7,8 +7,9 @@ one block, for robots whose capsules are their very shapes.
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -16,14 +17,44 @@ from guidefield.collision.swept import swept_world
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
 from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS
+from guidefield.kernels.guide.tip_guard import TipGuard
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.descent import settings_of
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.minimizer import Minimizer
 from guidefield.planner.guide.projected import Blocks, Projected
 from guidefield.planner.guide.settings import APPROACH, WAYS
+from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.model.spaces import Configuration
+
+
+class Minimizer(Protocol):
+    """Lowers the potential of the robot while its tip stays on a plane: the thesis' slide and reorient."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for reports."""
+
+    def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterable[Configuration]:
+        """Configurations near one whose tip is at a point: those that an advance tries, in order.
+
+        Args:
+            problem: Robot and limits.
+            q: Where the robot is, shape (nq,).
+            point: Where its tip shall be, shape (3,) [m, world].
+        """
+
+    def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
+        """Slide and reorient on a plane until U falls no more; the guided path takes every step.
+
+        Args:
+            guided: The robot, with its tip on the plane.
+            point: A point of the plane, shape (3,) [m, world].
+            normal: The plane's unit normal, shape (3,), in the world.
+            guard: Where the tip may be.
+        """
+
 
 _MARGINS = frozen(np.array(WAYS.margins))
 

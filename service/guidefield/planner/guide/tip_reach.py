@@ -1,13 +1,15 @@
-"""What a robot can reach with its tip at all: the tip's size, the arm's reach, planes that are out of reach."""
+"""The tip's size, the arm's reach, and planes that are out of reach."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
+import coal
 import numpy as np
 
-from guidefield.collision.ball import obstacle_touched
 from guidefield.collision.swept import swept_world
+from guidefield.geometry.met import as_met
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem
@@ -16,6 +18,47 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import chain_to_tip
 from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.scene import Scene
+
+_ROUNDING = 1e-9
+"""What a reach is wider by, for rounding [m]."""
+
+
+def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
+    """Name of an obstacle that a ball touches, or None.
+
+    Args:
+        scene: The obstacles.
+        centre: Centre of the ball, shape (3,) [m, world].
+        radius: Its radius [m].
+    """
+    ball = coal.Sphere(max(radius, 1e-9))
+    at = coal.Transform3s(np.eye(3), np.asarray(centre, float))
+    request, result = coal.CollisionRequest(), coal.CollisionResult()
+    for obstacle in scene.obstacles:
+        result.clear()
+        request.security_margin = obstacle.rounding
+        there = coal.Transform3s(obstacle.placement.rotation, obstacle.placement.translation)
+        for shape in _near(obstacle, np.asarray(centre, float), radius + obstacle.rounding):
+            first, second = as_met(shape, ball)
+            if coal.collide(first, there, second, at, request, result):
+                return obstacle.name
+    return None
+
+
+def _near(obstacle: Obstacle, centre: np.ndarray, reach: float) -> Iterator[Any]:
+    """Coal shapes that are all of an obstacle that comes within reach of a place [m]."""
+    patches = None if obstacle.facets is None else obstacle.facets.patches
+    if patches is None:
+        yield obstacle.shape
+        return
+    local = obstacle.placement.actInv(centre)
+    for apart, patch in patches.nearest_first(local, local):
+        if apart > reach + _ROUNDING:
+            return
+        yield patches.shape(patch)
+
 
 INSET = 1.6
 """The tip heads for the polygon inset by this many radii of its own."""

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
+from guidefield.kernels.optimize.limit_barrier import MotionLimits
 from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import at_limits
@@ -37,18 +38,17 @@ from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimize.start import (
     ends_of,
     first_motion,
+    load_of,
     longest_step,
     motion_limits,
     moving_motion,
     scheduled_motion,
 )
-from guidefield.planner.optimize.within import brought_within
 from guidefield.planner.optimize.worth import kept_at
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
-from guidefield.read_only import ReadOnly
-from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.moving_tables import moving_tables
+from guidefield.read_only import ReadOnly, read_only
+from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 
 class Outcome(enum.Enum):
@@ -269,3 +269,28 @@ def least_time(problem: Problem, spline: BSpline) -> float:
     way = np.abs(spline.end.position - spline.start.position)
     top, rise = problem.group.velocity_limits, problem.group.acceleration_limits
     return float(np.where(way > top**2 / rise, way / top + top / rise, 2.0 * np.sqrt(way / rise)).max())
+
+
+def brought_within(question: Question, spline: BSpline) -> BSpline | None:
+    """The motion strictly within limits; None where that isn't reached in a few rounds.
+
+    Args:
+        question: What is asked.
+        spline: The motion, within the range of positions.
+    """
+    settings = question.settings
+    for _ in range(settings.loosenings):
+        load = load_of(spline, question.limits)
+        if load < settings.strictly:
+            return spline
+        loosened = dataclasses.replace(question, limits=_loosened(question.limits, settings.loosened * load))
+        descent = Descent.of(loosened, spline, settings.samples)
+        spline = descent.lowered(descent.look(spline), settings.inward, settings.inward_steps) or spline
+    return None
+
+
+def _loosened(limits: MotionLimits, by: float) -> MotionLimits:
+    """Limits of rates multiplied by a factor."""
+    rows = (by * limits.velocity, by * limits.acceleration, by * limits.jerk)
+    read_only(*rows)
+    return limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])

@@ -17,8 +17,7 @@ from guidefield.planner.optimize.sampled_robot import sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoint
-from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.moving_tables import moving_tables
+from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 
 def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:

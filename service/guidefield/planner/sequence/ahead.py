@@ -18,8 +18,8 @@ from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import goal_points, unreached
+from guidefield.planner.sequence.composed import whole_configuration
 from guidefield.planner.sequence.course import Course, S, StepMotion
-from guidefield.planner.sequence.embedding import whole_configuration
 from guidefield.planner.sequence.straight_motion import followed
 from guidefield.planner.sequence.straight_stop import stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay

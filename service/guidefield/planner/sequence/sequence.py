@@ -20,22 +20,19 @@ from guidefield.planner.finish import LAST_JUDGEMENT
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.ahead import Refused, with_future
-from guidefield.planner.sequence.composed import Composition, with_knots_at
+from guidefield.planner.sequence.composed import Composition, Embedding, whole_configuration, with_knots_at
 from guidefield.planner.sequence.course import Course, S, StepMotion
-from guidefield.planner.sequence.embedding import Embedding, whole_configuration
 from guidefield.planner.sequence.joined import Part
 from guidefield.planner.sequence.nearness import PassedGoal
-from guidefield.planner.sequence.passing import join
 from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
+from guidefield.planner.sequence.rounding import join
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
-from guidefield.planner.sequence.told import Translated
 from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import Stages
-from guidefield.planner.task.trace import Note, Observer, StageLeft
+from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
@@ -375,3 +372,36 @@ def _standing(conditions: Conditions, index: int, z: ChartPoint, time: float) ->
     still = Trajectory(np.array([time]), z[None], cast(ChartRates, np.zeros((1, len(z)))))
     (stretch,) = stretches_of(index, conditions, still, (time, time), (), None, (time, time))
     return stretch
+
+
+@dataclass(frozen=True)
+class Translated:
+    """An observer of a step who tells an observer of the sequence.
+
+    Attributes:
+        observer: Who is told.
+        part: The step's joints.
+        whole: All joints.
+        embedding: From the one's chart to the others'.
+    """
+
+    observer: Observer
+    part: PlanningGroup
+    whole: PlanningGroup
+    embedding: Embedding
+
+    def observe(self, event: Event) -> None:
+        """Pass an event on, its configurations those of all joints."""
+        self.observer.observe(self._of_all(event))
+
+    def _of_all(self, event: Event) -> Event:
+        match event:
+            case Step(q=q):
+                z = self.embedding.points(self.part.chart(q)[None])[0]
+                return dataclasses.replace(event, q=self.whole.from_chart(z), plane=None)
+            case PathRelaxed(path=path):
+                return dataclasses.replace(event, path=self.embedding.points(path))
+            case TreeGrown(trees=trees):
+                return TreeGrown(lambda: tuple((self.embedding.points(nodes), parents) for nodes, parents in trees()))
+            case _:
+                return event

@@ -19,9 +19,8 @@ from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_stop import STRAIGHT, StraightStop, bring, floored, stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.start_enclosure import enclosed_start
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.refusal import refusal
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.timed_goal import keep_schedule
 from guidefield.planner.timed_ways import among_what_rests

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
+import logging
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
+from guidefield.geometry.cache import folder
 from guidefield.messages.faults import nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot.catalog.description_files import absolute, read_description, robot_name
-from guidefield.robot.catalog.kept_lines import lines_of
-from guidefield.robot.catalog.library import entries
+from guidefield.robot.catalog.library import Entry, entries
 from guidefield.robot.catalog.mjcf_robots import load_mjcf_file, load_mjcf_text
 from guidefield.robot.catalog.robot_descriptions import find_description, is_description
 from guidefield.robot.catalog.sent import SentRobot
-from guidefield.robot.catalog.summary import summarize_sent
+from guidefield.robot.catalog.summary import summarize, summarize_sent
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import companions
 from guidefield.robot.mjcf.compilation import is_mjcf
@@ -34,6 +37,7 @@ from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
 from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.xacro_files import is_xacro
+from guidefield.whole_file import write_whole
 
 MAX_CACHED = 32
 """Robots kept loaded."""
@@ -244,3 +248,43 @@ def _stamp(file: str) -> _Stamp | None:
     except OSError:
         return None
     return found.st_mtime_ns, found.st_size, found.st_ino, found.st_dev
+
+
+_log = logging.getLogger(__name__)
+_SOURCES = Path(__file__).parent.parent
+
+
+def lines_of(entries: Iterable[Entry]) -> list[RobotSummary]:
+    """A line about each robot, in their order; from disk if they were found before, from the same files."""
+    known = list(entries)
+    path = folder() / f"robots-{_line_key(known)}"
+    with contextlib.suppress(OSError, msgspec.MsgspecError):
+        return msgspec.json.decode(path.read_bytes(), type=list[RobotSummary])
+    lines = [summarize(entry) for entry in known]
+    try:
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_whole(path, msgspec.json.encode(lines), durable=False)
+    except OSError as error:
+        _log.warning("cannot keep %s: %s", path, error)
+    return lines
+
+
+def _line_key(entries: Iterable[Entry]) -> str:
+    """Changes with each robot's files and card, and with what reads them."""
+    digest = hashlib.sha256(f"{_sources()} {pin.__version__}".encode())
+    for entry in entries:
+        digest.update(f"\0{entry}".encode())
+        for name in (entry.card.urdf, entry.card.srdf):
+            if name is not None:
+                status = (entry.folder / name).stat()
+                digest.update(f"\0{status.st_mtime_ns} {status.st_size}".encode())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _sources() -> str:
+    """Changes with every file of the robot room."""
+    digest = hashlib.sha256()
+    for source in sorted(_SOURCES.rglob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()

@@ -1,7 +1,8 @@
-"""A mesh file of any kind as triangles: vertices at one place merged, in metres, scaled as a URDF says."""
+"""Read mesh files of any kind, here OBJ, OFF and STL: vertices at one place merged, in metres, scaled by the URDF."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -12,11 +13,9 @@ from guidefield.geometry.closed import compact
 from guidefield.robot.mesh_files.collada import read_collada, read_unit
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.gltf import beside, buffer_files, read_gltf
-from guidefield.robot.mesh_files.numbers import Triangles
-from guidefield.robot.mesh_files.obj import read_obj
-from guidefield.robot.mesh_files.off import read_off
+from guidefield.robot.mesh_files.numbers import Triangles, check_indices, floats, integers
 from guidefield.robot.mesh_files.ply import read_ply
-from guidefield.robot.mesh_files.stl import read_stl
+from guidefield.robot.mesh_files.polygons import triangulate
 from guidefield.robot.mesh_files.three_mf import UNITS, read_three_mf, stated_unit
 
 FARTHEST_VERTEX = 1e4
@@ -152,3 +151,139 @@ def _merged(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
     if not len(kept):
         return finite[triangles.reshape(-1)], np.arange(3 * len(triangles)).reshape(-1, 3)
     return merged, kept
+
+
+_COMMENT = re.compile(rb"#[^\n]*")
+_FREE = re.compile(rb"^[ \t]*(curv2?|surf)[ \t]", re.MULTILINE)
+_VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
+_FACE = re.compile(rb"^[ \t]*fo?[ \t]+([^\n]*)", re.MULTILINE)
+_OTHERS = re.compile(rb"/[^\s]*")
+"""Texture coordinates and normals of a corner."""
+
+
+def read_obj(content: bytes) -> Triangles:
+    """Read an OBJ file. Groups, objects and materials divide no vertices; lines and points are left out.
+
+    Raises:
+        MeshFault: if it is malformed, or has free forms.
+    """
+    text = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
+    if b"#" in text:
+        text = _COMMENT.sub(b"", text)
+    if free := _FREE.search(text):
+        raise MeshFault(f"has a free form ({free[1].decode()}), which is not read; export it as triangles")
+    vertices = _vertices(_VERTEX.findall(text))
+    faces = _FACE.findall(text)
+    sizes = np.array([len(face.split()) for face in faces], np.int64)
+    named = b"\n".join(faces)
+    if b"/" in named:
+        named = _OTHERS.sub(b"", named)
+    corners = integers(named, "faces")
+    if len(corners) != sizes.sum():
+        raise MeshFault("has a face whose corner names no vertex")
+    if (corners == 0).any():
+        raise MeshFault("has a face with the vertex 0; an OBJ file counts from 1")
+    if b"-" in named:  # counted back from where the face stands
+        rows, places = ([found.start() for found in kind.finditer(text)] for kind in (_VERTEX, _FACE))
+        before = np.repeat(np.searchsorted(rows, places), sizes)
+        corners = np.where(corners < 0, corners + before + 1, corners)
+    corners = corners - 1
+    check_indices(corners, len(vertices))
+    return vertices, triangulate(vertices, corners, sizes)
+
+
+def _vertices(rows: list[bytes]) -> np.ndarray:
+    """The first three numbers of each row, shape (v, 3); weights and colours may follow."""
+    values = floats(b"\n".join(rows), "vertices")
+    if any(row.count(b" ") != 2 for row in rows):
+        words = [row.split() for row in rows]
+        if any(len(one) < 3 for one in words):
+            raise MeshFault("has a vertex of fewer than three numbers")
+        if len(values) != 3 * len(rows):
+            values = floats(b" ".join([word for one in words for word in one[:3]]), "vertices")
+    return values.reshape(-1, 3)
+
+
+_KEYWORD = re.compile(rb"(ST)?C?N?(4?n?)OFF")
+
+
+def read_off(content: bytes) -> Triangles:
+    """Read an OFF file; normals, colours and texture coordinates are left out.
+
+    Raises:
+        MeshFault: if it is binary, of other than three dimensions, cut short or malformed.
+    """
+    lines = [line for line in (row.partition(b"#")[0].split() for row in content.splitlines()) if line]
+    if lines and (keyword := _KEYWORD.fullmatch(lines[0][0])):
+        if keyword[2]:
+            raise MeshFault(f"is of other than three dimensions ({lines[0][0].decode()}), which is not read")
+        if b"BINARY" in lines[0]:
+            raise MeshFault("is a binary OFF file, which is not read; export it as text")
+        lines = [lines[0][1:], *lines[1:]] if len(lines[0]) > 1 else lines[1:]
+    if not lines or len(lines[0]) < 2:
+        raise MeshFault("is no OFF file: it has no numbers of vertices and faces")
+    count, faces = integers(b" ".join(lines[0][:2]), "numbers of vertices and faces").tolist()
+    rows, outlines = lines[1 : 1 + count], lines[1 + count : 1 + count + faces]
+    if len(rows) < count or len(outlines) < faces:
+        raise MeshFault(f"is cut short: it states {count} vertices and {faces} faces and holds fewer")
+    if any(len(row) < 3 for row in rows):
+        raise MeshFault("has a vertex of fewer than three numbers")
+    vertices = floats(b" ".join([word for row in rows for word in row[:3]]), "vertices").reshape(-1, 3)
+    sizes = integers(b" ".join([outline[0] for outline in outlines]), "faces")
+    used = [outline[1 : 1 + size] for outline, size in zip(outlines, sizes.tolist(), strict=True)]
+    corners = integers(b" ".join([word for outline in used for word in outline]), "faces")
+    if len(corners) != sizes.sum():
+        raise MeshFault("has a face with fewer corners than it states")
+    check_indices(corners, len(vertices))
+    return vertices, triangulate(vertices, corners, sizes)
+
+
+HEADER = 84
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+_STL_VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+_FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+_END = re.compile(rb"^[ \t]*end[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+
+
+def read_stl(content: bytes) -> Triangles:
+    """Read an STL file.
+
+    Its first word doesn't tell its kind: many a binary file begins with ``solid``. The length does, which a binary file
+    states as a number of facets.
+
+    Raises:
+        MeshFault: if it is cut short or malformed.
+    """
+    stated = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
+    if len(content) == HEADER + stated * FACET.itemsize:
+        return _binary(content, stated)
+    if content.lstrip()[:5].lower() == b"solid" and _FACET.search(content):
+        return _ascii(content.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    if stated < 0:
+        if content.lstrip()[:5].lower() == b"solid":
+            return np.empty((0, 3)), np.empty((0, 3), np.int64)
+        raise MeshFault(f"is no STL: it has {len(content)} bytes, and a binary one at least {HEADER}")
+    if len(content) > HEADER + stated * FACET.itemsize:  # some writers append what nobody asks for
+        return _binary(content, stated)
+    whole = (len(content) - HEADER) // FACET.itemsize
+    raise MeshFault(f"is cut short or no STL: it states {stated} facets and holds {whole}")
+
+
+def _binary(content: bytes, count: int) -> Triangles:
+    corners = np.frombuffer(content, FACET, count, HEADER)["corners"]
+    return corners.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
+
+
+def _ascii(content: bytes) -> Triangles:
+    facets = len(_FACET.findall(content))
+    rows = _STL_VERTEX.findall(content)
+    if len(rows) != 3 * facets:
+        raise MeshFault(f"is cut short or malformed: it has {facets} facets and {len(rows)} vertices")
+    if len(_END.findall(content)) < len(_SOLID.findall(content)):
+        raise MeshFault("is cut short: a solid has no 'endsolid'")
+    vertices = floats(b" ".join(rows), "vertices")
+    if len(vertices) != 9 * facets:
+        raise MeshFault(f"has vertices that are not three numbers: {len(vertices)} numbers for {len(rows)} of them")
+    return vertices.reshape(-1, 3), np.arange(3 * facets).reshape(-1, 3)
