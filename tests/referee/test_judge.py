@@ -12,6 +12,7 @@ import pytest
 from guidefield import case_file
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
+from guidefield.handlers.attached import Held, with_held
 from guidefield.messages import scene as messages
 from guidefield.messages.conditions import AttachedObject, LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import Placement
@@ -20,7 +21,6 @@ from guidefield.prove.certificate import certify, certify_timed
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer
-from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import build

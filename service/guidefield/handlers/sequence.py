@@ -4,23 +4,38 @@ from __future__ import annotations
 
 import functools
 import time
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
 
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.handlers.agreement import Certified, require_agreement
+from guidefield.handlers.plan_reply import (
+    CERTIFICATE,
+    STAGES,
+    clearance_figures,
+    motion_metrics,
+    self_figures,
+    unmeasured,
+    wire_trajectory,
+)
 from guidefield.handlers.preparation import prepare_plan
 from guidefield.handlers.recording import PackedMotion, Record
-from guidefield.handlers.sequence_reply import reply_to
 from guidefield.handlers.sequence_shown import SequenceMotion
 from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
+from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.planner.quality import clearances
-from guidefield.planner.sequence.sequence import SequencePlan, plan_sequence
+from guidefield.messages.scene import GuidePlane
+from guidefield.planner.quality import UNMEASURED, Clearance, clearances
+from guidefield.planner.sequence.sequence import Leg, SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
 from guidefield.planner.task.trace import Silent
+from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
@@ -87,3 +102,157 @@ def restore_steps(request: PlanRequest, robot: RobotModel, scene: Scene, packed:
 def measurable(made: SequencePlan[Standing]) -> list[Stretch]:
     """The stretches of a sequence on which something moves."""
     return [stretch for stretch in made.stretches if stretch.motion.duration > 0.0]
+
+
+Measured = Sequence[tuple[Stretch, Clearance]]
+"""Stretches with how far they keep from everything."""
+
+
+def reply_to(
+    request: PlanRequest,
+    course: Steps,
+    made: SequencePlan[Standing],
+    measured: Measured | None,
+    run_id: str,
+    received: float,
+    seconds: dict[str, float],
+) -> PlanReply:
+    """Put a sequence into the wire's words.
+
+    Args:
+        request: What was asked.
+        course: Its steps.
+        made: What came of them.
+        measured: The stretches on which something moves, with how far they keep from everything; None where time was up
+            before.
+        run_id: Name of the run.
+        received: As in `answer_plan`.
+        seconds: Time that waiting, loading and measuring took [s].
+    """
+    group, begin = course.whole, time.monotonic()
+    metrics = motion_metrics(made.trajectory, Kinematics(group))
+    path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
+    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | seconds
+    spent["measure"] += time.monotonic() - begin
+    robot = course.start.robot
+    warnings = [*robot.warnings, *course.start.scene.warnings, *course.warnings, *made.warnings]
+    if measured is None:
+        measured, warnings = [], [*warnings, UNMEASURED]
+    return PlanReply(
+        run_id=run_id,
+        status=replies.Outcome(
+            code=int(made.status), name=made.status.name, message=made.message, details=made.details
+        ),
+        warnings=[*warnings, *dict.fromkeys(text for _, one in measured for text in unmeasured(one))],
+        position_names=group.position_names,
+        velocity_names=group.velocity_names,
+        path=path,
+        trajectory=trajectory,
+        guide_planes=_planes(made),
+        stages=[replies.Stage(name=one.name, outcome=one.outcome, seconds=one.seconds) for one in made.stages],
+        clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in measured], measured),
+        self_clearance=_least_self([self_figures(one, _certified(stretch, made, 0.0)) for stretch, one in measured]),
+        certificate=replies.CertificateFigures(
+            collision_free=made.free,
+            method=CERTIFICATE,
+            covers="path" if made.trajectory is None else "trajectory",
+            evaluations=sum(verdict.evaluations for verdict in made.verdicts),
+        ),
+        metrics=metrics,
+        timing=replies.Timing(total=time.monotonic() - received, **spent),
+        counters=_counters(course, made),
+        seed=request.seed,
+        planner=request.planner,
+        objective=request.objective,
+        recording=None,
+        steps=[_step(leg, course, made, measured) for leg in made.legs if made.trajectory is not None],
+    )
+
+
+def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measured: Measured) -> replies.StepFigures:
+    """One step in the wire's words."""
+    own = [(stretch, one) for stretch, one in measured if stretch.index == leg.index and course.moves(leg.index)]
+    judged = [
+        verdict for stretch, verdict in zip(made.stretches, made.verdicts, strict=False) if stretch.index == leg.index
+    ]
+    count = sum(stretch.index == leg.index for stretch in made.stretches)
+    begin, end = leg.span
+    return replies.StepFigures(
+        begin=begin,
+        end=end,
+        held=list(leg.at.held),
+        attached=course.attached(leg.index),
+        detached=course.detached(leg.index),
+        clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in own], own),
+        self_clearance=_least_self([self_figures(one, _certified(stretch, made, 0.0)) for stretch, one in own]),
+        certificate=replies.CertificateFigures(
+            collision_free=bool(judged) and len(judged) == count and all(verdict.free for verdict in judged),
+            method=CERTIFICATE,
+            covers=f"trajectory from {begin:.6f} s to {end:.6f} s",
+            evaluations=sum(verdict.evaluations for verdict in judged),
+        ),
+        permissions=[
+            replies.Permission(object=one.touch[0], obstacle=one.touch[1], begin=since, end=until)
+            for one in made.permissions
+            if (since := max(one.begin, begin)) < (until := min(one.end, end))
+        ],
+        passed=leg.passed,
+    )
+
+
+def _certified(stretch: Stretch, made: SequencePlan[Standing], kept: float) -> float:
+    """What the certificate says is kept on a stretch [m]; minus infinity where it does not say it."""
+    verdicts = [verdict for one, verdict in zip(made.stretches, made.verdicts, strict=False) if one is stretch]
+    return kept if verdicts and all(verdict.free for verdict in verdicts) else -np.inf
+
+
+def _figures(stretch: Stretch, one: Clearance, made: SequencePlan[Standing]) -> replies.ClearanceFigures:
+    return clearance_figures(one, _certified(stretch, made, stretch.min_clearance))
+
+
+def _least_clearance(
+    figures: Sequence[replies.ClearanceFigures], measured: Measured
+) -> replies.ClearanceFigures | None:
+    """The smallest distances of some stretches, and the mean over all of their samples."""
+    if not figures:
+        return None
+    with_pairs = [one for one in figures if one.pair is not None]
+    if not with_pairs:
+        return figures[0]
+    least = min(with_pairs, key=lambda one: -np.inf if one.minimum is None else one.minimum)
+    means = [
+        (one.mean, len(two.times)) for one, (_, two) in zip(figures, measured, strict=True) if one.mean is not None
+    ]
+    return replies.ClearanceFigures(
+        minimum=least.minimum,
+        mean=float(np.average([mean for mean, _ in means], weights=[count for _, count in means])),
+        inner=min((one.inner for one in with_pairs if one.inner is not None), default=None),
+        ends=min((one.ends for one in with_pairs if one.ends is not None), default=None),
+        pair=least.pair,
+        time=least.time,
+    )
+
+
+def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearance | None:
+    """The smallest distance of the robot from itself on some stretches."""
+    if not figures:
+        return None
+    with_pairs = [one for one in figures if one.pair is not None]
+    return min(with_pairs, key=lambda one: -np.inf if one.minimum is None else one.minimum, default=figures[0])
+
+
+def _planes(made: SequencePlan[Standing]) -> list[GuidePlane]:
+    """The guide planes of all steps, each once."""
+    planes = [plane for leg in made.legs if leg.problem is not None for plane in leg.problem.guide_planes]
+    named = [GuidePlane(name=one.name, vertices=[tuple(v) for v in one.vertices.tolist()]) for one in planes]
+    return [plane for plane, _ in groupby(named)]
+
+
+def _counters(course: Steps, made: SequencePlan[Standing]) -> replies.Counters:
+    """What was done how often, for all steps."""
+    fields = [leg.problem.robot_field for leg in made.legs if leg.problem is not None]
+    return replies.Counters(
+        iterations=course.counters.iterations,
+        potential_evaluations=sum(one.evaluations for one in fields),
+        collision_checks=course.counters.collision_checks,
+    )

@@ -8,7 +8,7 @@ import pytest
 from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_constraint_penalty, constraint_penalty
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
+from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kept_frames import kept_frames
 from guidefield.robot.group.path_constraints import ConstrainedFrames

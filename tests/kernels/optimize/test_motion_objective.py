@@ -18,7 +18,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrie
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
 from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
+from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import ConstrainedFrames

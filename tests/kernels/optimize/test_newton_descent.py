@@ -13,7 +13,7 @@ from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrie
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
+from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.path_constraints import ConstrainedFrames, plane

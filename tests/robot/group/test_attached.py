@@ -6,8 +6,8 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import UnknownFrame, UnknownObject
+from guidefield.handlers.attached import Held, with_held
 from guidefield.messages.requests import UrdfText
-from guidefield.robot.group.attached import Held, with_held
 from guidefield.robot.group.reduced_model import select
 from tests.robots import load, random_configuration, robot
 

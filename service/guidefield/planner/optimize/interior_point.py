@@ -23,8 +23,7 @@ from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
 from guidefield.kernels.optimize.time_barrier import TimeLimits, time_barrier
 from guidefield.planner.motion.bspline import BSpline
-from guidefield.planner.optimize.clearance_samples import clearance_samples
-from guidefield.planner.optimize.constraint_samples import Sections, constraint_samples
+from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest
 from guidefield.planner.optimize.settings import PASSAGE, OptimizationSettings
 from guidefield.read_only import ReadOnly, read_only

@@ -30,7 +30,7 @@ from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.optimize.constraint_samples import Sections
+from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
 from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot

@@ -15,7 +15,7 @@ import numpy as np
 
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
-from guidefield.planner.optimize.constraint_samples import Sections
+from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
 from guidefield.planner.optimize.settings import (
