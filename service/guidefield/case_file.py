@@ -35,7 +35,7 @@ FORMAT = "guidefield cases 1"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """What was certified.
+    """A certified motion.
 
     Attributes:
         world: The robot with what it holds, among obstacles; the pairs that count.

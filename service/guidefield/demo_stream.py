@@ -38,7 +38,7 @@ PERIOD = 0.02
 
 @dataclass(frozen=True)
 class Served:
-    """What came of it.
+    """The outcome of the demonstration.
 
     Attributes:
         places: How often a place was reached.
@@ -56,7 +56,7 @@ class Served:
 
 
 def box_at(number: int, now: float) -> tuple[float, float, float]:
-    """Where a box is: to and fro across the table, slower than it declares."""
+    """Return the placement of a box that slides to and fro across the table, slower than it declares."""
     phase = 1.3 * number
     x = 0.42 + 0.16 * number + 0.05 * math.sin(0.9 * now + phase)
     return x, 0.75 * math.sin(0.25 * now + phase), 0.72 - 0.08 * number

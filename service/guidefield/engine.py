@@ -81,7 +81,7 @@ _R = TypeVar("_R", PlanReply, CertifyReply)
 
 
 class LocalFiles(enum.Enum):
-    """Whether a request may name a URDF file on this machine."""
+    """Permission to name a URDF file on this machine."""
 
     ALLOWED = "allowed"
     REFUSED = "refused"
@@ -89,7 +89,7 @@ class LocalFiles(enum.Enum):
 
 @dataclass(frozen=True)
 class _Asking:
-    """How a request is asked, as in `Engine.answer`."""
+    """The circumstances of a request, as in `Engine.answer`."""
 
     received: float
     watcher: Watcher | None
@@ -100,7 +100,7 @@ class _Asking:
 
 
 class Loaded:
-    """What engines have loaded and built, which depends on nobody's stores.
+    """Robots and scenes that engines share: they depend on nobody's stores.
 
     Args:
         packages: Folders of packages from which a robot that is sent may take meshes.
@@ -230,7 +230,7 @@ class Engine:
         return reply
 
     def _is_first(self, request: requests.Request, received: float | None) -> bool:
-        """Whether a request is the first that needs kernels, and nothing was loaded for it ahead."""
+        """Return whether a request is the first that needs kernels, and nothing was loaded for it ahead."""
         needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
         return needs and received is None and not self._compiled
 
@@ -502,7 +502,7 @@ class Engine:
             return self._loaded.catalog.load(self._origin(reference))
 
     def _origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
-        """What a request's robot is loaded from: of a stored one its files, of one in local files where these are."""
+        """Return the source of a request's robot: the files of a stored one, the place of one in local files."""
         local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
         if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
             named = "a robot of robot_descriptions" if isinstance(reference, str) else "a robot in a local file"
@@ -592,7 +592,7 @@ class _RobotOnce:
         return self._known[2]
 
     def origin(self) -> RobotOrigin:
-        """What the robot was loaded from."""
+        """Return the source of the robot."""
         from guidefield.run_log import RobotOrigin
 
         assert self._known is not None, "it was loaded"

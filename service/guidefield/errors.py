@@ -151,7 +151,7 @@ class QuotaExceeded(GuidefieldError):
 
 
 class NotAllowed(GuidefieldError):
-    """What is asked for is another user's, who doesn't share it; or who alone may change it."""
+    """A thing belongs to another user, who doesn't share it, or who alone may change it."""
 
     code = Status.NOT_ALLOWED
 
@@ -199,7 +199,7 @@ class InternalFailure(GuidefieldError):
 
     @classmethod
     def of(cls, bug: Exception) -> InternalFailure:
-        """What is told of a bug."""
+        """Return the error for a bug."""
         kind = type(bug).__name__
         told = without_path(bug) if isinstance(bug, OSError) else bug
         return cls(f"a bug in guidefield stopped this request: {kind}: {told}", kind=kind)
@@ -233,7 +233,7 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
 
 
 def unforeseen(error: Exception) -> GuidefieldError:
-    """What is told of an exception that isn't ours: memory or disk refuse, or there is a bug."""
+    """Return the error for an exception that isn't ours: memory or disk refuse, or there is a bug."""
     if isinstance(error, MemoryError):
         return WorkerCrashed("the request needs more memory than there is")
     if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):
@@ -242,10 +242,10 @@ def unforeseen(error: Exception) -> GuidefieldError:
 
 
 def without_path(error: OSError) -> str:
-    """What the system says, without the path: a client need not know where a service keeps its files."""
+    """Return the system's message without the path: a client need not know where a service keeps its files."""
     return error.strerror or type(error).__name__
 
 
 def without_source(error: Exception) -> str:
-    """What an error of Zenoh says, without where in Zenoh's own source it was raised."""
+    """Return the message of an error of Zenoh without the place in Zenoh's own source."""
     return re.sub(r"!?\s+at \S+\.rs:\d+\.?", "", str(error))

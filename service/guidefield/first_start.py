@@ -111,12 +111,12 @@ def cache_parent() -> Path:
 
 
 def plain_numba() -> bool:
-    """Whether kernels are compiled by what numba offers to everybody: `PLAIN` is set, and not to 0."""
+    """Return whether kernels are compiled by what numba offers to everybody: `PLAIN` is set, and not to 0."""
     return os.environ.get(PLAIN, "") not in ("", "0")
 
 
 def kernel_compiler() -> str:
-    """What compiles kernels and for which processor, in words: machine code that something else made is another one."""
+    """Name the compiler of kernels and the processor: machine code of another one is not used."""
     return f"{'plain ' if plain_numba() else ''}numba {version('numba')} for {processor()}"
 
 

@@ -1,4 +1,4 @@
-"""How a process of the service logs: lines for a person, or one JSON object a line for a machine.
+"""The log of a process of the service: lines for a person, or one JSON object a line for a machine.
 
 Where standard error is the system's journal, which keeps the time and the process of each line and drops old ones,
 lines begin with their level as the journal reads it (sd-daemon(3)).
@@ -51,12 +51,12 @@ class Journal(logging.Formatter):
 
 
 def _syslog_level(level: int) -> int:
-    """What syslog calls a level of ours: 7 is debug, 6 informational, 4 warning, 3 error, 2 critical."""
+    """Return syslog's number of a level: 7 is debug, 6 informational, 4 warning, 3 error, 2 critical."""
     return next((number for least, number in ((50, 2), (40, 3), (30, 4), (20, 6)) if level >= least), 7)
 
 
 def is_journal(error: int, told: str) -> bool:
-    """Whether an open file is what the journal says it reads.
+    """Return whether an open file is what the journal says it reads.
 
     Args:
         error: Descriptor of the file.

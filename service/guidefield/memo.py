@@ -61,7 +61,7 @@ def _no_mark() -> None:
 
 
 class Answers(Generic[Found]):
-    """What one function found for objects.
+    """The answers of one function about objects.
 
     Args:
         most: Most answers about one object, those asked for last.

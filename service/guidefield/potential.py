@@ -209,7 +209,7 @@ def moving_charges(group: PlanningGroup) -> MovingCharges:
 
 @memoized_for_alike
 def origin_of(group: PlanningGroup) -> Origin:
-    """Where the robot's first joint is [m, world]: single precision is best near it."""
+    """Return the place of the robot's first joint [m, world]: single precision is best near it."""
     x, y, z = group.model.jointPlacements[min(1, group.model.njoints - 1)].translation.tolist()
     return x, y, z
 

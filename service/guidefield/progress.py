@@ -1,4 +1,4 @@
-"""How far a run is, told while it runs: at every stage, and a few times a second at most."""
+"""Report the progress of a run: at every stage, and a few times a second at most."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Watcher(Protocol):
         """Return whether the run is to end early."""
 
     def is_listened_to(self) -> bool:
-        """Whether anybody hears how far it is; else nothing is measured for that."""
+        """Return whether anybody hears how far it is; else nothing is measured for that."""
 
     def tell(self, what: bytes) -> None:
         """Hear how far it is: a Progress message as JSON."""

@@ -1,4 +1,4 @@
-"""What runs in a stream's process: updates in, pieces and states out, each before the next one if it can be.
+"""The process of a stream: updates in, pieces and states out, each before the next one if it can be.
 
 Theory of operation. One thread answers; ways and the configurations of goals are looked for in another one, which gives
 way to it. All that has come by the time that a cycle begins is taken at once: of updates the newest is answered, from
@@ -113,7 +113,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Told:
-    """What is to be published.
+    """A message to publish.
 
     Attributes:
         key: Below the stream's.
@@ -142,7 +142,7 @@ class Answered:
 
 @dataclass(frozen=True)
 class StreamConversation:
-    """What a stream's process does.
+    """The conversation of a stream's process.
 
     Attributes:
         setup: Prepares the engine.
@@ -180,7 +180,7 @@ class StreamConversation:
             journal.close()
 
     def _journal(self) -> Journal | None:
-        """Where the stream is kept; None where it isn't, because nobody wants it or the disk refuses."""
+        """Return the journal of the stream; None if nobody wants it or the disk refuses."""
         from guidefield.stream import kept_streams
         from guidefield.stream.journal import Journal
 
@@ -355,7 +355,7 @@ class _Answering:
 
 
 def ended_state(executing: int, stops: float, error: GuidefieldError) -> StreamState:
-    """What is told of a stream that is over, where its process can't tell it any more."""
+    """Return the state of a stream that is over, if its process can't tell it any more."""
     reason: Literal["ended"] = "ended"
     return StreamState(
         update=None, reason=reason, pair=None, time=None, executing=executing, stops=stops, error=error_reply(error)

@@ -1,4 +1,4 @@
-"""What the operating system tells of processes and processors, on Linux and macOS alike."""
+"""Processes and processors as the operating system reports them, on Linux and macOS alike."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def told_resident(pid: int) -> int:
 
 
 def processor_time(pid: int) -> float:
-    """How long processors worked on a process [s]; 0 once it has ended.
+    """Return the processor time of a process [s]; 0 once it has ended.
 
     To a nanosecond on Linux; elsewhere to what psutil tells, a microsecond on macOS.
     """
@@ -67,7 +67,7 @@ def become_idle() -> None:
 
 
 def usable_processors() -> int:
-    """How many processors this process may run on; where the system doesn't say, how many there are."""
+    """Return the number of processors for this process; if the system doesn't say, of all."""
     if hasattr(os, "sched_getaffinity"):  # macOS binds no process to processors
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

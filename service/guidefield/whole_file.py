@@ -1,4 +1,4 @@
-"""How a file is written here: beside its final name, then renamed, so that it is there whole or not at all.
+"""Write files atomically: beside the final name, then renamed, so that a file is there whole or not at all.
 
 A process that is killed at any moment leaves no file cut in half; what it leaves behind starts with a dot, ends with
 `DRAFT`, and is never taken for data.

@@ -29,7 +29,7 @@ class CannotWork(RuntimeError):
 
 
 def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:
-    """Whether there is a reply, or else an error; and its JSON.
+    """Return whether there is a reply, or else an error; and its JSON.
 
     Args:
         engine: Answers it.
@@ -86,7 +86,7 @@ class BatchWorker:
     engine: Engine
 
     def __call__(self, item: Item, _call: Call) -> Answer:
-        """Whether there is a reply, or else an error; and its JSON."""
+        """Return whether there is a reply, or else an error; and its JSON."""
         return answered(self.engine, item.request, item.recording, deferred=True)
 
 
@@ -114,7 +114,7 @@ class RenderWorker:
     renderings: Renderings
 
     def __call__(self, name: str, _call: Call) -> Answer:
-        """Whether the log is rendered, or lost; and why it isn't."""
+        """Return whether the log is rendered, or lost; and why it isn't."""
         try:
             self.renderings.render(self.recordings, name, whole=True)
         except OSError as error:

@@ -92,7 +92,7 @@ class AsyncServiceStream(StreamFacts):
         return aimed.goal
 
     async def judged(self, time: float | None = None) -> StreamJudged:
-        """Whether the last piece and its stop are still proven, as `ServiceStream.judged`."""
+        """Return whether the last piece and its stop are still proven, as `ServiceStream.judged`."""
         return await self._ask(questions.judge_stream(self.stream_id, self.now if time is None else time))
 
     async def stop(self) -> None:

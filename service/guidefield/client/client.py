@@ -116,7 +116,7 @@ class Client:
         return self._exchange.instance
 
     def alive(self) -> bool:
-        """Whether that instance is there now."""
+        """Return whether that instance is there now."""
         return self._exchange.alive()
 
     def plan(

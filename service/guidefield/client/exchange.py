@@ -98,11 +98,11 @@ class Exchange:
         return self._current
 
     def alive(self) -> bool:
-        """Whether the instance that is asked lives."""
+        """Return whether the instance that is asked lives."""
         return self._current in self._instances.living()
 
     def is_there(self, instance: str) -> bool:
-        """Whether an instance lives."""
+        """Return whether an instance lives."""
         return instance in self._instances.living()
 
     def ask(self, question: Question[Any]) -> Future[bytes]:
@@ -121,7 +121,7 @@ class Exchange:
         return self._instances.departures(instance)
 
     def has_other(self, tried: frozenset[str]) -> bool:
-        """Whether a question may go to another instance than those where it was."""
+        """Return whether a question may go to another instance than those where it was."""
         return self.named is None and bool(self._instances.living() - tried)
 
     def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
@@ -258,7 +258,7 @@ class _Asking:
                 self.answer.set_exception(failure)
 
     def _may_return(self) -> bool:
-        """Whether to ask the same instance again: it went since the last time, or it wasn't asked too often."""
+        """Return whether to ask the same instance again: it went since the last time, or it wasn't asked too often."""
         departures = self._exchange.departures(self._instance)
         if departures != self._departures:
             self._departures, self._returns = departures, 0

@@ -70,12 +70,12 @@ class Execution:
         return None if self._piece is None else self._piece.stops
 
     def stands(self, now: float) -> bool:
-        """Whether the robot stands at a time [s]. Times must not go back."""
+        """Return whether the robot stands at a time [s]. Times must not go back."""
         self._go_on(now)
         return self._piece is None or now >= self._piece.stops
 
     def at_goal(self, now: float) -> bool:
-        """Whether it stands at the goal of its piece at a time [s]. Times must not go back."""
+        """Return whether it stands at the goal of its piece at a time [s]. Times must not go back."""
         return self.stands(now) and self._piece is not None and self._piece.reaches_goal
 
     def at(self, now: float) -> Motion:

@@ -151,7 +151,7 @@ class Instances:
         return random.choice(sorted(name for name, load in loads.items() if load == least))  # noqa: S311 - no secret
 
     def returns(self, name: str, wait: float) -> bool:
-        """Whether an instance lives, or lives again within a time [s]."""
+        """Return whether an instance lives, or lives again within a time [s]."""
         with self._changed:
             return self._changed.wait_for(lambda: name in self._living, wait)
 

@@ -324,7 +324,7 @@ def aim_stream(
 
 
 def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
-    """Whether one stream's last piece is still proven from a time on [s].
+    """Return whether one stream's last piece is still proven from a time on [s].
 
     Raises:
         MalformedRequest: if that is no time.

@@ -64,7 +64,7 @@ def _endpoints(settings: zenoh.Config) -> list[str]:
 
 
 def _listened_at(endpoint: str) -> bool:
-    """Whether somebody takes TCP's connections there; False where the protocol is another one."""
+    """Return whether somebody takes TCP's connections there; False where the protocol is another one."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = re.split("[?#]", address)[0].rpartition(":")
     if protocol not in OVER_TCP or not port.isdecimal():
@@ -77,7 +77,7 @@ def _listened_at(endpoint: str) -> bool:
 
 
 def linked(session: zenoh.Session) -> bool:
-    """Whether a session has a link to anybody."""
+    """Return whether a session has a link to anybody."""
     return bool(list(session.info.peers_zid()) or list(session.info.routers_zid()))
 
 

@@ -152,7 +152,7 @@ class ServiceStream(StreamFacts):
         return aimed.goal
 
     def judged(self, time: float | None = None) -> StreamJudged:
-        """Whether the last piece and its stop are still proven, by what the service was told last.
+        """Return whether the last piece and its stop are still proven, by what the service was told last.
 
         Args:
             time: From when on, by the client's clock [s]; None: from now on.

@@ -74,7 +74,7 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
 
 
 def _around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
-    """Whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
+    """Return whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
     there = world.placement(outer)
     low, high = solid.box
     middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points

@@ -36,7 +36,7 @@ LONG = 1.0
 
 
 def is_prepared(robot: RobotModel) -> bool:
-    """Whether `prepare` came to its end for a robot in this process."""
+    """Return whether `prepare` came to its end for a robot in this process."""
     return robot in _prepared
 
 

@@ -64,7 +64,7 @@ class Solid:
 
 
 def is_around(outer: Solid, inner: Solid, there: pin.SE3, at: pin.SE3) -> bool:
-    """Whether a solid is a closed mesh around a piece of another, given where both are."""
+    """Return whether a solid is a closed mesh around a piece of another, given where both are."""
     if outer.surface is None:
         return False
     local = np.array([there.actInv(at.act(point)) for point in inner.points]).reshape(-1, 3)

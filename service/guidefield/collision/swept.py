@@ -66,7 +66,7 @@ class SweptWorld:
         return z0, z1
 
     def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
-        """Whether all stays apart along the straight motion between two points of the group's chart.
+        """Return whether all stays apart along the straight motion between two points of the group's chart.
 
         True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
 

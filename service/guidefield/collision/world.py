@@ -107,7 +107,7 @@ class World:
         return 0.0 if body < self.pairs.links else self._obstacle(body).rounding
 
     def is_surface(self, body: int) -> bool:
-        """Whether Coal judges a body as a surface, which has no inside."""
+        """Return whether Coal judges a body as a surface, which has no inside."""
         return self._surfaces[body] if body < self.pairs.links else not self._obstacle(body).convex
 
     @cached_property
@@ -116,11 +116,11 @@ class World:
         return _surfaces(self.group)
 
     def is_signed(self, pair: int) -> bool:
-        """Whether both bodies of a pair are convex, so that distances are signed."""
+        """Return whether both bodies of a pair are convex, so that distances are signed."""
         return not any(map(self.is_surface, self.pairs.of(pair)))
 
     def is_hulled(self, pair: int) -> bool:
-        """Whether in `hulls` a hull stands for a body of a pair."""
+        """Return whether in `hulls` a hull stands for a body of a pair."""
         return any(map(self._has_hull, self.pairs.of(pair)))
 
     def _has_hull(self, body: int) -> bool:
@@ -130,7 +130,7 @@ class World:
 
     @cached_property
     def _hulled(self) -> dict[int, bool]:
-        """Whether in `hulls` a hull stands for a body, as far as it was asked for."""
+        """True if in `hulls` a hull stands for a body, as far as it was asked for."""
         return {}
 
     @cached_property
@@ -294,7 +294,7 @@ class World:
     def in_collision_each(
         self, qs: Sequence[ModelConfiguration], near: Sequence[list[int]] | None = None
     ) -> list[bool]:
-        """Whether any pair touches, at each of some configurations of the model.
+        """Return whether any pair touches, at each of some configurations of the model.
 
         The pair that touched at the one before is asked first.
 
@@ -313,7 +313,7 @@ class World:
         return found
 
     def in_collision(self, q: ModelConfiguration) -> bool:
-        """Whether any pair touches at a configuration of the model, shape (model.nq,)."""
+        """Return whether any pair touches at a configuration of the model, shape (model.nq,)."""
         return bool(self.held_contacts) or any(map(self.touches, self.near(q)))
 
     @cached_property

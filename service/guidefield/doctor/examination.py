@@ -20,7 +20,7 @@ from guidefield.endpoint.link import DEFAULT_LISTEN, NoAnswer, is_taken, measure
 
 
 def session() -> Finding:
-    """Whether a query on loopback is answered, and whether a service's own port is free."""
+    """Look whether a query on loopback is answered, and whether a service's own port is free."""
     try:
         seconds = measure_answer()
     except NoAnswer as error:
@@ -43,7 +43,7 @@ WHOLE, LIGHT = "guidefield", "guidefield-client"
 
 
 def packages() -> Finding:
-    """Whether one distribution of ours is installed, and not both."""
+    """Look whether one distribution of ours is installed, and not both."""
     return packages_found(_version(WHOLE), _version(LIGHT))
 
 
@@ -71,7 +71,7 @@ WEB = "`guidefield show --web` shows recordings in a browser; the service needs 
 
 
 def graphics() -> Finding:
-    """Whether the viewer can open a window."""
+    """Look whether the viewer can open a window."""
     loaders = [name for name in ("vulkan", "GL") if ctypes.util.find_library(name)]
     drivers = [file.stem for folder in DRIVERS if folder.is_dir() for file in sorted(folder.glob("*.json"))]
     devices = [file.name for file in sorted(DEVICES.glob("renderD*"))] if DEVICES.is_dir() else []
@@ -103,7 +103,7 @@ SLACK = 86_400.0
 
 
 def clock() -> Finding:
-    """Whether the clock is set, and by something that keeps it right."""
+    """Look whether the clock is set, and by something that keeps it right."""
     ours = Path(guidefield.__file__).stat().st_mtime
     return clock_found(time.time(), ours, _system_state())
 

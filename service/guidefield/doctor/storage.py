@@ -97,7 +97,7 @@ def kernels() -> Finding:
 
 
 def _takes_files(folder: Path) -> bool:
-    """Return whether a file can be made in a folder: rights alone don't say it, least of all to root."""
+    """Look whether a file can be made in a folder: rights alone don't say it, least of all to root."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             return True

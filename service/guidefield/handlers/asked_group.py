@@ -1,4 +1,4 @@
-"""What a request says about the robot that moves: its start, and the limits of its joints."""
+"""The planning group of a request: its start, the limits of its joints, and path constraints."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def jerk_limits(group: PlanningGroup, request: MotionRequest | StreamOpen) -> Ch
 
 
 def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathConstraint, ...]:
-    """What frames have to keep all along the motion.
+    """Build the path constraints of a request.
 
     Raises:
         UnknownFrame: if the robot has no such frame.

@@ -102,7 +102,7 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
 
 
 def _judged(shape: Any) -> tuple[str, str]:
-    """What a shape is, and as what it is judged."""
+    """Return the kind of a shape, and the kind that it is judged as."""
     if isinstance(shape, coal.BVHModelBase):
         return "mesh", "triangle mesh"
     if isinstance(shape, coal.Convex):
@@ -164,7 +164,7 @@ def holding(
 
 
 def are_large(attached: Sequence[AttachedObject]) -> bool:
-    """Whether objects have so many triangles and points that building them takes long."""
+    """Return whether objects have so many triangles and points that building them takes long."""
     return are_many([one.obstacle for one in attached], MANY)
 
 

@@ -146,13 +146,13 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
 
 
 def _uses(problem: GivenProblem) -> Uses:
-    """How much of its limits a motion uses, once it is laid out for all that is asked about it."""
+    """Lay out a motion for all that is asked about it, and return the shares of limits that it uses."""
     _ = problem.motion.pieces, travelled_way(_motion(problem))
     return limit_shares(problem.motion, problem.group, problem.jerk_limits)
 
 
 def _motion(problem: GivenProblem) -> MotionInTime:
-    """What is measured: in time among obstacles that move."""
+    """Return the motion to measure: in time among obstacles that move."""
     motion = problem.motion
     return motion.scheduled if problem.scene.moves else motion.measured
 

@@ -120,7 +120,7 @@ def _first(
 
 
 def _field(request: CertifyRequest) -> str:
-    """What the request calls the rows."""
+    """Return the request's field of the rows."""
     return "path" if request.trajectory is None else "trajectory.positions"
 
 
@@ -132,7 +132,7 @@ def _positions(request: CertifyRequest, most: int | None = None) -> np.ndarray:
 
 
 def _columns(request: CertifyRequest, robot: RobotModel) -> Columns:
-    """What the columns of positions are: as they are named, or as a plan's reply has them for the group."""
+    """Return the columns of positions: as they are named, or as a plan's reply has them for the group."""
     names = request.position_names
     if names is None:
         names = select(robot, request.group, request.tip, robot.rest, se3((0, 0, 0), (0, 0, 0, 1))).position_names
@@ -224,7 +224,7 @@ def _with_end(kept: np.ndarray, count: int) -> np.ndarray:
 
 
 def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
-    """When each row is, shape (n,) [s]."""
+    """Return the time of each row, shape (n,) [s]."""
     if given.times is not None:
         return np.array(given.times, float)
     assert request.time_step is not None, "a trajectory has times or a step"
@@ -232,7 +232,7 @@ def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
 
 
 def _moments(times: np.ndarray, points: np.ndarray, rates: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
-    """Which rows are kept: one of each time; and a warning about the others.
+    """Choose one row of each time; warn about the others.
 
     Raises:
         MalformedRequest: if times don't increase, or two rows of one time differ.

@@ -108,7 +108,7 @@ def _why(problem: GivenProblem, judgement: Judgement) -> str:
 
 
 def _contact(judgement: Judgement, pair: str) -> str:
-    """How a pair is in contact, as the beginning of a sentence."""
+    """Describe the contact of a pair, as the beginning of a sentence."""
     if judgement.enclosed:
         return f"the motion begins with {pair}, one wholly inside the other"
     if judgement.leaving is not None and not judgement.leaving.leaves:
@@ -152,7 +152,7 @@ def _left(judgement: Judgement) -> list[str]:
 
 
 def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
-    """What the certificate is about."""
+    """Name the subject of the certificate."""
     what = "path" if problem.motion.times is None else "trajectory"
     if leaving is None or not leaving.leaves:
         return what

@@ -134,7 +134,7 @@ def rates_from(group: PlanningGroup, given: JointRates, field: str) -> np.ndarra
 
 
 def _tangent(group: PlanningGroup, name: str) -> slice:
-    """Where a joint's rates stand among those of a group."""
+    """Return the slice of a joint's rates among those of a group."""
     joint = next((joint for joint in group.joints if joint.name == name), None)
     if joint is None:
         configuration_from_wire(group.robot, {name: 0.0})  # refuses a joint that isn't there, and a mimic joint

@@ -30,7 +30,7 @@ FOLLOWS = 1e-4
 
 @dataclass(frozen=True)
 class Columns:
-    """Where the columns of each joint stand in a row.
+    """The columns of each joint in a row.
 
     Attributes:
         field: What the request calls the names.

@@ -1,4 +1,4 @@
-"""What a service says about itself."""
+"""The reply of a service about itself."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PACKAGES = ("pin", "coal", "numba", "numpy", "eclipse-zenoh", "rerun-sdk", "exam
 
 @dataclass(frozen=True)
 class Figures:
-    """What a service counts and measures: the fields of InfoReply of the same names."""
+    """The counters and measures of a service: the fields of InfoReply of the same names."""
 
     counters: Mapping[str, int]
     uptime: float
@@ -52,7 +52,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Rules:
-    """What a service keeps to: the fields of InfoReply of the same names; empty where there is no service."""
+    """The rules of a service: the fields of InfoReply of the same names; empty if there is no service."""
 
     limits: tuple[LimitInfo, ...] = ()
     delivery: tuple[DeliveryRule, ...] = ()

@@ -334,7 +334,7 @@ def _at_points(points: Sequence[Vector3], scene: Scene, deadline: Deadline) -> P
 
 
 def _within(deadline: Deadline, asked: Sequence[_Asked]) -> Iterator[_Asked]:
-    """What was asked, one after the other, as long as there is time."""
+    """Yield the questions, one after the other, as long as there is time."""
     for done, one in enumerate(asked):
         require_time(deadline, done, len(asked))
         yield one

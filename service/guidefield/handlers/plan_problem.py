@@ -40,7 +40,7 @@ AT_ONCE = 500
 def problem_of(
     request: PlanRequest, robot: RobotModel, scene: Scene, deadline: Deadline
 ) -> tuple[Problem, tuple[str, ...]]:
-    """What a request asks the planner for, and warnings about what was odd but harmless.
+    """Build the planner's problem of a request, and warnings about what was odd but harmless.
 
     They are about the robot, what it holds, the scene, the start and the goal.
     Guide planes that are to be derived are not in it yet.
@@ -118,7 +118,7 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
 
 
 def in_motion(request: PlanRequest) -> bool:
-    """Whether a request's motion begins or ends in motion."""
+    """Return whether a request's motion begins or ends in motion."""
     asked = (request.start_velocities, request.start_accelerations, request.end_velocities)
     return any(any(rates.values()) for rates in asked)
 

@@ -98,7 +98,7 @@ def _timing(made: Plan, seconds: Mapping[str, float], total: float) -> replies.T
 
 
 def _covered(made: Plan) -> str:
-    """What the certificate is about."""
+    """Name the subject of the certificate."""
     if made.trajectory is None:
         return "path"
     return "trajectory" if made.judged_from == 0.0 else f"trajectory after {made.judged_from:.6f} s"
@@ -168,7 +168,7 @@ def self_figures(measured: Clearance, certified: float) -> replies.SelfClearance
 
 
 def _certified(made: Plan, kept: float) -> float:
-    """What the certificate says is kept all along [m]; minus infinity where it does not say it of the whole motion."""
+    """Return the certified clearance [m]; minus infinity if it isn't certified for the whole motion."""
     return kept if made.verdict.free and made.judged_from == 0.0 else -np.inf
 
 

@@ -44,7 +44,7 @@ def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tupl
 
 @dataclass(frozen=True)
 class Derivation:
-    """How deriving guide planes went: a stage of the plan that came before all others; None where none were asked for.
+    """The outcome of deriving guide planes, the first stage of a plan; None if none were asked for.
 
     Attributes:
         left: The stage.
@@ -79,7 +79,7 @@ def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem
 
 
 def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
-    """Where the tip is to be in the end: a point, shape (3,) [m], or a plane."""
+    """Return the goal of the tip: a point, shape (3,) [m], or a plane."""
     if isinstance(problem.goal, ConfigurationGoal):
         return problem.kinematics.tip_position(problem.group.expand(problem.goal.configurations[0]))
     if isinstance(problem.goal, TipGoal):

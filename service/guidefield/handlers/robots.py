@@ -1,4 +1,4 @@
-"""What can be planned for: the list of robots, and one robot described."""
+"""The list of robots, and the description of one."""
 
 from __future__ import annotations
 

@@ -201,7 +201,7 @@ def _step(leg: Leg[Standing], course: Steps, made: SequencePlan[Standing], measu
 
 
 def _certified(stretch: Stretch, made: SequencePlan[Standing], kept: float) -> float:
-    """What the certificate says is kept on a stretch [m]; minus infinity where it does not say it."""
+    """Return the certified clearance on a stretch [m]; minus infinity if it isn't certified."""
     verdicts = [verdict for one, verdict in zip(made.stretches, made.verdicts, strict=False) if one is stretch]
     return kept if verdicts and all(verdict.free for verdict in verdicts) else -np.inf
 
@@ -249,7 +249,7 @@ def _planes(made: SequencePlan[Standing]) -> list[GuidePlane]:
 
 
 def _counters(course: Steps, made: SequencePlan[Standing]) -> replies.Counters:
-    """What was done how often, for all steps."""
+    """Sum the counters of all steps."""
     fields = [leg.problem.robot_field for leg in made.legs if leg.problem is not None]
     return replies.Counters(
         iterations=course.counters.iterations,

@@ -1,4 +1,4 @@
-"""Where everything is between two steps of a sequence: the robot, what it holds, and the obstacles."""
+"""The situation between two steps of a sequence: the robot, the held objects, and the obstacles."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """Where everything is when a step begins.
+    """The situation in which a step begins.
 
     Attributes:
         robot: The robot, with nothing in its hands.
@@ -74,7 +74,7 @@ class Standing:
 
     @property
     def touches(self) -> tuple[Touch, ...]:
-        """What held objects may touch where they are picked up and put down."""
+        """Return the obstacles that held objects may touch at places where they are picked up and put down."""
         return tuple((one.name, other) for one in self.objects for other in one.touch_objects)
 
     @cached_property

@@ -219,7 +219,7 @@ class Steps:
         return one.near
 
     def _carries(self, index: int, one: Held, at: Standing) -> bool:
-        """Whether a step moves the link that holds an object."""
+        """Return whether a step moves the link that holds an object."""
         step = self._request.steps[index]
         if step.goal is None:
             return False

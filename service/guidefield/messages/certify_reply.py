@@ -28,7 +28,7 @@ class Along(Reply):
 
 
 class Place(Along):
-    """Where a motion was refused.
+    """The place at which a motion was refused.
 
     Attributes:
         configuration: Joint values there, by the names of `position_names`.
@@ -38,7 +38,7 @@ class Place(Along):
 
 
 class MotionCertificate(CertificateFigures):
-    """What the certificate says about a motion that was given.
+    """The certificate of a given motion.
 
     Attributes:
         reason: "free", or why it is refused: "contact", "too close", "beyond limits", "violates a path constraint",
@@ -65,7 +65,7 @@ class MotionClearance(ClearanceFigures):
 
 
 class LimitUse(Reply):
-    """How much of a limit a motion uses at most, exactly, between its rows too.
+    """The largest share of a limit that a motion uses, exactly, between its rows too.
 
     Attributes:
         share: 1 is the limit: of a position the distance from the middle of its range, as a share of half of it; of a
@@ -154,7 +154,7 @@ def place_in_words(row: float, time: float | None) -> str:
 
 
 def certified(reply: PlanReply) -> str:
-    """Whether what was judged is free, and what that was: of a plan that failed, the motion as far as it got."""
+    """Return whether what was judged is free, and what that was: of a plan that failed, the motion as far as it got."""
     covers = reply.certificate.covers
     if covers == "nothing":
         return "nothing was judged"

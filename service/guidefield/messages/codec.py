@@ -30,7 +30,7 @@ EXPLAINED_BYTES = 2**20
 
 
 class Encoding(enum.StrEnum):
-    """How a payload is written; the values are its MIME types."""
+    """The encoding of a payload; the values are its MIME types."""
 
     JSON = "application/json"
     MSGPACK = "application/msgpack"
@@ -248,7 +248,7 @@ def _plain(data: bytes, encoding: Encoding) -> Any:
 
 
 def _refused(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
-    """What is wrong with plain data; without advice where there is none to look at again."""
+    """Return the error of plain data; without advice if it can't be looked at again."""
     if data is None:
         message, path = faults.split(str(error))
         path = faults.of_field(message, path)

@@ -1,4 +1,4 @@
-"""What a motion has to keep, and what the robot holds meanwhile: the fields that requests about motions share."""
+"""Fields that requests about motions share: conditions of the motion, and held objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a payload, told so that it can be mended: where, and what would be right there."""
+"""Faults of a payload, told so that they can be mended: the place, and what would be right there."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ def explained(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, 
 
 
 def place_in_text(text: str, payload: bytes) -> str:
-    """What msgspec says about bytes that are no JSON, with the line and the column instead of the byte."""
+    """Return msgspec's message about bytes that are no JSON, with line and column instead of the byte."""
     if not payload.strip():
         return "it is empty"
     found = _BYTE.search(text)

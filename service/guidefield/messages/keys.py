@@ -58,7 +58,7 @@ def _allowed(asked: float, default: float) -> float:
 
 
 class PlanHead(msgspec.Struct, frozen=True):
-    """What a plan request says about the run itself, read without looking at the rest."""
+    """The fields of a plan request about the run itself, read without looking at the rest."""
 
     run_id: RunId | None = None
     allowed_planning_time: float = PLANNING_TIME
@@ -73,7 +73,7 @@ class PlanHead(msgspec.Struct, frozen=True):
 
 
 class CertifyHead(msgspec.Struct, frozen=True):
-    """What a certify request says about the run itself, read without looking at the rest."""
+    """The fields of a certify request about the run itself, read without looking at the rest."""
 
     run_id: RunId | None = None
     allowed_time: float = PLANNING_TIME
@@ -85,7 +85,7 @@ class CertifyHead(msgspec.Struct, frozen=True):
 
 
 class _Head(msgspec.Struct):
-    """Whether a payload has a type."""
+    """The type of a payload, if it has one."""
 
     type: str | None = None
 
@@ -94,7 +94,7 @@ RunHead = PlanHead | CertifyHead
 
 
 class WorkHead(msgspec.Struct, frozen=True):
-    """What a request that makes no run says about how long it may take, read without looking at the rest."""
+    """The name and allowed time of a request that makes no run, read without looking at the rest."""
 
     request_id: str | None = None
     allowed_time: float = DEFAULT_TIME
@@ -153,27 +153,27 @@ def work_head(query: Query) -> WorkHead:
 
 
 def changes_store(query: Query) -> bool:
-    """Whether the query stores or deletes something: once begun it comes to its end, whoever waits for it."""
+    """Return whether the query stores or deletes something: once begun it comes to its end, whoever waits for it."""
     return query.key[0] in ("robots", "scenes", "runs") and (bool(query.payload) or "delete" in query.parameters)
 
 
 def is_recording(query: Query) -> bool:
-    """Whether the query asks for a recording: the one answer that is not a message."""
+    """Return whether the query asks for a recording: the one answer that is not a message."""
     return len(query.key) == 3 and query.key[0] in ("runs", "streams") and query.key[2] == "recording"
 
 
 def is_cancel(query: Query) -> bool:
-    """Whether the query asks for the early end of a run or request."""
+    """Return whether the query asks for the early end of a run or request."""
     return len(query.key) == 3 and query.key[0] in ("runs", "requests") and query.key[2] == "cancel"
 
 
 def is_scene(query: Query) -> bool:
-    """Whether the query is about one scene."""
+    """Return whether the query is about one scene."""
     return len(query.key) == 2 and query.key[0] == "scenes"
 
 
 def diff_of(query: Query) -> SceneDiff | None:
-    """What a query changes about a scene that was answered already; None if it stores the scene anew."""
+    """Return the changes that an answered query made to a scene; None if it stored the scene anew."""
     if codec.decode(query.payload, _Head, query.encoding).type is None:
         return None
     diff: SceneDiff = codec.decode(query.payload, SceneDiff, query.encoding)
@@ -181,22 +181,22 @@ def diff_of(query: Query) -> SceneDiff | None:
 
 
 def is_sharing(query: Query) -> bool:
-    """Whether the query is to share something with everybody, or with nobody any more."""
+    """Return whether the query is to share something with everybody, or with nobody any more."""
     return bool(query.parameters.keys() & SHARING)
 
 
 def is_reading(query: Query) -> bool:
-    """Whether the query changes nothing."""
+    """Return whether the query changes nothing."""
     return not (query.payload or is_cancel(query) or is_sharing(query) or "delete" in query.parameters)
 
 
 def is_brief(query: Query) -> bool:
-    """Whether the query asks for info, and for its figures only."""
+    """Return whether the query asks for info, and for its figures only."""
     return "brief" in query.parameters
 
 
 def is_list(query: Query) -> bool:
-    """Whether the query asks for all that there is of a kind, or for all of info."""
+    """Return whether the query asks for all that there is of a kind, or for all of info."""
     return query.key in (("robots",), ("scenes",), ("runs",)) or (query.key == ("info",) and not is_brief(query))
 
 
@@ -279,7 +279,7 @@ def _run(query: Query) -> requests.Request:
 
 @dataclass(frozen=True)
 class _Rule:
-    """How queries on one key are read, and which parameters they may have."""
+    """The rule of one key: the reader of its queries, and the parameters that they may have."""
 
     read: Callable[[Query], requests.Request]
     parameters: frozenset[str] = frozenset()

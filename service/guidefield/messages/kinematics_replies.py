@@ -130,7 +130,7 @@ class PointPotentialReply(Reply):
 
 
 class LinkWrench(Reply):
-    """What the field does to one link, by configuration, in the world's axes.
+    """The wrench of the field on one link, by configuration, in the world's axes.
 
     Attributes:
         force: [1].

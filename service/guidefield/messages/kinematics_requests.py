@@ -1,4 +1,4 @@
-"""What a client may ask at configurations, poses and points, one or a batch of them in one request."""
+"""Requests about configurations, poses and points, one or a batch of them in one request."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ MOST_GONE = 256
 
 
 class Before(NamedTuple):
-    """What a scene was before a change.
+    """The scene before a change.
 
     Attributes:
         scene: The scene then, as long as anybody has it.
@@ -39,7 +39,7 @@ class Before(NamedTuple):
 
 
 class Places:
-    """Where the obstacles of a scene stand, by their names; what a change does to it is noted, for all are many.
+    """Indices of a scene's obstacles by name, updated by each change, because all are many.
 
     Obstacles have numbers in the order in which they came: one stands as many places before its number as of those
     before it are gone. Versions of a scene share the numbers, so that a name may have got another one in a version of
@@ -102,7 +102,7 @@ def _number_of(index: int, gone: Sequence[int]) -> int:
 
 @dataclass
 class Own:
-    """What is known of a scene that is ours.
+    """The facts known of a frozen scene.
 
     Attributes:
         before: What it was before it was changed; None: it came as it is.
@@ -122,12 +122,12 @@ def make_own(scene: Scene, known: Own | None = None) -> Scene:
 
 
 def own(scene: Scene) -> Own | None:
-    """What is known of a scene that is ours; None of another."""
+    """Return the facts known of a frozen scene; None of another."""
     return scene.__dict__.get("own")
 
 
 def places_of(scene: Scene) -> Places:
-    """Where its obstacles stand, by their names."""
+    """Return the indices of a scene's obstacles by name."""
     known = own(scene)
     if known is None:
         return Places(scene.obstacles)

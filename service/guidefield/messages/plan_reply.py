@@ -11,7 +11,7 @@ Rows = list[list[float]]
 
 
 class Outcome(Reply):
-    """How a plan ended.
+    """The end of a plan.
 
     Attributes:
         code: Of `errors.Status`.
@@ -97,7 +97,7 @@ class SelfClearance(Reply):
 
 
 class CertificateFigures(Reply):
-    """What the certificate says.
+    """The certificate of a plan.
 
     Attributes:
         collision_free: Whether what it covers is free, keeps the clearance asked for and the joints' position limits,
@@ -151,7 +151,7 @@ class Timing(Reply):
 
 
 class Counters(Reply):
-    """How often the expensive things were done.
+    """Counts of expensive operations.
 
     Attributes:
         iterations: Of trees, descents and the optimisation.
@@ -165,7 +165,7 @@ class Counters(Reply):
 
 
 class Permission(Reply):
-    """When a held object may touch an obstacle: between these times the certificate leaves the pair out.
+    """The times between which a held object may touch an obstacle: the certificate leaves the pair out.
 
     Attributes:
         object: What is held.

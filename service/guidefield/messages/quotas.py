@@ -1,4 +1,4 @@
-"""How much each user may have of the service: a file that an operator writes."""
+"""The quotas of users: a file that an operator writes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from guidefield.messages.values import Message, Positive
 
 
 class Quota(Message):
-    """What one user may have; null: no more than all users together.
+    """The quota of one user; null: no more than all users together.
 
     Attributes:
         waiting: How many requests may wait.
@@ -65,7 +65,7 @@ class Quotas(Message):
                 raise ValueError(error.message) from None
 
     def of(self, user: str) -> Quota:
-        """What a user may have."""
+        """Return the quota of a user."""
         return self.plain if user == PLAIN else self.users.get(user, self.default)
 
 

@@ -1,4 +1,4 @@
-"""What the service answers: one Struct per request, and the error that stands in for it."""
+"""The replies of the service: one Struct per request, and the error that stands in for it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ from guidefield.messages.values import Reply
 
 
 class ErrorReply(Reply):
-    """What travels as ``reply_err``; the fields are those of `Outcome`."""
+    """An error as it travels, in ``reply_err``; the fields are those of `Outcome`."""
 
     code: int
     name: str
@@ -187,7 +187,7 @@ class _Tagged(msgspec.Struct):
 
 
 def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]:
-    """Which kind of run a reply is about.
+    """Return the kind of run that a reply is about.
 
     Args:
         kept: The reply.
@@ -200,7 +200,7 @@ def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]
 
 
 def is_certify(request: bytes) -> bool:
-    """Whether JSON of a request asks for a judgement, as far as it can be read."""
+    """Return whether JSON of a request asks for a judgement, as far as it can be read."""
     try:
         return msgspec.json.decode(request, type=RequestTag).type == CERTIFY
     except (msgspec.DecodeError, UnicodeDecodeError):

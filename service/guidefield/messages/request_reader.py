@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import hashlib
+import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,7 +18,6 @@ from guidefield.messages.codec import Encoding
 from guidefield.messages.own_scenes import Own, make_own
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene
-from guidefield.parallel import run_parallel
 
 MIN_HASHED_BYTES = 2**13
 """Scenes in fewer bytes are decoded each time, which takes a tenth of a millisecond."""
@@ -120,7 +120,10 @@ def _digest(content: bytes | msgspec.Raw) -> bytes:
     if len(view) < PARALLEL_BYTES:
         hash_part(0, len(view))
         return digests[0]
-    run_parallel(lambda: hash_part(0, half), lambda: hash_part(half, len(view)))
+    other = threading.Thread(target=hash_part, args=(0, half))
+    other.start()
+    hash_part(half, len(view))
+    other.join()
     return hashlib.blake2b(digests[0] + digests[half], digest_size=32).digest()
 
 

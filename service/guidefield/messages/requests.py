@@ -1,4 +1,4 @@
-"""What a client may ask: the plan request and the tagged requests of the other keys."""
+"""The requests of clients: the plan request and the tagged requests of the other keys."""
 
 from __future__ import annotations
 

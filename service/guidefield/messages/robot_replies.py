@@ -1,4 +1,4 @@
-"""What the service says about robots."""
+"""Replies about robots."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ Times = Annotated[list[float], msgspec.Meta(min_length=1, max_length=LONGEST_TRA
 
 
 class ObstacleTrajectory(Message):
-    """Where a moving obstacle is: placements of its frame in the world at times [s]; at rest before them and after."""
+    """The motion of an obstacle: placements of its frame in the world at times [s]; at rest before them and after."""
 
     times: Times
     placements: list[Placement]
@@ -49,7 +49,7 @@ class ObstacleTrajectory(Message):
 
 
 class _Obstacle(Message, tag_field="type"):
-    """What every obstacle has.
+    """Fields of every obstacle.
 
     Attributes:
         name: Its own, by which replies and `allowed_collisions` know it.

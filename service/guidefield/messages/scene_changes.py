@@ -1,4 +1,4 @@
-"""What changes about a scene: obstacles that are added, moved and removed; and a request's scene that is told so."""
+"""Changes of a scene, which add, move and remove obstacles, and a request's scene declared by them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class SceneChange(Protocol):
 
     @property
     def move(self) -> Mapping[str, Placement]:
-        """Where those named stand from now on, in the world."""
+        """New placements in the world, by the names of obstacles."""
 
     @property
     def remove(self) -> Sequence[str]:
@@ -61,7 +61,7 @@ class SceneDiff(Message, tag_field="type", tag="scene_diff", kw_only=True):
 
 
 class SceneChanged(Reply):
-    """What is published when a stored scene was changed.
+    """The message that is published when a stored scene was changed.
 
     Attributes:
         name: Its name.
@@ -148,7 +148,7 @@ def changed(scene: Scene, change: SceneChange, name: str = "") -> Scene:
 
 
 def _removed(scene: Scene, places: Places, names: Sequence[str]) -> list[int]:
-    """Which obstacles go, ascending, by the places of all."""
+    """Return the indices of removed obstacles, ascending."""
     removed: set[int] = set()
     for index, name in enumerate(names):
         place = places.of(name)

@@ -1,4 +1,4 @@
-"""What a service says about itself and about the runs under way."""
+"""Replies about the service and the runs under way."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from guidefield.messages.values import Reply
 
 
 class Histogram(Reply):
-    """How often something took how long: `counts[i]` up to `bounds[i]` [s], the last count beyond; and the sum [s]."""
+    """A histogram of durations: `counts[i]` up to `bounds[i]` [s], the last count beyond; and the sum [s]."""
 
     bounds: list[float]
     counts: list[int]
@@ -19,7 +19,7 @@ class Histogram(Reply):
 
 
 class Health(Reply):
-    """How a service is.
+    """The health of a service.
 
     Attributes:
         state: starting: only what needs no worker is answered; ready; ending: nothing new is begun.
@@ -66,7 +66,7 @@ class DeliveryRule(Reply):
 
 
 class UserFigures(Reply):
-    """What a user has now.
+    """The requests and processor time of a user now.
 
     Attributes:
         waiting: Requests that wait.
@@ -95,7 +95,7 @@ class Identity(Reply):
 
 
 class InfoReply(Reply):
-    """What a service is and does.
+    """The service and its figures.
 
     Attributes:
         version: Of guidefield.
@@ -147,7 +147,7 @@ class InfoReply(Reply):
 
 
 class Progress(Reply):
-    """How far a run is; published while it runs.
+    """The progress of a run, published while it runs.
 
     Attributes:
         run_id: Its name.

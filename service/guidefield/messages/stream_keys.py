@@ -22,12 +22,12 @@ class OpenStream:
 
 @dataclass(frozen=True)
 class ListStreams:
-    """Which there are."""
+    """List the open streams."""
 
 
 @dataclass(frozen=True)
 class ReadStream:
-    """How one is."""
+    """Read the state of a stream."""
 
     name: str
 
@@ -48,7 +48,7 @@ class AimStream:
 
 @dataclass(frozen=True)
 class JudgeStream:
-    """Whether what one sent last is still proven; its payload is read by the stream."""
+    """Judge the last piece of a stream; the stream reads the payload."""
 
     name: str
 
@@ -71,7 +71,7 @@ StreamQuery = OpenStream | ListStreams | ReadStream | EndStream | AimStream | Ju
 
 
 def is_stream(query: Query) -> bool:
-    """Whether a query is about streams."""
+    """Return whether a query is about streams."""
     return bool(query.key) and query.key[0] == STREAMS
 
 
@@ -103,7 +103,7 @@ def check(query: Query) -> None:
 
 
 def stream_query(query: Query) -> StreamQuery:
-    """What a query about streams asks for.
+    """Return the request of a query about streams.
 
     Raises:
         MalformedRequest: as `check`, and if its payload isn't what it has to be.

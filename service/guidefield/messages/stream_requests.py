@@ -1,4 +1,4 @@
-"""What is asked about a stream that a service has, and what it answers; updates and pieces are in `streams`."""
+"""Requests about an open stream, and their replies; updates and pieces are in `streams`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class StreamJudge(Message):
 
 
 class StreamJudged(Reply):
-    """Whether the last piece and its stop are still proven, by what was seen last.
+    """The verdict on the last piece and its stop, by the last observations.
 
     Attributes:
         proven: Whether they are.

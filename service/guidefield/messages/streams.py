@@ -75,7 +75,7 @@ def require_own_names(field: str, declared: list[StreamObstacle]) -> None:
 
 
 class Deviation(Message):
-    """How far an obstacle's velocity may be from the one observed, in place of its largest speed.
+    """The largest deviation of an obstacle's velocity from the observed one, in place of its largest speed.
 
     Attributes:
         speed: Of the origin of its frame [m/s].
@@ -176,7 +176,7 @@ class StreamOpen(Message):
 
 
 class Observation(Message):
-    """Where an obstacle was seen.
+    """An observation of an obstacle.
 
     Attributes:
         name: The obstacle.
@@ -199,7 +199,7 @@ class Observation(Message):
 
 
 class StreamUpdate(Message):
-    """What a client sees.
+    """The observations of a client.
 
     Attributes:
         time: By the client's clock [s]; later than that of every update before, else it is left aside.

@@ -118,7 +118,7 @@ _SOME = 2**16
 
 
 def _all_below(count: int, packed: bytes) -> bool:
-    """Whether there are any, and all of some little-endian uint32 are below a count of at most 2^31."""
+    """Return whether there are any, and all of some little-endian uint32 are below a count of at most 2^31."""
     some = (packed[begin : begin + _SOME] for begin in range(0, len(packed), _SOME))
     return bool(packed) and all(_some_below(count, each) for each in some)
 

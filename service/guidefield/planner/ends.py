@@ -28,7 +28,7 @@ UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_B
 
 
 def check_start(problem: Problem) -> None:
-    """Whether a motion may begin at the start.
+    """Return whether a motion may begin at the start.
 
     Raises:
         StageFailed: START_STATE_IN_COLLISION with the deepest pair, or CLEARANCE_BELOW_MINIMUM.
@@ -107,7 +107,7 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
 
 
 def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
-    """Whether a difference (nv,) is nearly one of some others (k, nv)."""
+    """Return whether a difference (nv,) is nearly one of some others (k, nv)."""
     return bool((np.abs(ways - way).max(axis=1) < GOALS.apart).any())
 
 

@@ -325,7 +325,7 @@ def judged(problem: Problem, trajectory: Trajectory) -> Verdict:
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:
-    """Whether a motion was refused where the path (n, nv) itself is: drawn closer to it, it would be, too."""
+    """Return whether a motion was refused where the path (n, nv) itself is: drawn closer to it, it would be, too."""
     verdict = finished.verdict
     if verdict.piece is None or len(path) < 2:
         return True

@@ -229,7 +229,7 @@ def _stopped(
 
 
 def _judged(problem: Problem, motion: Trajectory) -> Verdict:
-    """Whether a motion from time 0 on is free."""
+    """Return whether a motion from time 0 on is free."""
     if not problem.scene.moves:
         return judged(problem, motion)
     return certify_timed(problem.world, motion.bezier(), motion.piece_times(), problem.min_clearance)

@@ -72,7 +72,7 @@ class Judgement:
 
     @property
     def within_limits(self) -> bool:
-        """Whether no rate exceeds its limit."""
+        """True if no rate exceeds its limit."""
         uses = self.uses
         return all(use.kept for use in (uses.velocity, uses.acceleration, uses.jerk))
 
@@ -102,7 +102,7 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
 
 
 def _constraints(problem: GivenProblem) -> Verdict:
-    """Whether frames keep what they have to."""
+    """Return whether frames keep what they have to."""
     if not problem.path_constraints:
         return Verdict(Reason.FREE, 0)
     turns = problem.world.bodies.turns
@@ -110,7 +110,7 @@ def _constraints(problem: GivenProblem) -> Verdict:
 
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
-    """Whether nothing touches or comes too close, as far as the path constraints are kept."""
+    """Return whether nothing touches or comes too close, as far as the path constraints are kept."""
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if not problem.scene.moves:
@@ -142,7 +142,7 @@ def _judged(judge: Callable[[int, int], Verdict], count: int, together: int) -> 
 
 
 def judged_in_time(problem: Problem, motion: Trajectory, deadline: Deadline | None = None) -> Verdict:
-    """Whether a motion is free of what rests and what moves, and keeps the path constraints.
+    """Return whether a motion is free of what rests and what moves, and keeps the path constraints.
 
     Args:
         problem: Robot, obstacles and constraints.

@@ -74,7 +74,7 @@ class Closest:
 
     @property
     def exact(self) -> bool:
-        """Whether no distance is smaller by more than the tolerance; in contact it is that of the deepest sample."""
+        """True if no distance is smaller by more than the tolerance; in contact it is that of the deepest sample."""
         return self.pair is None or self.distance <= 0.0 or self.distance - self.bound <= 1.01 * TOLERANCE
 
 

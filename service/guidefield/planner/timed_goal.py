@@ -215,7 +215,7 @@ class _Search:
         return shaped_in_time(self._problem, made, between, self._judged, self._stages)
 
     def _judged(self, motion: Trajectory) -> Verdict:
-        """Whether a motion is free in time, and what else judges it says so."""
+        """Return whether a motion is free in time, and what else judges it says so."""
         verdict = judged_in_time(self._problem, motion)
         if not verdict.free or self._also is None:
             return verdict

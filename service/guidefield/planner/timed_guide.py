@@ -256,7 +256,7 @@ def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float 
 
 
 def _judged(problem: Problem, way: Trajectory, margin: float) -> Verdict:
-    """Whether a way keeps a margin [m] from what moves, beyond what is asked for."""
+    """Return whether a way keeps a margin [m] from what moves, beyond what is asked for."""
     verdict = certify_moving(problem.world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict

@@ -48,7 +48,7 @@ class BuiltScenes:
         return built
 
     def _content(self, message: messages.Scene, deadline: Deadline) -> tuple[bytes, dict[int, Content]]:
-        """What a scene is known by, and its meshes and clouds, by index, as far as these were looked at for it.
+        """Return the hash of a scene, and those of its meshes and clouds by index, as far as they were needed for it.
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
         """

@@ -1,4 +1,4 @@
-"""What is made of a scene is carried over to what a change makes of it: only rows of other obstacles are made anew.
+"""Update tables of a scene incrementally: after a change only rows of other obstacles are made anew.
 
 A table that is carried over is the very one, to the last bit, that would be made of the changed scene alone. That of
 the scene before stays as it is.
@@ -38,7 +38,7 @@ Run = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Where the obstacles of a scene stood in the one that it was changed from; those that stayed keep their order.
+    """The rows of a scene's obstacles in the one that it was changed from; those that stayed keep their order.
 
     Attributes:
         runs: Obstacles that stand one behind the other now as before: where the first of them stood, and how many they
@@ -80,12 +80,12 @@ class Rows:
 
     @cached_property
     def count(self) -> int:
-        """How many obstacles there are."""
+        """Number of obstacles."""
         return sum(count for _, count in self.runs)
 
     @cached_property
     def source(self) -> np.ndarray:
-        """Where each obstacle stood, -1 of one that is another, shape (n,)."""
+        """Former index of each obstacle, -1 of another one, shape (n,)."""
         source, place = np.full(self.count, -1), 0
         for begin, count in self.runs:
             if begin >= 0:
@@ -95,7 +95,7 @@ class Rows:
 
     @cached_property
     def now(self) -> np.ndarray:
-        """Where each of the obstacles before stands, -1 of one that isn't there any more, shape (m,)."""
+        """Index of each former obstacle now, -1 of a removed one, shape (m,)."""
         now, place = np.full(self.before, -1), 0
         for begin, count in self.runs:
             if begin >= 0:
@@ -105,7 +105,7 @@ class Rows:
 
     @cached_property
     def fresh(self) -> list[int]:
-        """Which are others, ascending."""
+        """Indices of other obstacles, ascending."""
         fresh, place = list[int](), 0
         for begin, count in self.runs:
             if begin < 0:
@@ -115,7 +115,7 @@ class Rows:
 
     @cached_property
     def gone(self) -> list[int]:
-        """Which of those before aren't there any more, ascending."""
+        """Former indices of removed obstacles, ascending."""
         gone, end = list[int](), 0
         for begin, count in self.runs:
             if begin >= 0:
@@ -125,12 +125,12 @@ class Rows:
 
     @cached_property
     def in_place(self) -> bool:
-        """Whether those that stayed stand where they stood, and there are as many as before."""
+        """True if those that stayed stand where they stood, and there are as many as before."""
         return self.count == self.before and self.fresh == self.gone
 
     @property
     def are_few(self) -> bool:
-        """Whether so few are others that tables are worth to be carried over."""
+        """True if so few are others that tables are worth to be carried over."""
         return len(self.fresh) <= FEW * self.count
 
     def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -173,7 +173,7 @@ class Rows:
         return carried
 
     def stayed(self, before: Sequence[int]) -> list[int]:
-        """Where some of those before stand that are still there, both ascending."""
+        """Return the indices of some former obstacles that remain, both ascending."""
         if not before:
             return []
         now: list[int] = self.now[np.array(before)].tolist()
@@ -208,7 +208,7 @@ class Rows:
 
 
 def _between(some: Iterable[int], count: int) -> Iterator[Run]:
-    """Where those begin of so many that aren't among some ascending ones, and how many are one behind the other."""
+    """Yield the begin and length of each run of indices below `count` that are not among some ascending ones."""
     begin = 0
     for one in some:
         if one > begin:

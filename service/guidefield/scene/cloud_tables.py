@@ -39,7 +39,7 @@ class CloudTables:
 
     @property
     def address(self) -> int:
-        """Where the words are in memory."""
+        """Address of the words."""
         return int(self.words.__array_interface__["data"][0])
 
 

@@ -1,4 +1,4 @@
-"""What a scene and its obstacles are known by: hashes of what is declared, for which each number is read once."""
+"""Hashes of declared scenes and obstacles, for which each number is read once."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
 
 
 def changed_content(before: bytes, change: Before, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
-    """What a scene is known by that was made of one that is known: a hash of that, and of what changed.
+    """Return the hash of a changed scene: that of the hash before and of the change.
 
     Args:
         before: What the scene before is known by.

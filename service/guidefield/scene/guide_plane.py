@@ -49,7 +49,7 @@ class GuidePlane:
         return float(self.normal @ (point - self.flat.origin))
 
     def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
-        """Whether the foot of a point on the plane lies in the inset polygon, whatever its height.
+        """Return whether the foot of a point on the plane lies in the inset polygon, whatever its height.
 
         Args:
             point: Shape (3,) [m, world].
@@ -58,7 +58,7 @@ class GuidePlane:
         return self.depth(point) >= min(inset, self.inradius) - SLACK * self.flat.size
 
     def depth(self, point: np.ndarray) -> float:
-        """How far inside the nearest edge the foot of a point (3,) in the world is [m], negative outside."""
+        """Return the depth of a point's foot (3,) inside the nearest edge [m], negative outside."""
         return self._depth(self.flat.axes @ (point - self.flat.origin))
 
     def closest_point(self, point: np.ndarray, inset: float = 0.0) -> np.ndarray:
@@ -178,7 +178,7 @@ def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray
 
 
 def _clipped(corners: np.ndarray, inward: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """What half-planes ``inward . x >= offset`` leave of a convex polygon, shape (m, 2), m may be 0."""
+    """Clip a convex polygon by half-planes ``inward . x >= offset``; shape (m, 2), m may be 0."""
     for normal, offset in zip(inward, offsets, strict=True):
         heights = corners @ normal - offset
         if heights.min() >= 0.0:

@@ -31,7 +31,7 @@ from guidefield.scene.points import corners_in, count_of, points_in
 
 @dataclass(frozen=True, eq=False)
 class JudgedMesh:
-    """What is known of a mesh before its triangles are looked at.
+    """The facts of a mesh that are known before its triangles are looked at.
 
     Attributes:
         count: How many triangles it has.
@@ -89,7 +89,7 @@ def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMes
 
 
 def as_judged(surface: MeshSurface) -> JudgedMesh:
-    """What is known of a surface that is at hand."""
+    """Return the facts of a surface that is at hand."""
     whole = surface.vertices, surface.triangles
     extent, count = extent_of(surface.vertices), len(surface.triangles)
     return JudgedMesh(count, extent, surface.solid, surface.hull, surface.warnings, lambda: whole)
@@ -115,7 +115,7 @@ def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
 
 
 def _facts_of(surface: MeshSurface | None) -> Arrays:
-    """What is known of a surface as arrays; no triangles if there is none."""
+    """Return the facts of a surface as arrays; no triangles if there is none."""
     if surface is None:
         return {"count": np.zeros(1, np.int64)}
     return {

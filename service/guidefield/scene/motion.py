@@ -1,4 +1,4 @@
-"""How an obstacle moves: placements at times, on a screw from each to the next, at rest before and after."""
+"""The motion of an obstacle: placements at times, on a screw from each to the next, at rest before and after."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ObstacleMotion:
 
     @property
     def end(self) -> float:
-        """When it comes to rest [s]."""
+        """Time at which it comes to rest [s]."""
         return float(self.times[-1])
 
     def at(self, time: float) -> Any:

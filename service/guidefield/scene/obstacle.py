@@ -63,12 +63,12 @@ class Obstacle:
 
     @property
     def solid(self) -> bool:
-        """Whether it has an inside; else it is a thin surface."""
+        """True if it has an inside; else it is a thin surface."""
         return self.recipe.solid
 
     @property
     def convex(self) -> bool:
-        """Whether Coal judges it as one convex body: distances are signed then."""
+        """True if Coal judges it as one convex body: distances are signed then."""
         return self.recipe.convex
 
     @property
@@ -94,7 +94,7 @@ class Obstacle:
 
     @property
     def faces(self) -> int:
-        """How many triangles Coal judges, and so much memory does it take; 0 of what is convex."""
+        """Number of triangles that Coal judges, for its memory; 0 if it is convex."""
         return 0 if self.recipe.facets is None else self.recipe.facets.count
 
     @property
@@ -117,12 +117,12 @@ class Obstacle:
 
     @property
     def endless(self) -> bool:
-        """Whether no ball is about it."""
+        """True if no ball is about it."""
         return isinstance(self.message, messages.HalfSpace)
 
     @property
     def rounding(self) -> float:
-        """What `shape` is rounded by, all around [m]: Coal has to be asked within so much more."""
+        """Radius by which `shape` is rounded [m]: Coal has to be asked within so much more."""
         return 0.0 if self.cloud is None else self.cloud.radius
 
     def placement_at(self, time: float) -> Any:
@@ -236,7 +236,7 @@ _KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)
 
 
 class _UnusableError(Exception):
-    """What is wrong with an obstacle, and the field at fault."""
+    """An obstacle can't be used; holds the fault and the field."""
 
     def __init__(self, fault: str, field: str) -> None:
         super().__init__(fault)

@@ -34,7 +34,7 @@ def _triples(listed: list[Any], kind: type) -> np.ndarray:
 
 
 def count_of(some: Points | Triangles) -> int:
-    """How many points or triangles a message holds."""
+    """Return the number of points or triangles in a message."""
     match some:
         case Float32Array():
             return len(some.float32) // 12
@@ -44,7 +44,7 @@ def count_of(some: Points | Triangles) -> int:
 
 
 def are_many(declared: Sequence[messages.Obstacle | messages.GuidePlane], most: int) -> bool:
-    """Whether obstacles or guide planes have so many corners, triangles, points and places, or are so many."""
+    """Return whether obstacles or guide planes have so many corners, triangles, points and places, or are so many."""
     return len(declared) >= most or len(declared) + sum(map(_parts, declared)) >= most
 
 

@@ -13,7 +13,7 @@ from guidefield.scene.facets import Facets
 
 @dataclass(frozen=True, eq=False)
 class Charges:
-    """What an obstacle contributes to the field; rows, in the world [m].
+    """The charges of an obstacle, in rows, in the world [m].
 
     Attributes:
         triangles: Charged triangles, shape (n, 3, 3).
@@ -35,7 +35,7 @@ class Charges:
 
 
 class Recipe(NamedTuple):
-    """How what belongs to an obstacle is made.
+    """The makers of an obstacle's parts.
 
     Attributes:
         body: Of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3.

@@ -51,17 +51,17 @@ class Scene:
 
     @cached_property
     def others(self) -> tuple[int, ...]:
-        """Which obstacles are no primitives at rest, ascending indices: of thousands it is few that need a look."""
+        """Indices of obstacles that are no primitives at rest, ascending: few of thousands."""
         return tuple(index for index, one in enumerate(self.obstacles) if is_other(one))
 
     @cached_property
     def end(self) -> float:
-        """When the last obstacle comes to rest [s]; 0 if all are."""
+        """Time at which the last obstacle comes to rest [s]; 0 if all are at rest."""
         return max((one.motion.end for one in self._others() if one.motion is not None), default=0.0)
 
     @cached_property
     def moves(self) -> bool:
-        """Whether any obstacle moves."""
+        """True if any obstacle moves."""
         return any(one.motion is not None for one in self._others())
 
     @cached_property
@@ -81,7 +81,7 @@ class Scene:
 
     @cached_property
     def convex(self) -> bool:
-        """Whether Coal judges every obstacle as one convex body."""
+        """True if Coal judges every obstacle as one convex body."""
         return all(one.convex for one in self._others())
 
     def _others(self) -> Iterator[Obstacle]:
@@ -203,7 +203,7 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
 
 
 def is_other(one: Obstacle) -> bool:
-    """Whether an obstacle is no primitive at rest."""
+    """Return whether an obstacle is no primitive at rest."""
     return one.motion is not None or not one.placed
 
 
@@ -277,5 +277,5 @@ def placed_rows(scene: Scene) -> np.ndarray:
 
 
 def unplaced(scene: Scene) -> list[int]:
-    """Which obstacles of a scene are no primitives, ascending indices."""
+    """Return the indices of obstacles that are no primitives, ascending."""
     return [index for index in scene.others if not scene.obstacles[index].placed]

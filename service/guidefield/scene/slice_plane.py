@@ -73,7 +73,7 @@ class SlicePlane:
         return points
 
     def projected(self, points: np.ndarray, rows: int, columns: int) -> np.ndarray:
-        """Where points of the world, shape (n, 3) [m], lie in a picture: column and row, shape (n, 2) [pixels]."""
+        """Project points of the world, shape (n, 3) [m], to column and row of a picture, shape (n, 2) [pixels]."""
         offsets = np.asarray(points, float) - self.corner
         return np.column_stack(
             [

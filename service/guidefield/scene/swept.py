@@ -1,4 +1,4 @@
-"""Where obstacles that move get: balls about them, and boxes that these stay in from one placement to the next.
+"""Swept volumes of moving obstacles: balls about them, and boxes that contain these between placements.
 
 On a screw from a place to another that is c away, a point goes a way of length L at one speed. So it stays within
 sqrt(L^2 - c^2) / 2 of what is straight between the two: anywhere else the way by it were longer.
@@ -36,7 +36,7 @@ class MovingBall(NamedTuple):
 
 
 class Swept(NamedTuple):
-    """Where obstacles that move get.
+    """The swept volumes of moving obstacles.
 
     Attributes:
         boxes: Lower, then upper corners of boxes along the world's axes that they stay in: before one moves, between
@@ -52,7 +52,7 @@ class Swept(NamedTuple):
 
 
 def motion_of(obstacle: Obstacle) -> ObstacleMotion:
-    """How an obstacle moves, which does."""
+    """Return the motion of an obstacle that moves."""
     assert obstacle.motion is not None, "only what moves is asked for"
     return obstacle.motion
 
@@ -73,7 +73,7 @@ def moving_ball(obstacle: Obstacle) -> MovingBall | None:
 
 
 def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
-    """Where obstacles that move get.
+    """Return the swept volumes of moving obstacles.
 
     Args:
         obstacles: They all move.
@@ -113,7 +113,7 @@ def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> 
 
 
 def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """How far what is somewhere in boxes is from places in a ball.
+    """Bound the distances of points in boxes from places in a ball.
 
     Args:
         boxes: Lower, then upper corners, shape (n, 6) [m].

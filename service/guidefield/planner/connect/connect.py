@@ -216,7 +216,7 @@ def _unconnected(
 
 
 def _certified(problem: Problem, path: ChartPoints) -> bool:
-    """Whether the straight motions along a path (n, nv) are proven to be free."""
+    """Return whether the straight motions along a path (n, nv) are proven to be free."""
     for z0, z1 in pairwise(path):
         verdict = motion_free(problem.world, z0, z1, problem.min_clearance)
         problem.counters.collision_checks += verdict.evaluations

@@ -268,7 +268,7 @@ def _place(group: PlanningGroup, nv: int) -> _Place:
 def can_be_left(
     lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
-    """Whether any of many short motions out of some configurations is free.
+    """Return whether any of many short motions out of some configurations is free.
 
     Args:
         lanes: Robot and obstacles.

@@ -119,7 +119,7 @@ def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[
 
 
 def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
-    """Whether the straight way between two places keeps a share of the clearance that they have."""
+    """Return whether the straight way between two places keeps a share of the clearance that they have."""
     steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / AUTO_PLANES.sight_step)))
     points = np.linspace(way.points[a], way.points[b], steps + 1)
     local = float(min(way.clearances[a], way.clearances[b]))

@@ -70,7 +70,7 @@ class GuidedPath:
         return self._tip
 
     def free(self, q0: Configuration, q1: Configuration) -> bool:
-        """Whether the straight motion between two configurations (nq,) is free over its whole length."""
+        """Return whether the straight motion between two configurations (nq,) is free over its whole length."""
         swept = swept_world(self.problem.world)
         z0, z1 = swept.ends(q0, q1)
         self.problem.counters.collision_checks += 1
@@ -116,7 +116,7 @@ class GuidedPath:
             del self.path[since + 1 : -1]
 
     def dips(self, since: int) -> bool:
-        """Whether the way from an earlier configuration comes nearer to obstacles than both its ends do.
+        """Return whether the way from an earlier configuration comes nearer to obstacles than both its ends do.
 
         Args:
             since: Index in the path of the earlier configuration.
@@ -132,7 +132,7 @@ class GuidedPath:
         self.problem.tell(Note("comes too near to obstacles on the way: goes back, and on in shorter advances"))
 
     def keeps(self, q0: Configuration, q1: Configuration, margin: float) -> bool:
-        """Whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
+        """Return whether capsules can tell that the straight motion between configurations (nq,) keeps a margin [m]."""
         swept = swept_world(self.problem.world)
         self.problem.counters.collision_checks += 1
         return swept.apart(*swept.ends(q0, q1), margin)

@@ -87,7 +87,7 @@ class GivenMotion(ReadOnly):
 
     @property
     def is_point(self) -> bool:
-        """Whether there is a single knot."""
+        """True if there is a single knot."""
         return len(self.positions) == 1
 
     @cached_property

@@ -41,7 +41,7 @@ class Use:
 
     @property
     def kept(self) -> bool:
-        """Whether no limit is exceeded."""
+        """True if no limit is exceeded."""
         return not self.steps and (self.share is None or self.share <= KEPT)
 
 

@@ -260,7 +260,7 @@ def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
 
 
 def _is_soon(problem: Problem, spline: BSpline, settings: OptimizationSettings) -> bool:
-    """Whether a motion takes hardly more than the least time."""
+    """Return whether a motion takes hardly more than the least time."""
     return spline.duration <= settings.enough * least_time(problem, spline)
 
 

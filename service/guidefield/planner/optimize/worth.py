@@ -60,7 +60,7 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
 
 
 def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
-    """Whether the robot's points keep a distance [m] from all that moves, at samples of a motion.
+    """Return whether the robot's points keep a distance [m] from all that moves, at samples of a motion.
 
     Where they don't no certificate says that the robot keeps it; where they do it has to be asked.
     """

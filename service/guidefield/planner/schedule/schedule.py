@@ -41,7 +41,7 @@ class Schedule(ReadOnly):
 
     @property
     def constant(self) -> bool:
-        """Whether its rate never changes."""
+        """True if its rate never changes."""
         return bool(np.all(self.rates == self.rates[0]))
 
     def at(self, times: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:

@@ -61,7 +61,7 @@ def stays_free(problem: Problem, z: ChartPoint, since: float) -> bool:
 
 
 def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
-    """Whether a robot may stand at a chart point from one time to another [s]."""
+    """Return whether a robot may stand at a chart point from one time to another [s]."""
     verdict = certify_moving(
         problem.world,
         np.repeat(z[None, None], 4, axis=1),

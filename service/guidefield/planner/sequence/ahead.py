@@ -111,7 +111,7 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
 
 
 def _is_choice(problem: Problem) -> bool:
-    """Whether several configurations may be the goal, and are known before the way there is."""
+    """Return whether several configurations may be the goal, and are known before the way there is."""
     if problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
         return False
     return isinstance(problem.goal, TipGoal) or len(problem.goal.configurations) > 1
@@ -140,7 +140,7 @@ def _nearest_first(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
 
 
 def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
-    """Whether nothing speaks against the steps from one on, as far as is looked."""
+    """Return whether nothing speaks against the steps from one on, as far as is looked."""
     if index == len(course):
         return True
     motion = course.motion(index, at, math.inf)
@@ -221,5 +221,5 @@ def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | En
 
 
 def _touch(problem: Problem, zs: Iterable[ChartPoint]) -> np.ndarray:
-    """Whether anything touches at each of some chart points, each of shape (nv,)."""
+    """Return whether anything touches at each of some chart points, each of shape (nv,)."""
     return np.array(problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]), bool)

@@ -61,7 +61,7 @@ class Course(Protocol[S]):
         ...
 
     def moves(self, index: int) -> bool:
-        """Whether anything moves in a step."""
+        """Return whether anything moves in a step."""
         ...
 
     def motion(self, index: int, at: S, begin: float) -> StepMotion | None:

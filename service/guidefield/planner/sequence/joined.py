@@ -111,7 +111,7 @@ def refused(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None
 
 
 def _judged(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
-    """Whether a part is free between two knots, and keeps to its way between two others."""
+    """Return whether a part is free between two knots, and keeps to its way between two others."""
     problem = one.problem
     verdict = judged(problem, _between(motion, *all_of))
     if not verdict.free or one.way is None or straight[0] >= straight[1]:

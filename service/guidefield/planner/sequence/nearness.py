@@ -36,7 +36,7 @@ class PassedGoal(ReadOnly):
 
     @property
     def is_of_tip(self) -> bool:
-        """Whether it is about the tip."""
+        """True if it is about the tip."""
         return isinstance(self.problem.goal, TipGoal)
 
     @property

@@ -40,7 +40,7 @@ class Allowed:
     end: float
 
     def covers(self, begin: float, end: float) -> bool:
-        """Whether it holds all along between two times [s]."""
+        """Return whether it holds all along between two times [s]."""
         return self.begin <= begin and end <= self.end
 
 

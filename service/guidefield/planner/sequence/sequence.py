@@ -117,7 +117,7 @@ class SequencePlan(ReadOnly, Generic[S]):
 
     @property
     def free(self) -> bool:
-        """Whether all that was judged is certified."""
+        """True if all that was judged is certified."""
         return all(verdict.free for verdict in self.verdicts)
 
 

@@ -49,7 +49,7 @@ class Deviation(NamedTuple):
     turned: float
 
     def within(self, way: StraightWay) -> bool:
-        """Whether that is within the tolerances."""
+        """Return whether that is within the tolerances."""
         return max(self.aside, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
 
 

@@ -120,7 +120,7 @@ def _places(way: StraightWay) -> int:
 
 
 def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
-    """Whether a motion is free, keeps the path constraints and keeps to the way."""
+    """Return whether a motion is free, keeps the path constraints and keeps to the way."""
     inside = enclosed_start(problem, pieces[0, 0])
     verdict = inside or certify(problem.world, pieces, problem.min_clearance, deadline=problem.deadline)
     turns = problem.world.bodies.turns
@@ -132,7 +132,7 @@ def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
 
 
 def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
-    """Whether a motion, pieces (m, 4, nv), keeps to the way."""
+    """Return whether a motion, pieces (m, 4, nv), keeps to the way."""
     return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 

@@ -43,7 +43,7 @@ class StraightWay:
 
     @cached_property
     def is_point(self) -> bool:
-        """Whether the frame turns on the spot."""
+        """True if the frame turns on the spot."""
         return self.length <= POINT
 
     @cached_property

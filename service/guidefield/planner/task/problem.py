@@ -92,7 +92,7 @@ class Problem(Conditions):
 
     @property
     def in_motion(self) -> bool:
-        """Whether the motion begins or ends in motion."""
+        """True if the motion begins or ends in motion."""
         return any(one is not None for one in (self.start_velocity, self.start_acceleration, self.end_velocity))
 
     @property
