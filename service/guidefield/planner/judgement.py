@@ -6,7 +6,6 @@ what rests, what moves, and what frames have to keep; of their refusals the firs
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,12 +26,6 @@ from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
-
-TOGETHER = 1000
-"""Among obstacles that move, so many pieces are judged before the next: among what rests, then among what moves."""
-
-AT_ONCE = 10_000
-"""Among what rests so many pieces are judged before it is asked whether to stop: laying them out takes milliseconds."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,35 +103,13 @@ def _constraints(problem: GivenProblem) -> Verdict:
 
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
-    """Return whether nothing touches or comes too close, as far as the path constraints are kept."""
+    """Whether nothing touches or comes too close, as far as the path constraints are kept."""
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if not problem.scene.moves:
-
-        def at_rest(first: int, last: int) -> Verdict:
-            return certify(problem.world, motion.pieces[first:last], problem.min_clearance, deadline=deadline)
-
-        return _judged(at_rest, count, AT_ONCE)
-    pieces, times = motion.scheduled.bezier(), motion.scheduled.piece_times()
-
-    def in_time(first: int, last: int) -> Verdict:
-        return certify_timed(
-            problem.world, pieces[first:last], times[first : last + 1], problem.min_clearance, deadline=deadline
-        )
-
-    return _judged(in_time, count, TOGETHER)
-
-
-def _judged(judge: Callable[[int, int], Verdict], count: int, together: int) -> Verdict:
-    """The verdict about so many pieces, some judged at a time, from one up to another."""
-    evaluations = 0
-    for first in range(0, count, together):
-        verdict = judge(first, min(first + together, count))
-        evaluations += verdict.evaluations
-        if verdict.piece is not None and verdict.free_until is not None:
-            free_until = (first + verdict.free_until[0], verdict.free_until[1])
-            return replace(verdict, piece=first + verdict.piece, free_until=free_until, evaluations=evaluations)
-    return Verdict(Reason.FREE, evaluations)
+        return certify(problem.world, motion.pieces[:count], problem.min_clearance, deadline=deadline)
+    pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
+    return certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)
 
 
 def judged_in_time(problem: Problem, motion: Trajectory, deadline: Deadline | None = None) -> Verdict:
