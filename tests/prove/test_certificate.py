@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
+from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.prove import search
@@ -351,3 +352,13 @@ def test_a_judgement_that_is_stopped_certifies_what_comes_before(monkeypatch):
         assert verdict.evaluations < whole.evaluations
         assert (verdict.piece > 0) == (rounds > 0)
         assert certify(world, pieces[: verdict.piece]).free
+
+
+def test_a_refusal_that_coal_does_not_confirm_is_no_answer(monkeypatch):
+    arm = group("panda")
+    start, end = rest(arm), rest(arm)
+    start[0], end[0] = -0.6, 0.6
+    world = world_of(arm, [box("pole", (0.01, 0.01, 1.5), (0.3, 0, 0.75))])
+    monkeypatch.setattr(World, "penetration_of", lambda *_, **__: None)
+    with pytest.raises(search.ContradictionError, match="Coal hasn't"):
+        motion_free(world, start, end)

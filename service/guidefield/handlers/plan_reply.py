@@ -20,8 +20,8 @@ from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
 
 CERTIFICATE = (
-    "Coal on the URDF's collision geometry; rigorous motion bounds on Bezier pieces, bisected per pair;"
-    " position limits on the same pieces"
+    "the URDF's collision geometry; rigorous motion bounds and separating directions on segments of Bezier curves,"
+    " halved per pair; confirmed by Coal where it is closest or refused; position limits on the same curves"
 )
 STAGES = ("ends", "connect", "guide", "relax", "parameterize", "certify")
 
