@@ -17,9 +17,8 @@ from guidefield.messages.replies import ClearanceReply, RobotReply, RobotsReply,
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.streams import StreamOpen, StreamUpdate
 from guidefield.stores import by_user
-from guidefield.stores.by_user import StoresByUser
+from guidefield.stores.by_user import Kind, StoresByUser
 from guidefield.stores.runs import RunDatabase
-from guidefield.stores.shared import Kind
 from guidefield.stream.journal import Journal
 from tests.kept_runs import begin
 

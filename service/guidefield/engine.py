@@ -54,11 +54,11 @@ from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
 from guidefield.run import Destination, Run
+from guidefield.stores.by_user import Kind
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
-from guidefield.stores.shared import Kind
 
 if TYPE_CHECKING:
     from guidefield.case_file import Motion

@@ -19,8 +19,7 @@ from guidefield.messages.replies import Done, RobotsReply, ScenesReply
 from guidefield.messages.values import Reply
 from guidefield.progress import Watcher
 from guidefield.run import LARGEST_RECORDING, whole_recording
-from guidefield.stores.by_user import StoresByUser
-from guidefield.stores.shared import Kind
+from guidefield.stores.by_user import Kind, StoresByUser
 
 if TYPE_CHECKING:
     from guidefield.rendering import Renderings

@@ -1,17 +1,22 @@
-"""Write files atomically: beside the final name, then renamed, so that a file is there whole or not at all.
+"""Write files atomically, whole or not at all, and share them by hard links.
 
-A process that is killed at any moment leaves no file cut in half; what it leaves behind starts with a dot, ends with
-`DRAFT`, and is never taken for data.
+A process that is killed at any moment leaves no file cut in half; a file that it leaves behind starts with a dot, ends
+with `DRAFT`, and is never taken for data. A file that many others need is known by its content, and each has a hard
+link to it: the file system counts them, so that a file is deleted only once nobody needs it.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
+import time
 import uuid
+from collections.abc import Callable
 from pathlib import Path
 
 DRAFT = ".draft"
-"""How the name of a file ends that isn't whole yet."""
+"""Ending of the name of a file that isn't whole yet."""
 
 
 def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> None:
@@ -42,7 +47,7 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
 
 
 def draft_of(path: Path) -> Path:
-    """A name beside a file's, for what isn't whole yet: another one each time."""
+    """Return a name beside a file's for content that isn't whole yet: another one each time."""
     return path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
 
 
@@ -53,3 +58,37 @@ def flush_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def link_shared(link: Path, file: Path, content: Callable[[], bytes]) -> None:
+    """Link to a shared file, which is written if it isn't there, or has as many links as the disk allows.
+
+    Args:
+        link: The link; there must be nothing.
+        file: The file, known by its content; its folder is made.
+        content: Gives the content.
+
+    Raises:
+        OSError: if the disk refuses, or knows no hard links.
+    """
+    for _ in range(2):
+        try:
+            link.hardlink_to(file)
+            os.utime(file)
+            return
+        except OSError as error:
+            if error.errno not in (errno.ENOENT, errno.EMLINK):
+                raise
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(file, content(), durable=False)
+    link.hardlink_to(file)
+
+
+def remove_unshared(folder: Path, unused: float) -> None:
+    """Delete the files of a folder that have no link and weren't used for some time [s]."""
+    with contextlib.suppress(FileNotFoundError):
+        for file in list(folder.iterdir()):
+            with contextlib.suppress(OSError):
+                state = file.stat()
+                if state.st_nlink == 1 and time.time() - state.st_mtime >= unused:
+                    file.unlink()  # a link that is made meanwhile keeps the content

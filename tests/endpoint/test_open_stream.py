@@ -5,18 +5,19 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, cast
 
 import msgspec
 import pytest
 
 from guidefield.endpoint import open_stream
-from guidefield.endpoint.open_stream import Opening, OpenStream
+from guidefield.endpoint.open_stream import OpenStream
 from guidefield.errors import Preempted, RobotInvalid, StreamUnknown, TimedOut
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
 from guidefield.messages.streams import StreamState
-from guidefield.stream_worker import StreamConversation
+from guidefield.stream_worker import Aim, Halt, StreamConversation
 from tests.journeys.service import SO_WITHIN
 from tests.worker_setups import StreamInWords
 
@@ -49,9 +50,10 @@ class Published:
 def opened(*, refuses: bool = False) -> Iterator[tuple[OpenStream, Published]]:
     published = Published()
     conversation: Any = StreamInWords(refuses=refuses)
-    opening = Opening(("plain", "s"), Asker(), (Encoding.JSON, b"{}"))
     stream = OpenStream(
-        opening,
+        ("plain", "s"),
+        Asker(),
+        (Encoding.JSON, b"{}"),
         cast(StreamConversation, conversation),
         1 << 30,
         published.publish,
@@ -71,7 +73,7 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
         assert published.await_told(1) == [("pieces", b"one")]
         read = stream.read()
         assert (read.updates, read.pieces, read.executing, read.stops, read.last) == (1, 1, 7, 1.5, None)
-        aimed = stream.aim(b"{}", Encoding.JSON)
+        aimed = stream.ask(partial(Aim, payload=b"{}", encoding=Encoding.JSON), 2)
         over = stream.end(Preempted("it was asked to end"))
         over.result(SO_WITHIN)
         with pytest.raises(Preempted, match="asked to end"):
@@ -81,7 +83,7 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
         assert state.error is not None
         assert state.error.name == "PREEMPTED"
         with pytest.raises(StreamUnknown):
-            stream.halt(Encoding.JSON)
+            stream.ask(partial(Halt, encoding=Encoding.JSON), 0)
 
 
 def test_one_that_can_not_be_opened_says_why_and_publishes_nothing() -> None:

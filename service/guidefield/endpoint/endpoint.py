@@ -49,10 +49,10 @@ from guidefield.messages.scene_changes import SceneChanged
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import BACKSTOP, Answer, Task, TimedAnswer
 from guidefield.run import whole_recording
+from guidefield.stores.by_user import Kind
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import RunDatabase, UserRuns, answered_before
-from guidefield.stores.shared import Kind
 from guidefield.worker import Job
 
 _log = logging.getLogger(__name__)

@@ -1,4 +1,4 @@
-"""One stream that a service has: what it is told and tells, from its opening to its end."""
+"""One stream of a service, with its process, from its opening to its end."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from guidefield.errors import GuidefieldError, ServerBusy, StreamUnknown, TimedOut
@@ -42,41 +40,30 @@ Publish = Callable[[str, bytes, Encoding], None]
 """Publishes something on a key below the stream's."""
 
 
-@dataclass(frozen=True)
-class Opening:
-    """Who opens a stream, and with which words.
-
-    Attributes:
-        name: Whose it is, and its name.
-        asker: Who opens it; when that client is gone, it ends.
-        words: The query's encoding and payload: the same may ask again after its link broke.
-    """
-
-    name: tuple[str, str]
-    asker: Asker
-    words: tuple[Encoding, bytes]
-
-
 class OpenStream:
     """A stream with its process.
 
     Args:
-        opening: Who opens it.
-        conversation: What its process does.
-        memory: What that may take [bytes].
-        publish: Publishes what it tells.
-        left: Is told when it is over.
+        name: Its user, and its name.
+        asker: The client that opens it; when that is gone, it ends.
+        words: The query's encoding and payload: the same client may ask again after its link broke.
+        conversation: The work of its process.
+        memory: The limit of this process [bytes].
+        publish: Publishes the messages of the process.
+        left: Is called when it is over.
     """
 
     def __init__(
         self,
-        opening: Opening,
+        name: tuple[str, str],
+        asker: Asker,
+        words: tuple[Encoding, bytes],
         conversation: StreamConversation,
         memory: int,
         publish: Publish,
         left: Callable[[OpenStream], None],
     ) -> None:
-        self.opening = opening
+        self.name, self.asker, self.words = name, asker, words
         self.opened: Future[StreamReply] = Future()
         self.opened.set_running_or_notify_cancel()
         self._finished: Future[None] = Future()
@@ -128,20 +115,31 @@ class OpenStream:
             self._last = state
         self._publish("state", codec.encode(state, self._encoding), self._encoding)
 
-    def aim(self, payload: bytes, encoding: Encoding) -> Future[Answer]:
-        """Have it aim for another goal."""
-        return self._asked(partial(Aim, payload=payload, encoding=encoding), len(payload))
+    def ask(self, question: Callable[[int], Aim | Judge | Halt], size: int) -> Future[Answer]:
+        """Ask its process to aim for another goal, to judge its last piece, or to stop its robot.
 
-    def judge(self, payload: bytes, encoding: Encoding) -> Future[Answer]:
-        """Have it judge its last piece."""
-        return self._asked(partial(Judge, payload=payload, encoding=encoding), len(payload))
+        Args:
+            question: Makes the question with a number.
+            size: Room that this takes [bytes].
 
-    def halt(self, encoding: Encoding) -> Future[Answer]:
-        """Have it stop its robot."""
-        return self._asked(partial(Halt, encoding=encoding), 0)
+        Raises:
+            StreamUnknown: if it isn't open.
+            ServerBusy: if too much waits for it.
+        """
+        answer: Future[Answer] = Future()
+        with self._lock:
+            if self._open is None or self._gone:
+                raise StreamUnknown(f"stream {self.name[1]!r} isn't open", stream=self.name[1])
+            number = next(self._numbers)
+            self._queries[number] = answer
+        if not self._companion.tell(question(number), size):
+            with self._lock:
+                self._queries.pop(number, None)
+            raise ServerBusy("too much waits for this stream already", retry_after=1.0)
+        return answer
 
     def read(self) -> StreamReply:
-        """How it is.
+        """Describe it.
 
         Raises:
             StreamUnknown: if it isn't open yet.
@@ -162,9 +160,9 @@ class OpenStream:
     def _reply(self) -> StreamReply:
         known = self._open
         if known is None:
-            raise StreamUnknown(f"stream {self.opening.name[1]!r} is being opened", stream=self.opening.name[1])
+            raise StreamUnknown(f"stream {self.name[1]!r} is being opened", stream=self.name[1])
         return StreamReply(
-            stream_id=self.opening.name[1],
+            stream_id=self.name[1],
             robot=known.robot,
             position_names=list(known.position_names),
             start=list(known.start),
@@ -178,20 +176,6 @@ class OpenStream:
             warnings=list(known.warnings),
             last=self._last,
         )
-
-    def _asked(self, made: Callable[[int], Any], size: int) -> Future[Answer]:
-        """The answer to come of the stream's process."""
-        answer: Future[Answer] = Future()
-        with self._lock:
-            if self._open is None or self._gone:
-                raise StreamUnknown(f"stream {self.opening.name[1]!r} isn't open", stream=self.opening.name[1])
-            number = next(self._numbers)
-            self._queries[number] = answer
-        if not self._companion.tell(made(number), size):
-            with self._lock:
-                self._queries.pop(number, None)
-            raise ServerBusy("too much waits for this stream already", retry_after=1.0)
-        return answer
 
     def _hear(self, what: Any) -> None:
         if isinstance(what, Told):

@@ -1,4 +1,4 @@
-"""The streams of a service: who opens one, what comes for it, and when it ends.
+"""The streams of a service: their opening, the queries and updates for them, and their end.
 
 Theory of operation. Each stream has a process for its life. Its updates are put by the client, and can't be answered:
 what is wrong with one is told on the stream's key ``state``. Queries about it are answered as all others are. A stream
@@ -20,7 +20,7 @@ from typing import Protocol
 import msgspec
 
 from guidefield.endpoint.asked import encoding_of
-from guidefield.endpoint.open_stream import Opening, OpenStream, Publish
+from guidefield.endpoint.open_stream import OpenStream, Publish
 from guidefield.errors import (
     GuidefieldError,
     MalformedRequest,
@@ -50,19 +50,19 @@ from guidefield.messages.stream_requests import StreamReply, StreamsReply
 from guidefield.messages.streams import MOST_UPDATE_BYTES
 from guidefield.pool.waiting import Answer
 from guidefield.stores.files import checked_name
-from guidefield.stream_worker import StreamConversation
+from guidefield.stream_worker import Aim, Halt, Judge, StreamConversation
 from guidefield.worker import EngineSetup
 
 RETRY_AFTER = 1.0
-"""When to ask again for a stream where all are taken [s]."""
+"""Time after which to ask again for a stream if all are taken [s]."""
 ENDED_WITHIN = 5.0
-"""How long streams may take to end with the service [s]."""
+"""Time for streams to end with the service [s]."""
 
 _log = logging.getLogger(__name__)
 
 
 class Payload(Protocol):
-    """A payload that isn't copied before it is known how long it is."""
+    """A payload that isn't copied before its length is known."""
 
     def __len__(self) -> int:
         """How long it is [bytes]."""
@@ -101,12 +101,12 @@ class Streams:
 
     @property
     def open(self) -> int:
-        """How many there are."""
+        """The number of open streams."""
         return len(self._open)
 
     @property
     def counters(self) -> dict[str, int]:
-        """How many streams were opened, and how many updates came, to none of them too."""
+        """The numbers of streams opened, of updates, and of updates for no stream."""
         return dict(self._counters)
 
     @property
@@ -136,10 +136,10 @@ class Streams:
             over.add_done_callback(lambda _: answer.set_result(done))
             return answer
         if isinstance(asked, HaltStream):
-            return stream.halt(read.encoding)
+            return stream.ask(partial(Halt, encoding=read.encoding), 0)
         assert isinstance(asked, AimStream | JudgeStream), "there is nothing else"
-        answers = stream.aim if isinstance(asked, AimStream) else stream.judge
-        return answers(read.payload, read.encoding)
+        kind = Aim if isinstance(asked, AimStream) else Judge
+        return stream.ask(partial(kind, payload=read.payload, encoding=read.encoding), len(read.payload))
 
     def update(self, key: str, payload: Payload, encoding: object, allow: Callable[[str], None]) -> None:
         """Take an update that somebody put.
@@ -168,7 +168,7 @@ class Streams:
 
     def forget(self, client: Asker) -> int:
         """End the streams of a client that is gone; how many those were."""
-        found = [stream for stream in self._all() if stream.opening.asker == client]
+        found = [stream for stream in self._all() if stream.asker == client]
         for stream in found:
             stream.end(Preempted("the client that opened it is gone"))
         return len(found)
@@ -182,25 +182,26 @@ class Streams:
         deadline = time.monotonic() + ENDED_WITHIN
         for stream in self._all():
             if not stream.join(deadline - time.monotonic()):
-                _log.error("stream %s of %s didn't end", *reversed(stream.opening.name))
+                _log.error("stream %s of %s didn't end", *reversed(stream.name))
 
     def _opened(self, read: Query, asked: Opened) -> Future[Answer]:
         request = asked.request
         if request.stream_id is None:
             request = msgspec.structs.replace(request, stream_id=uuid.uuid4().hex)
         name = checked_name(str(request.stream_id), "stream_id")
-        opening = Opening((read.user, name), read.asker, (read.encoding, read.payload))
+        own, words = (read.user, name), (read.encoding, read.payload)
         with self._lock:
-            known = self._open.get(opening.name)
+            known = self._open.get(own)
             if known is None:
                 self._require_room(read.user)
                 conversation = StreamConversation(self._setup, read.user, request, read.encoding)
                 publish = partial(self._tell, base_key(self._instance, read.user), name)
-                known = OpenStream(opening, conversation, self._memory, publish, self._left)
-                self._open[opening.name] = known
+                known = self._open[own] = OpenStream(
+                    own, read.asker, words, conversation, self._memory, publish, self._left
+                )
                 known.start()
                 self._counters["streams"] += 1
-            elif (known.opening.asker, known.opening.words) != (opening.asker, opening.words):
+            elif (known.asker, known.words) != (read.asker, words):
                 raise MalformedRequest(f"`stream_id`: a stream {name!r} is open already", path="$.stream_id")
         answer: Future[Answer] = Future()
         known.opened.add_done_callback(partial(_hand_on, answer, read.encoding))
@@ -222,7 +223,7 @@ class Streams:
 
     def _left(self, stream: OpenStream) -> None:
         with self._lock:
-            self._open.pop(stream.opening.name, None)
+            self._open.pop(stream.name, None)
 
     def _named(self, user: str, name: str) -> OpenStream:
         with self._lock:

@@ -122,14 +122,7 @@ def _fingerprint(robot: RobotModel) -> str:
     """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
     source = robot.source.urdf_text.encode()
     digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {bodies.known(robot)} ".encode() + source)
-    for module in (
-        __file__,
-        bodies.__file__,
-        mesh_files.__file__,
-        bodies.__file__,
-        surface.__file__,
-        bodies.__file__,
-    ):
+    for module in (__file__, bodies.__file__, mesh_files.__file__, surface.__file__):
         digest.update(Path(module).read_bytes())
     for element in etree.fromstring(source).iter("mesh"):
         path = Path(element.get("filename"))

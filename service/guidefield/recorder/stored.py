@@ -6,12 +6,9 @@ a hard link beside itself, so that the file goes with the last recording that ne
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import functools
 import hashlib
-import os
-import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +28,7 @@ from guidefield.recorder.view import Eye, layout
 from guidefield.recorder.whole import LINK, left_out
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, declared_with
-from guidefield.whole_file import write_whole
+from guidefield.whole_file import link_shared, remove_unshared
 
 FOLDER = "runs-scenes"
 """Name of the folder of these files, beside that of the robots."""
@@ -65,22 +62,19 @@ class SharedScene:
             OSError: if the disk refuses.
         """
         folder, link = bodies.with_name(FOLDER), recording.with_suffix(LINK)
-        file = folder / f"{self.digest}.rrd"
-        folder.mkdir(parents=True, exist_ok=True)
+
+        def content() -> bytes:
+            remove_unshared(folder, UNUSED_S)
+            return encode_recording(self.digest, self.chunks(), None)
+
         link.unlink(missing_ok=True)
-        for _ in range(2):
-            try:
-                link.hardlink_to(file)
-                os.utime(file)
-                return True
-            except FileNotFoundError:
-                _remove_unused(folder)
-                write_whole(file, encode_recording(self.digest, self.chunks(), None), durable=False)
-            except OSError as error:
-                if error.errno in (errno.EMLINK, errno.EPERM, errno.EOPNOTSUPP, errno.EXDEV):
-                    return False
-                raise
-        return False
+        try:
+            link_shared(link, folder / f"{self.digest}.rrd", content)
+        except OSError as error:
+            if error.errno in (errno.EPERM, errno.EOPNOTSUPP, errno.EXDEV):
+                return False
+            raise
+        return True
 
 
 def shared_scene(
@@ -127,15 +121,6 @@ def _readers() -> bytes:
     """The code that draws: a file drawn by another version has another name."""
     files = (__file__, bodies.__file__, scene_entities.__file__, surface.__file__)
     return b"".join([rr.__version__.encode(), *(Path(file).read_bytes() for file in files)])
-
-
-def _remove_unused(folder: Path) -> None:
-    """Delete files that no recording is linked to."""
-    for file in folder.iterdir():
-        with contextlib.suppress(OSError):
-            state = file.stat()
-            if state.st_nlink == 1 and time.time() - state.st_mtime > UNUSED_S:
-                file.unlink()
 
 
 @dataclass(frozen=True)

@@ -6,21 +6,53 @@ import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from guidefield.errors import NotAllowed, QuotaExceeded
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.stores.files import user_folder, users_in
+from guidefield.stores.files import checked_name, user_folder, users_in
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.robots import RobotStore
 from guidefield.stores.runs import NoRuns, RunDatabase, Runs
 from guidefield.stores.scenes import SceneStore
-from guidefield.stores.shared import Kind, Shared
+from guidefield.whole_file import write_whole
 
 MOST_USERS = 1_000
 """The most users who may have something stored."""
 MOST_OPEN = 100
 """The most users whose stores are kept open."""
+
+Kind = Literal["runs", "scenes", "robots", "requests"]
+"""Kinds of things that belong to a user; requests can't be shared."""
+
+
+class Shared:
+    """Marks in a folder: an empty file for each thing that is shared.
+
+    Args:
+        folder: Made when something is shared.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def has(self, kind: Kind, name: str) -> bool:
+        """Return whether something is shared."""
+        return self._mark(kind, name).exists()
+
+    def add(self, kind: Kind, name: str) -> None:
+        """Share something."""
+        mark = self._mark(kind, name)
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(mark, b"")
+
+    def remove(self, kind: Kind, name: str) -> None:
+        """Share it no more, if it was."""
+        self._mark(kind, name).unlink(missing_ok=True)
+
+    def _mark(self, kind: Kind, name: str) -> Path:
+        return self._folder / kind / checked_name(name, kind.removesuffix("s"))
 
 
 @dataclass(frozen=True)

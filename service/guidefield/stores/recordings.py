@@ -9,9 +9,7 @@ logs that need a file: none of these is ever swept, whichever process is killed 
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +17,7 @@ from typing import Literal
 
 from guidefield.errors import UnknownObject
 from guidefield.stores.files import checked_name, read_if_any
-from guidefield.whole_file import write_whole
+from guidefield.whole_file import link_shared, remove_unshared, write_whole
 
 RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
@@ -35,12 +33,12 @@ SHARED_UNUSED_S = 600.0
 """Time after its last use for which a shared scene or robot is kept though no log needs it [s]."""
 
 Kind = Literal["none", "owed", "rendered", "lost"]
-"""What there is of a recording: nothing; the log that it will be rendered from; itself; why it never will be."""
+"""The state of a recording: none; its log alone; rendered; lost, with the reason."""
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What there is of a run's recording, and its size on the disk [bytes]."""
+    """The state of a run's recording, and its size on the disk [bytes]."""
 
     kind: Kind
     bytes: int = 0
@@ -145,7 +143,7 @@ class Recordings:
             for ending in (RECORDING, LOST, SCENE_LINK, *NEEDED):  # of an earlier run of that name
                 self.file(run_id, ending).unlink(missing_ok=True)
             for one in shared:
-                self._hold(self.file(run_id, one.ending), one)
+                link_shared(self.file(run_id, one.ending), self.shared_folder / one.digest, one.content)
             write_whole(self.file(run_id, LOG), log, durable=False)
         except OSError:
             with contextlib.suppress(OSError):
@@ -207,27 +205,7 @@ class Recordings:
 
     def sweep_shared(self, unused: float = SHARED_UNUSED_S) -> None:
         """Delete the shared scenes and robots that no log needs, and that weren't used for some time [s]."""
-        with contextlib.suppress(FileNotFoundError):
-            for path in list(self.shared_folder.iterdir()):
-                with contextlib.suppress(OSError):
-                    state = path.stat()
-                    if state.st_nlink == 1 and time.time() - state.st_mtime >= unused:
-                        path.unlink()  # a log that is linked to it by now keeps its content
-
-    def _hold(self, link: Path, shared: SharedFile) -> None:
-        """Link to shared content, which is put into its folder where it isn't there."""
-        path = self.shared_folder / shared.digest
-        for _ in range(2):
-            try:
-                link.hardlink_to(path)
-                os.utime(path)
-                return
-            except OSError as error:
-                if error.errno not in (errno.ENOENT, errno.EMLINK):  # it isn't there, or has as many names as may be
-                    raise
-            self.shared_folder.mkdir(exist_ok=True)
-            write_whole(path, shared.content(), durable=False)
-        link.hardlink_to(path)
+        remove_unshared(self.shared_folder, unused)
 
 
 def _size(file: Path) -> int | None:
