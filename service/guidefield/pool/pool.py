@@ -349,7 +349,7 @@ class Pool:
     def _assign(self) -> _Given:
         """Choose tasks for the workers that idle; under the lock. `_give` hands them over, without it."""
         given: _Given = []
-        for slot in self._slots:
+        for slot in self._slots if len(self.waiting) else ():
             worker = slot.idle_worker
             if worker is None:
                 continue
