@@ -145,8 +145,7 @@ class RobotField:
         """
         wrenches = self.evaluate(q).wrenches
         placements = np.empty((self.group.model.njoints, 3, 4))
-        parents, kinds, axes, fixed, idx_q, _, _ = self.joints
-        joint_placements(parents, kinds, axes, fixed, idx_q, self.group.expand(q), placements)
+        joint_placements(self.joints, self.group.expand(q), placements)
         by_link = {}
         for index in range(1, self.group.model.njoints):
             force, moment = wrenches[index, :3], wrenches[index, 3:]
@@ -191,10 +190,9 @@ class MovingCharges:
 
     def placed(self, qs: Configurations) -> np.ndarray:
         """Return the points at configurations (n, nq), shape (n, p, 3) [m, world]."""
-        parents, kinds, axes, fixed, idx_q, _, _ = joints_of(self.group)
-        placements = np.empty((len(qs), self.group.model.njoints, 3, 4))
+        joints, placements = joints_of(self.group), np.empty((len(qs), self.group.model.njoints, 3, 4))
         for q, there in zip(qs, placements, strict=True):
-            joint_placements(parents, kinds, axes, fixed, idx_q, self.group.expand(q), there)
+            joint_placements(joints, self.group.expand(q), there)
         carried = placements[:, self.joints]
         placed: np.ndarray = np.einsum("npij,pj->npi", carried[..., :3], self.points) + carried[..., 3]
         return placed

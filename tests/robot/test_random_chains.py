@@ -60,7 +60,7 @@ def test_frames_are_where_pinocchio_has_them(urdf: UrdfText, seed: int) -> None:
     found = np.empty((group.model.njoints, 3, 4))
     q = group.random(np.random.default_rng(seed))
     q_model = np.ascontiguousarray(group.expand(q))
-    joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, found)
+    joint_placements(table, q_model, found)
     expected = ByFormula(urdf.text).placements(values(robot, group, q))
     for frame in group.model.frames:
         if frame.type == pin.FrameType.JOINT and group.model.names[frame.parentJoint] == frame.name:

@@ -8,9 +8,13 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from numba import types
 
 from guidefield.geometry.placements import se3
-from guidefield.kernels.stream.separation import SOLIDS, apart
+from guidefield.kernels.collide.gjk_simplex import SIMPLEX
+from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, Floats, lane_kernel
+from guidefield.kernels.simd.packing import pointers
+from guidefield.kernels.stream.separation import SOLIDS, Solids, apart
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
 from guidefield.messages.streams import Deviation, Observation, StreamObstacle, StreamOpen
 from guidefield.messages.values import Placement
@@ -34,6 +38,12 @@ SHAPES: list[Obstacle] = [
 ORIGIN = np.zeros(3)
 
 
+@lane_kernel(types.UniTuple(types.float64, 2)(SOLIDS, VECTOR, SOLIDS, VECTOR, VECTOR_OUT))
+def bounds(a: Solids, here: Floats, b: Solids, there: Floats, simplex: Floats) -> tuple[float, float]:
+    """`apart` of the first solids."""
+    return apart(a, 0, here, b, 0, there, np.inf, -np.inf, pointers(simplex))
+
+
 def moved(q: np.ndarray, p: np.ndarray) -> Any:
     return pin.SE3(pin.Quaternion(q / np.linalg.norm(q)).toRotationMatrix(), p)
 
@@ -44,11 +54,11 @@ def test_bounds_of_distances_hold_coals_distance(first: Obstacle, second: Obstac
     rng = np.random.default_rng(5)
     solids = [solids_of([shape_of(built(one, 0)).solids]) for one in (first, second)]
     shapes = [built(one, 0).shape for one in (first, second)]
-    work = np.zeros((8, 3))
+    simplex = np.zeros(SIMPLEX)
     for _ in range(15):
         poses = [moved(rng.normal(size=4), rng.uniform(-0.3, 0.3, 3)) for _ in range(2)]
         rows = [np.column_stack([pose.rotation, pose.translation]).ravel() for pose in poses]
-        lower, upper = apart.py_func(solids[0], 0, rows[0], solids[1], 0, rows[1], np.inf, -np.inf, work)
+        lower, upper = bounds(solids[0], rows[0], solids[1], rows[1], simplex)
         result = coal.DistanceResult()
         places = [coal.Transform3s(pose.rotation, pose.translation) for pose in poses]
         coal.distance(shapes[0], places[0], shapes[1], places[1], coal.DistanceRequest(), result)
@@ -70,7 +80,7 @@ class Judged:
         self.opened: Opened = opened(StreamOpen(name, "empty", **fields), model, self.scene)
         self.group = self.opened.group
         own = self.opened.world.pairs.own
-        tables = judged_robot(self.group, self.opened.joints, own)
+        tables = judged_robot(self.group, own)
         tolerances = np.full(self.group.nv, self.opened.request.tracking_tolerance)
         self.judge = Judge(tables, self.group.nv, self.opened.bounds, tolerances)
         self.obstacles = Obstacles(self.scene, self.opened.assumption, self.opened.bodies_met)

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.kernels.collide.gjk_simplex import SIMPLEX
+from guidefield.kernels.kinematics.group_joints import joint_places
 from guidefield.kernels.stream import judge
 from guidefield.kernels.stream.judge import DEEPEST, MOST_NODES, JudgedPlaces, JudgedRobot, JudgedShapes, JudgeMemory
 from guidefield.stream.commit import Commit, JointBounds
@@ -100,18 +102,18 @@ class Judge:
 
     def _of_pairs(self, pairs: int) -> JudgeMemory:
         pairs = max(pairs, len(self._robot.own))
-        joints, bodies = len(self._robot.parents), len(self._robot.carriers)
+        bodies, places = len(self._robot.carriers), joint_places(self._robot.joints)
         return JudgeMemory(
-            joints=np.zeros((joints, 12)),
-            axes=np.zeros((joints, 6)),
+            places=places,
+            joints=places.poses.reshape(-1, 12),
             middle=np.zeros(self._coordinates),
             half=np.zeros(self._coordinates),
-            chords=np.zeros(joints),
+            chords=np.zeros(len(places.poses)),
             swept=np.zeros(bodies),
             ways=np.zeros(bodies),
             pairs=np.zeros((DEEPEST + 2, pairs), np.int64),
             counts=np.zeros(DEEPEST + 2, np.int64),
-            work=np.zeros((8, 3)),
+            work=np.zeros(SIMPLEX),
             pose=np.zeros(12),
             stack=np.zeros(MOST_NODES, np.int64),
         )

@@ -22,7 +22,7 @@ from guidefield.robot.model.spaces import ChartPoint, ModelConfiguration
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.obstacles import Assumption
-from guidefield.stream.robot_tables import JointRows, joint_rows
+from guidefield.stream.robot_tables import require_one_axis
 from guidefield.stream.settings import RISE
 
 
@@ -33,7 +33,6 @@ class Opened:
     Attributes:
         request: What was asked.
         group: The robot's planned joints.
-        joints: Their rows.
         world: The robot among what rests.
         bounds: Limits.
         start: Where it stands, shape (nv,).
@@ -44,7 +43,6 @@ class Opened:
 
     request: StreamOpen
     group: PlanningGroup
-    joints: JointRows
     world: World
     bounds: JointBounds
     start: ChartPoint
@@ -88,7 +86,7 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
     group = limited(group, request)
     turned = group.starting_at(request.start).whole_turns
     turns = np.zeros(group.nv) if turned is None else turned
-    joints = joint_rows(group)
+    require_one_axis(group)
     q_start = group.part_of(q_whole)
     for fault in limit_faults(group.joints, q_start):
         raise InvalidConfiguration(
@@ -122,7 +120,6 @@ def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
     return Opened(
         request=request,
         group=group,
-        joints=joints,
         world=world,
         bounds=bounds,
         start=cast(ChartPoint, group.chart(q_start) + turns),

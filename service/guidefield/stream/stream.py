@@ -103,15 +103,15 @@ class CertifiedStream:
         self.request = request
         self.group, self.scene = asked.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
-        self._room = Room(asked.group, asked.joints, asked.world, asked.bounds, *keeping)
+        self._room = Room(asked.group, asked.world, asked.bounds, *keeping)
         self._taking: TakeOver = taking or Counted()
-        beside = Room(asked.group, asked.joints, asked.world, asked.bounds, *keeping)
+        beside = Room(asked.group, asked.world, asked.bounds, *keeping)
         self._planner = Planner(beside, asked.group, self._taking.niceness)
         self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
-        robot_tables = judged_robot(asked.group, asked.joints, asked.world.pairs.own)
+        robot_tables = judged_robot(asked.group, asked.world.pairs.own)
         self._judge = Judge(robot_tables, asked.group.nv, asked.bounds, tolerances)
         self._rng = np.random.default_rng(request.seed)
         self._now = -np.inf

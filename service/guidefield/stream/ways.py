@@ -23,7 +23,7 @@ from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import Timed, drawn_sides, sides_of, timed, tube_about
 from guidefield.stream.follow import Way
 from guidefield.stream.obstacles import Drifting
-from guidefield.stream.robot_tables import JointRows, room_robot
+from guidefield.stream.robot_tables import room_robot
 from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.views import read_only_views
 
@@ -47,7 +47,6 @@ class Room:
 
     Args:
         group: The robot's planned joints.
-        joints: Their rows.
         world: The robot among what rests.
         bounds: How fast it may be.
         least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
@@ -57,7 +56,6 @@ class Room:
     def __init__(
         self,
         group: PlanningGroup,
-        joints: JointRows,
         world: World,
         bounds: JointBounds,
         least: float,
@@ -66,7 +64,7 @@ class Room:
         self._speeds = bounds.rates[:, 0].copy()
         self._lower, self._upper = bounds.lower, bounds.upper
         self._sides = drawn_sides(STREAM.sides, self._speeds)
-        self.robot: RoomRobot = room_robot(group, joints)
+        self.robot: RoomRobot = room_robot(group)
         self._lanes = BatchCollision.build(world)
         self._least, self._tolerance = least, tolerance
 

@@ -41,7 +41,7 @@ def check(kind: str) -> None:
     forces(field.joints, field.charged, field.tables, q, world, wrenches, inertias)
     subspaces = np.empty((nv, 6))
     joints = field.joints
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
+    motion_subspaces(joints, world, subspaces)
     dense = field.evaluate(q).metric
     ridge, right = 1e-2 * np.trace(dense) / nv, rng.normal(size=nv)
     found, diagonal = solved(joints, subspaces, inertias, ridge, right)

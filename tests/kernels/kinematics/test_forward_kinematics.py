@@ -49,7 +49,7 @@ def test_placements_agree_with_pinocchio(name: str, seed: int) -> None:
     q = pin.integrate(model, pin.neutral(model), np.random.default_rng(seed).normal(size=model.nv))
     table = joint_table(model)
     placements = np.empty((model.njoints, 3, 4))
-    joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q, placements)
+    joint_placements(table, q, placements)
     pin.forwardKinematics(model, data, q)
     for index in range(model.njoints):
         expected = data.oMi[index]
@@ -63,7 +63,7 @@ def test_subspaces_agree_with_pinocchios_jacobian(name: str, seed: int) -> None:
     q = pin.integrate(model, pin.neutral(model), np.random.default_rng(seed).normal(size=model.nv))
     table = joint_table(model)
     placements, subspaces = np.empty((model.njoints, 3, 4)), np.empty((model.nv, 6))
-    joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q, placements)
-    motion_subspaces(table.kinds, table.axes, table.idx_v, table.nv, placements, subspaces)
+    joint_placements(table, q, placements)
+    motion_subspaces(table, placements, subspaces)
     world_jacobian = pin.computeJointJacobians(model, model.createData(), q)  # world frame: velocities at its origin
     np.testing.assert_allclose(subspaces.T, world_jacobian, atol=1e-12)

@@ -99,6 +99,6 @@ def test_followers_are_driven() -> None:
     sampled = sampled_robot(
         problem(planned, scene_of(SHELF), planes=()), distance_tables(scene_of(SHELF)), np.empty((0, 2))
     )
-    np.testing.assert_array_equal(sampled.drivers, [0, 1, 0])
-    np.testing.assert_allclose(sampled.multipliers, [1.0, 1.0, -0.5])
-    np.testing.assert_allclose(sampled.offsets, [0.0, 0.0, 0.2])
+    np.testing.assert_array_equal(sampled.joints.sources, [0, 1, 0])
+    np.testing.assert_allclose(sampled.joints.multipliers, [1.0, 1.0, -0.5])
+    np.testing.assert_allclose(sampled.joints.offsets, [0.0, 0.0, 0.2])

@@ -119,7 +119,7 @@ def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: Urdf
     for q_model in (planned.expand_from_chart(z), *map(planned.expand, by_configuration)):
         placements = np.empty((model.njoints, 3, 4))
         pin.forwardKinematics(model, data, q_model)
-        joint_placements(table.parents, table.kinds, table.axes, table.placements, table.idx_q, q_model, placements)
+        joint_placements(table, q_model, placements)
         for index in range(1, model.njoints):
             np.testing.assert_allclose(data.oMi[index].homogeneous, expected[model.names[index]], atol=1e3 * EXACT)
             np.testing.assert_allclose(placements[index], expected[model.names[index]][:3], atol=1e3 * EXACT)

@@ -59,7 +59,7 @@ def moving_barrier(
         if count == 0:
             continue
         joint, first, last = robot.groups[g, JOINT], robot.groups[g, FIRST], robot.groups[g, PAST]
-        T = work.world[joint]
+        T = work.joints.poses[joint]
         work.gaps[first:last] = math.inf
         for k in range(count):
             lower_gaps(T, robot.points, first, last, moved.bodies, moved.candidates[k], work.gaps)
@@ -130,7 +130,7 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
         cutoff: What is returned where nothing is nearer [m], positive.
     """
     work = workspace(robot, moving.bodies)
-    moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
+    moved = moved_bodies(moving, robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0])
     place(robot, z, work)
     place_moved(moving, time, moved)
     best = cutoff
@@ -138,7 +138,7 @@ def moving_distance(robot: SampledRobot, moving: MovingBodies, z: Floats, time: 
         count = _near_group(robot, g, max(best, 0.0), work, moved)
         if count == 0:
             continue
-        T, first, last = work.world[robot.groups[g, JOINT]], robot.groups[g, FIRST], robot.groups[g, PAST]
+        T, first, last = work.joints.poses[robot.groups[g, JOINT]], robot.groups[g, FIRST], robot.groups[g, PAST]
         work.gaps[first:last] = math.inf
         for k in range(count):
             lower_gaps(T, robot.points, first, last, moved.bodies, moved.candidates[k], work.gaps)

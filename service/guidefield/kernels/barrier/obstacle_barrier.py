@@ -64,7 +64,7 @@ def obstacle_barrier(
         if count == 0 or not _some_block_near(robot, g, tables, count, farthest, work):
             continue
         joint, first, last = robot.groups[g, JOINT], robot.groups[g, FIRST], robot.groups[g, PAST]
-        T, block = work.world[joint], robot.first_blocks[g]
+        T, block = work.joints.poses[joint], robot.first_blocks[g]
         work.sums[:] = 0.0
         for at in range(first, last, LANES_64):
             if _is_near(robot, block, farthest, work):
@@ -85,7 +85,7 @@ def _some_block_near(
     robot: SampledRobot, g: int, tables: DistanceTables, count: int, farthest: float, work: Workspace
 ) -> bool:
     """Whether any block of a group may be within range of the candidates; finds how far the boxes about them are."""
-    T, first = work.world[robot.groups[g, JOINT]], robot.first_blocks[g]
+    T, first = work.joints.poses[robot.groups[g, JOINT]], robot.first_blocks[g]
     last = first + (robot.groups[g, PAST] - robot.groups[g, FIRST] + LANES_64 - 1) // LANES_64
     work.block_gaps[first:last] = math.inf
     for k in range(count):
@@ -174,7 +174,7 @@ def obstacle_distance(robot: SampledRobot, tables: DistanceTables, z: Floats, cu
     best = cutoff
     for g in range(robot.groups.shape[0]):
         count = bodies_that_count(robot, tables, g, max(best, 0.0), work)
-        T = work.world[robot.groups[g, JOINT]]
+        T = work.joints.poses[robot.groups[g, JOINT]]
         for i in range(robot.groups[g, FIRST], robot.groups[g, PAST]):
             x, y, z_ = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             best = min(best, nearest_body(x, y, z_, work.candidates, count, tables, best)[0])

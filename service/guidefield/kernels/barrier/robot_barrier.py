@@ -52,6 +52,7 @@ def robot_barrier(
     Returns:
         Sum of the weighted barriers of all points.
     """
+    joints = robot.joints
     place(robot, z, work)
     work.forces[:, :] = 0.0
     work.inertias[:, :, :] = 0.0
@@ -59,7 +60,7 @@ def robot_barrier(
     if moving.motions.shape[0] > 0:
         total += moving_barrier(robot, moving, time, walls, work, moved)
     if total > 0.0:
-        _carry(robot.joints, work)
+        _carry(joints.table, work)
     else:
         work.gradient[:] = 0.0
         work.hessian[:, :] = 0.0
@@ -70,18 +71,19 @@ def robot_barrier(
     _reduce(robot, work, gradient_out, hessian_out)
     across_out[:] = 0.0
     if moving.motions.shape[0] > 0:
-        _carry_by_time(robot.joints, work, moved)
-        for i in range(robot.drivers.shape[0]):
-            across_out[robot.drivers[i]] += robot.multipliers[i] * moved.row[i]
+        _carry_by_time(joints.table, work, moved)
+        for i in range(joints.sources.shape[0]):
+            across_out[joints.sources[i]] += joints.multipliers[i] * moved.row[i]
     return total
 
 
 @uncounted
 def _reduce(robot: SampledRobot, work: Workspace, gradient_out: Floats, hessian_out: Floats) -> None:
     """Gradient and Hessian by the group's chart coordinates, of those by the model's; mostly these are the same."""
-    same = robot.drivers.shape[0] == gradient_out.shape[0]
-    for i in range(robot.drivers.shape[0]):
-        same &= robot.drivers[i] == i and robot.multipliers[i] == 1.0
+    joints = robot.joints
+    same = joints.sources.shape[0] == gradient_out.shape[0]
+    for i in range(joints.sources.shape[0]):
+        same &= joints.sources[i] == i and joints.multipliers[i] == 1.0
     if same:
         for i in range(gradient_out.shape[0]):
             gradient_out[i] = work.gradient[i]
@@ -90,17 +92,17 @@ def _reduce(robot: SampledRobot, work: Workspace, gradient_out: Floats, hessian_
         return
     gradient_out[:] = 0.0
     hessian_out[:, :] = 0.0
-    for i in range(robot.drivers.shape[0]):
-        row, m = robot.drivers[i], robot.multipliers[i]
+    for i in range(joints.sources.shape[0]):
+        row, m = joints.sources[i], joints.multipliers[i]
         gradient_out[row] += m * work.gradient[i]
-        for j in range(robot.drivers.shape[0]):
-            hessian_out[row, robot.drivers[j]] += m * robot.multipliers[j] * work.hessian[i, j]
+        for j in range(joints.sources.shape[0]):
+            hessian_out[row, joints.sources[j]] += m * joints.multipliers[j] * work.hessian[i, j]
 
 
 @uncounted
 def _carry(joints: JointTable, work: Workspace) -> None:
     """Carry forces and inertias to the root; gradient and Hessian by the model's chart coordinates."""
-    S = work.subspaces
+    S = work.joints.twists
     work.hessian[:, :] = 0.0
     for row in range(S.shape[0]):
         for c in range(6):
@@ -156,7 +158,7 @@ def _carry_by_time(joints: JointTable, work: Workspace, moved: MovedBodies) -> N
         for row in range(joints.idx_v[i], joints.idx_v[i] + joints.nv[i]):
             value = 0.0
             for c in range(6):
-                value += work.subspaces[row, c] * moved.forces[i, c]
+                value += work.joints.twists[row, c] * moved.forces[i, c]
             moved.row[row] = value
         for c in range(6):
             moved.forces[joints.parents[i], c] += moved.forces[i, c]

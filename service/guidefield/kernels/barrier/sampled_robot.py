@@ -12,8 +12,13 @@ from guidefield.kernels.distance.points_distance import ROWS
 from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.kinematics.chart import place_by_chart, subspaces_by_chart
-from guidefield.kernels.kinematics.forward_kinematics import JointTable, place_subspaces
+from guidefield.kernels.kinematics.group_joints import (
+    GroupJoints,
+    JointPlaces,
+    joint_places,
+    place_group,
+    write_twists,
+)
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64
 
@@ -35,10 +40,7 @@ class SampledRobot(NamedTuple):
     """A robot as points on the surface of its links, and as the links themselves.
 
     Attributes:
-        joints: Joints of the robot's model, followers included.
-        drivers, multipliers, offsets: (model nv,) chart coordinate i of the model, followers included, is
-            multipliers[i] z[drivers[i]] + offsets[i].
-        origin: (model nq,) configuration from which the chart's rotation vectors start.
+        joints: Joints of the robot's model, and the coordinates that move them.
         points: (3, p) on moving links, in the frame of their joint [m]; those of a group stand together, and
             `LANES_64` after one another from a group's first on, a block, near each other.
         weights: (p,) how much each counts.
@@ -54,11 +56,7 @@ class SampledRobot(NamedTuple):
         pair_ranges: (k,) range of the barrier between them [m], positive.
     """
 
-    joints: JointTable
-    drivers: Indices
-    multipliers: Row
-    offsets: Row
-    origin: Row
+    joints: GroupJoints
     points: Rows
     weights: Row
     groups: IndexRows
@@ -80,16 +78,12 @@ class Workspace(NamedTuple):
     """Scratch of `barrier_at`, overwritten by every call; n joints, nv tangents of the model.
 
     Attributes:
-        q: Configuration of the model, shape (nq,).
-        values: Chart coordinates of the model, shape (nv,).
+        joints: Placements of the joints, and how they move.
         row: Gradient of one distance by them, shape (nv,).
         gradient, hessian: Sums by them, shapes (nv,) and (nv, nv).
-        rotation, translation: Of one joint by its value, shapes (3, 3) and (3,).
-        world: Placements of the joints, shape (n, 3, 4) [m].
         links: Placements of the bodies of the links, shape (b, 3, 4) [m], filled where they are looked at.
         centres, link_centres: Centres of the balls about groups and bodies, shapes (g, 3) and (b, 3) [m].
-        subspaces: What chart velocities cause, as twists at the world's origin, shape (nv, 6).
-        columns: The same by its columns, shape (6, nv).
+        columns: Twists by local coordinates of the model, by columns, shape (6, nv).
         forces, inertias: What has gathered at each joint, shapes (n, 6) and (n, 6, 6), its upper triangle.
         candidates: Bodies near a group.
         gaps: Square of the distance from a group's points to the nearest box about a body [m^2].
@@ -99,18 +93,13 @@ class Workspace(NamedTuple):
         sums: Of a group, in lanes, shape (`SUMS` times lanes,).
     """
 
-    q: Floats
-    values: Floats
+    joints: JointPlaces
     row: Floats
     gradient: Floats
     hessian: Floats
-    rotation: Floats
-    translation: Floats
-    world: Floats
     links: Floats
     centres: Floats
     link_centres: Floats
-    subspaces: Floats
     columns: Floats
     forces: Floats
     inertias: Floats
@@ -125,20 +114,15 @@ class Workspace(NamedTuple):
 @counted
 def workspace(robot: SampledRobot, tables: DistanceTables) -> Workspace:
     """Scratch for a robot among some bodies."""
-    n, nv = robot.joints.parents.shape[0], robot.offsets.shape[0]
+    n, nv = robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0]
     return Workspace(
-        np.empty(robot.origin.shape[0]),
-        np.empty(nv),
+        joint_places(robot.joints),
         np.empty(nv),
         np.empty(nv),
         np.empty((nv, nv)),
-        np.empty((3, 3)),
-        np.empty(3),
-        np.empty((n, 3, 4)),
         np.empty((robot.link_joints.shape[0], 3, 4)),
         np.empty((robot.groups.shape[0], 3)),
         np.empty((robot.link_joints.shape[0], 3)),
-        np.empty((nv, 6)),
         np.empty((6, nv)),
         np.empty((n, 6)),
         np.empty((n, 6, 6)),
@@ -160,16 +144,12 @@ def place(robot: SampledRobot, z: Floats, work: Workspace) -> None:
         z: Chart coordinates of the group, shape (nv,) [rad or m].
         work: The scratch.
     """
-    joints = robot.joints
-    for i in range(robot.offsets.shape[0]):
-        work.values[i] = robot.multipliers[i] * z[robot.drivers[i]] + robot.offsets[i]
-    place_by_chart(joints, work.values, robot.origin, work.q, work.rotation, work.translation, work.world)
-    place_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, work.world, work.subspaces)
-    subspaces_by_chart(joints, work.values, work.q, work.subspaces)
+    place_group(robot.joints, z, work.joints)
+    write_twists(robot.joints, work.joints)
     for b in range(robot.link_joints.shape[0]):
-        _centre(work.world[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])
+        _centre(work.joints.poses[robot.link_joints[b]], robot.link_balls[b], work.link_centres[b])
     for g in range(robot.groups.shape[0]):
-        _centre(work.world[robot.groups[g, JOINT]], robot.balls[g], work.centres[g])
+        _centre(work.joints.poses[robot.groups[g, JOINT]], robot.balls[g], work.centres[g])
 
 
 @uncounted
@@ -181,7 +161,7 @@ def _centre(T: Floats, ball: Floats, centre_out: Floats) -> None:
 @uncounted
 def place_link(robot: SampledRobot, b: int, work: Workspace) -> None:
     """Fill in the placement of a link's body."""
-    outer, inner, placement_out = work.world[robot.link_joints[b]], robot.links.placements[b], work.links[b]
+    outer, inner, placement_out = work.joints.poses[robot.link_joints[b]], robot.links.placements[b], work.links[b]
     for r in range(3):
         for c in range(4):
             value = outer[r, 3] if c == 3 else 0.0

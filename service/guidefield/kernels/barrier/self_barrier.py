@@ -54,7 +54,7 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
         place_link(robot, other, work)
         if not bounds_near(x, y, z, other, links, near):
             continue
-        T = work.world[robot.groups[g, JOINT]]
+        T = work.joints.poses[robot.groups[g, JOINT]]
         first, last = robot.groups[g, FIRST], robot.groups[g, PAST_FEW]
         work.gaps[first:last] = math.inf
         lower_gaps(T, robot.points, first, last, links, other, work.gaps)
@@ -84,13 +84,13 @@ def _placed_links(robot: SampledRobot, work: Workspace) -> DistanceTables:
 @uncounted
 def _row(robot: SampledRobot, joint: int, other: int, p: Vector3, n: Vector3, work: Workspace) -> None:
     """Gradient of the distance of a point that moves with a joint, along n, to what moves with another."""
-    parents, idx_v, S = robot.joints.parents, robot.joints.idx_v, work.subspaces
+    parents, idx_v, S = robot.joints.table.parents, robot.joints.table.idx_v, work.joints.twists
     m = (p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0])
     work.row[:] = 0.0
     for sign, end in ((1.0, joint), (-1.0, other)):
         j = end
         while j > 0:
-            for v in range(idx_v[j], idx_v[j] + robot.joints.nv[j]):
+            for v in range(idx_v[j], idx_v[j] + robot.joints.table.nv[j]):
                 linear = S[v, 0] * n[0] + S[v, 1] * n[1] + S[v, 2] * n[2]
                 work.row[v] += sign * (linear + S[v, 3] * m[0] + S[v, 4] * m[1] + S[v, 5] * m[2])
             j = parents[j]
@@ -118,7 +118,7 @@ def _pair_distances(robot: SampledRobot, work: Workspace, distances_out: Floats)
     links = _placed_links(robot, work)
     for k in range(robot.pairs.shape[0]):
         g, other, best = robot.pairs[k, 0], robot.pairs[k, 1], robot.pair_ranges[k]
-        T = work.world[robot.groups[g, JOINT]]
+        T = work.joints.poses[robot.groups[g, JOINT]]
         place_link(robot, other, work)
         distances_out[k] = math.inf
         for i in range(robot.groups[g, FIRST], robot.groups[g, PAST_FEW]):

@@ -17,16 +17,19 @@ POINT = 3
 NEAREST = 4 * POINT
 """Where in the array the nearest point stands."""
 
+SIMPLEX = 5 * POINT
+"""Numbers of the array."""
+
 
 @lane_part
 def nearest_point(w: Floats) -> tuple[float, float, float]:
-    """The point of a simplex, shape (15,), nearest to the origin, as the last reduction left it."""
+    """The point of a simplex, shape (`SIMPLEX`,), nearest to the origin, as the last reduction left it."""
     return w[NEAREST], w[NEAREST + 1], w[NEAREST + 2]
 
 
 @lane_part
 def has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
-    """Whether a point is among the `count` points of a simplex, shape (15,)."""
+    """Whether a point is among the `count` points of a simplex, shape (`SIMPLEX`,)."""
     found = False
     for at in range(0, count * POINT, POINT):
         found |= w[at] == x and w[at + 1] == y and w[at + 2] == z
@@ -162,7 +165,7 @@ def _reduced(w: Floats, count: int) -> int:
 
 @lane_part
 def reduced_with(w: Floats, count: int, x: float, y: float, z: float) -> int:
-    """Reduce a simplex of `count` points, in `w` as this file says, shape (15,), and one more; how many are left."""
+    """Reduce a simplex of `count` points, shape (`SIMPLEX`,), and one more; how many are left."""
     at = POINT * count
     w[at], w[at + 1], w[at + 2] = x, y, z
     return int(_reduced(w, count + 1))

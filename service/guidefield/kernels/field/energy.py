@@ -80,7 +80,7 @@ def place_points(robot: Any, world: Floats, points_out: Floats) -> None:
 @inlined
 def _place(joints: Any, robot: Any, origin: Floats, q: Floats, world: Any, points: Any, weights: Any) -> None:
     """Placements of joints and positions of points relative to the origin; positions fill up their lanes."""
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    joint_placements(joints, q, world)
     for i in range(world.shape[0]):
         for r in range(3):
             world[i, r, 3] -= origin[r]
@@ -241,10 +241,7 @@ def energy(
     n = joints.parents.shape[0]
     world, inertias = np.empty((n, 3, 4)), np.empty((n, 10))
     potential = forces(joints, robot, tables, q, world, wrenches_out, inertias)
-    project(
-        joints.parents, joints.kinds, joints.axes, joints.idx_v, joints.nv, world, wrenches_out, inertias,
-        gradient_out.shape[0], gradient_out, metric_out,
-    )  # fmt: skip
+    project(joints, world, wrenches_out, inertias, gradient_out.shape[0], gradient_out, metric_out)
     o = tables.origin
     for i in range(n):
         fx, fy, fz = wrenches_out[i, 0], wrenches_out[i, 1], wrenches_out[i, 2]

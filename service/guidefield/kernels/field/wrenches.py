@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.kernels.jit.signatures import Floats, Integers, inlined
-from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
+from guidefield.kernels.jit.signatures import Floats, inlined
+from guidefield.kernels.kinematics.forward_kinematics import JointTable, motion_subspaces
 from guidefield.kernels.simd.vector import total
 
 
@@ -71,19 +71,20 @@ def _respond(inertia: Floats, S: Floats, response_out: Floats) -> None:
 
 @inlined
 def project(
-    parents: Integers, kinds: Integers, axes: Floats, idx_v: Integers, nv: Integers, world: Floats,
-    wrenches: Floats, inertias: Floats, total: int, gradient_out: Floats, metric_out: Floats,
-) -> None:  # fmt: skip
+    joints: JointTable,
+    world: Floats,
+    wrenches: Floats,
+    inertias: Floats,
+    total: int,
+    gradient_out: Floats,
+    metric_out: Floats,
+) -> None:
     """Carry wrenches and inertias to the root, project them on the motion subspaces.
 
     gradient = -S^T F of the subtree; metric_jk = S_j^T I_k S_k for every joint j at or above k.
 
     Args:
-        parents: As in `JointTable`, shape (n,), and so are the next four.
-        kinds: Shape (n,).
-        axes: Shape (n, 3).
-        idx_v: Shape (n,).
-        nv: Shape (n,).
+        joints: The n joints.
         world: Placements of joints, about any origin, shape (n, 3, 4) [m].
         wrenches: Force [1] and moment about that origin [m] at each joint, shape (n, 6).
         inertias: Of each joint, shape (n, 10); becomes those of the subtrees.
@@ -91,9 +92,10 @@ def project(
         gradient_out: Shape (total,).
         metric_out: Shape (total, total).
     """
+    parents, idx_v, nv = joints.parents, joints.idx_v, joints.nv
     n = parents.shape[0]
     subspaces = np.empty((total, 6))
-    motion_subspaces(kinds, axes, idx_v, nv, world, subspaces)
+    motion_subspaces(joints, world, subspaces)
     carried = wrenches.copy()
     metric_out[:, :] = 0.0
     response = np.empty(6)

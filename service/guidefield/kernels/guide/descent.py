@@ -82,9 +82,7 @@ def _retracted(
     for correction in range(_CORRECTIONS + 1):
         if not clamp(mover, there.q, room.tangent):
             return False
-        joint_placements(
-            joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, there.q, there.world
-        )
+        joint_placements(joints, there.q, there.world)
         for i in range(joints.parents.shape[0]):
             for r in range(3):
                 there.world[i, r, 3] -= origin[r]

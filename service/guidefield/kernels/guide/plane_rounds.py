@@ -99,7 +99,7 @@ RECORD_OUT = numba_type(Record)
 @inlined
 def _tip(mover: Any, q: Floats, world: Floats) -> Vector3:
     joints = mover.joints
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    joint_placements(joints, q, world)
     return tip_position(mover, world)
 
 

@@ -183,7 +183,7 @@ def _newly_blocked(mover: Any, q: Floats, room: Any) -> int:
 def direction(mover: Any, constraint: Any, regularization: float, here: Any, factors: Any, room: Any) -> float:
     """The projected step into `room`, no joint beyond its longest; its slope g.v, 0 where there is none."""
     joints = mover.joints
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, here.world, factors.subspaces)
+    motion_subspaces(joints, here.world, factors.subspaces)
     _gradient(mover, factors.subspaces, here.wrenches, room.forces, room.gradient)
     constraint_rows(constraint, mover, here.world, factors.subspaces, room.jacobian, room.rows)
     room.blocked[:] = 0

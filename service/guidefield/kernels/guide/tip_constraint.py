@@ -108,7 +108,7 @@ def constraint_at(constraint: TipConstraint, mover: Mover, q: Floats, error_out:
     """
     joints, n = mover.joints, mover.joints.parents.shape[0]
     world, subspaces = np.empty((n, 3, 4)), np.empty((mover.leaders.shape[0], 6))
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
+    joint_placements(joints, q, world)
+    motion_subspaces(joints, world, subspaces)
     constraint_error(constraint, mover, world, np.zeros(3), error_out)
     constraint_rows(constraint, mover, world, subspaces, np.empty((6, rows_out.shape[1])), rows_out)

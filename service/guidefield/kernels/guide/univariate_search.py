@@ -67,7 +67,7 @@ def put_at(chain: Any, joints: Any, carriers: Any, world: Floats, at: Any) -> No
         at: Gets places and rotations.
     """
     n = carriers.shape[0]
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, at.q, world)
+    joint_placements(joints, at.q, world)
     for k in range(n):
         for r in range(3):
             at.places[k, r] = world[carriers[k], r, 3]
@@ -82,7 +82,7 @@ def put_at(chain: Any, joints: Any, carriers: Any, world: Floats, at: Any) -> No
 def _feel(joints: Any, carriers: Any, robot: Any, tables: Any, at: Any, low: int, high: int, room: Any) -> None:
     """Forces and torques (about the joint before) on links `low` to `high`, from 0, into the room."""
     world, origin = room.world, tables.origin
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, at.q, world)
+    joint_placements(joints, at.q, world)
     for i in range(world.shape[0]):
         for r in range(3):
             world[i, r, 3] -= origin[r]

@@ -75,17 +75,7 @@ def place_by_chart(
         poses_out: Placements in the world, shape (n, 3, 4) [m].
     """
     configuration(joints, values, origin, q_out)
-    place_joints(
-        joints.parents,
-        joints.kinds,
-        joints.axes,
-        joints.placements,
-        joints.idx_q,
-        q_out,
-        rotation,
-        translation,
-        poses_out,
-    )
+    place_joints(joints, q_out, rotation, translation, poses_out)
 
 
 @inlined

@@ -15,18 +15,7 @@ from numba import void
 
 from guidefield.kernels.jit.fields import Blocks, Indices, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
-from guidefield.kernels.jit.signatures import (
-    BLOCKS,
-    BLOCKS_OUT,
-    INDICES,
-    MATRIX,
-    MATRIX_OUT,
-    VECTOR,
-    Floats,
-    Integers,
-    compiled,
-    inlined,
-)
+from guidefield.kernels.jit.signatures import BLOCKS_OUT, MATRIX_OUT, VECTOR, Floats, compiled, inlined
 
 REVOLUTE, CONTINUOUS, PRISMATIC, PLANAR, SPHERICAL, FLOATING = range(6)
 """Codes of joint kinds in `JointTable.kinds`."""
@@ -131,18 +120,9 @@ def compose(parent: Floats, fixed: Floats, rotation: Floats, translation: Floats
 
 
 @uncounted
-def place_joints(
-    parents: Integers,
-    kinds: Integers,
-    axes: Floats,
-    placements: Floats,
-    idx_q: Integers,
-    q: Floats,
-    rotation: Floats,
-    translation: Floats,
-    placements_out: Floats,
-) -> None:
+def place_joints(joints: JointTable, q: Floats, rotation: Floats, translation: Floats, placements_out: Floats) -> None:
     """`joint_placements` with scratch of shapes (3, 3) and (3,), for kernels that place joints again and again."""
+    parents, kinds, axes, placements, idx_q, _, _ = joints
     for r in range(3):
         for c in range(4):
             placements_out[0, r, c] = 1.0 if r == c else 0.0
@@ -172,36 +152,22 @@ def place_joints(
         compose(placements_out[parents[i]], placements[i], rotation, translation, placements_out[i])
 
 
-@compiled(void(INDICES, INDICES, MATRIX, BLOCKS, INDICES, VECTOR, BLOCKS_OUT))
-def joint_placements(
-    parents: Integers,
-    kinds: Integers,
-    axes: Floats,
-    placements: Floats,
-    idx_q: Integers,
-    q: Floats,
-    placements_out: Floats,
-) -> None:
+@compiled(void(JOINTS, VECTOR, BLOCKS_OUT))
+def joint_placements(joints: JointTable, q: Floats, placements_out: Floats) -> None:
     """World placement of every joint's moved frame: T_world_i = T_world_parent T_parent_joint T_joint(q_i).
 
     Args:
-        parents: As in `JointTable`, shape (n,), and so are the next four.
-        kinds: Shape (n,).
-        axes: Shape (n, 3).
-        placements: Shape (n, 3, 4) [m].
-        idx_q: Shape (n,).
+        joints: The n joints.
         q: Configuration, shape (nq,).
         placements_out: Rotation and translation, shape (n, 3, 4) [m, world]; row 0 is the world itself.
     """
-    rotation, translation = np.empty((3, 3)), np.empty(3)
-    place_joints(parents, kinds, axes, placements, idx_q, q, rotation, translation, placements_out)
+    place_joints(joints, q, np.empty((3, 3)), np.empty(3), placements_out)
 
 
 @uncounted
-def place_subspaces(
-    kinds: Integers, axes: Floats, idx_v: Integers, nv: Integers, placements: Floats, subspaces_out: Floats
-) -> None:
+def place_subspaces(joints: JointTable, placements: Floats, subspaces_out: Floats) -> None:
     """`motion_subspaces` within kernels."""
+    _, kinds, axes, _, _, idx_v, nv = joints
     for i in range(1, kinds.shape[0]):
         for k in range(nv[i]):
             row = idx_v[i] + k
@@ -232,19 +198,14 @@ def place_subspaces(
             subspaces_out[row, 5] = az
 
 
-@compiled(void(INDICES, MATRIX, INDICES, INDICES, BLOCKS_OUT, MATRIX_OUT))
-def motion_subspaces(
-    kinds: Integers, axes: Floats, idx_v: Integers, nv: Integers, placements: Floats, subspaces_out: Floats
-) -> None:
+@compiled(void(JOINTS, BLOCKS_OUT, MATRIX_OUT))
+def motion_subspaces(joints: JointTable, placements: Floats, subspaces_out: Floats) -> None:
     """Motion subspace of every tangent value, at the world's origin in the world's axes.
 
     Args:
-        kinds: As in `JointTable`, shape (n,), and so are the next three.
-        axes: Shape (n, 3).
-        idx_v: Shape (n,).
-        nv: Shape (n,).
+        joints: The n joints.
         placements: Of the joints in the world, as `joint_placements` has them, shape (n, 3, 4) [m].
         subspaces_out: Row v is the twist (linear velocity of the point at the world's origin, then angular velocity)
             that the v-th tangent value causes, shape (total nv, 6).
     """
-    place_subspaces(kinds, axes, idx_v, nv, placements, subspaces_out)
+    place_subspaces(joints, placements, subspaces_out)

@@ -89,14 +89,14 @@ def reach(mover: Any, q: Floats, point: Floats, q_out: Floats) -> bool:
     room = (np.zeros(nv, np.int64), np.empty((3, 3)), np.empty(3))
     q_out[:] = q
     for count in range(_STEPS):
-        joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q_out, world)
+        joint_placements(joints, q_out, world)
         tip = tip_position(mover, world)
         missing[0], missing[1], missing[2] = point[0] - tip[0], point[1] - tip[1], point[2] - tip[2]
         if math.sqrt(missing[0] ** 2 + missing[1] ** 2 + missing[2] ** 2) < _ARRIVED:
             return True
         if count == 0:
             _weights(mover, world, weights)
-        motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
+        motion_subspaces(joints, world, subspaces)
         tip_jacobian(mover, subspaces, tip, jacobian)
         _step(mover, q_out, jacobian, weights, missing, room, v)
         largest = 0.0

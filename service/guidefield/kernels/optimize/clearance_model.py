@@ -202,7 +202,7 @@ def clearance_along(
     nv = points.shape[1]
     z, slope, across = np.empty(nv), np.empty(nv), np.empty(nv)
     work = workspace(robot, tables)
-    moved = moved_bodies(moving, robot.joints.parents.shape[0], robot.offsets.shape[0])
+    moved = moved_bodies(moving, robot.joints.table.parents.shape[0], robot.joints.offsets.shape[0])
     total, count = 0.0, 0
     for s in range(samples.pieces.shape[0]):
         k, basis = samples.pieces[s], samples.basis[s]

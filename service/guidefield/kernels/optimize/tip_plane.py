@@ -19,7 +19,7 @@ from guidefield.kernels.jit.signatures import (
     compiled,
     inlined,
 )
-from guidefield.kernels.kinematics.frame_positions import CarriedPoint, frame_positions, frame_slopes
+from guidefield.kernels.kinematics.group_joints import CarriedPoint, frame_positions, frame_slopes
 from guidefield.kernels.optimize.clearance_model import add_gradient
 from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
 

@@ -31,11 +31,8 @@ CANDIDATES = 12
 @uncounted
 def _place_configuration(moving: MovingRobot, q: Floats, time: float, search: Search) -> None:
     """Place the robot at a configuration of its model, shape (nq,), and obstacles that move at a time [s]."""
-    joints, room = moving.robot.joints, search.room
-    place_joints(
-        joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, room.rotation, room.translation,
-        search.place.poses,
-    )  # fmt: skip
+    room = search.room
+    place_joints(moving.robot.joints, q, room.rotation, room.translation, search.place.poses)
     place_centres(moving.robot, search.place)
     search.place.moment[NOW] = time
     search.place.moment[LOOK] += 1.0

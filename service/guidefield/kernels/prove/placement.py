@@ -163,7 +163,7 @@ def place_centres(robot: RobotBodies, place: Place) -> None:
 def find_twists(moving: MovingRobot, place: Place, room: Room) -> None:
     """Write the motion by each coordinate where the robot was placed last, with that scratch, as they change by it."""
     joints = moving.robot.joints
-    place_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, place.poses, place.subspaces)
+    place_subspaces(joints, place.poses, place.subspaces)
     for i in range(room.changes.shape[0]):
         for k in range(TWIST):
             place.twists[i, k] = place.subspaces[i, k]

@@ -8,8 +8,6 @@ its joints' values there, they keep more than both can lose within it:
 with e_j the box's half widths and the joints' tolerances, rho_bj the largest distance of the body from axis j, v the
 obstacle's velocity as predicted, r how fast it may leave the prediction, t_o when it was observed, eps what else is
 unknown of it. Else the stretch is halved. The robot's own pairs keep more than the joints between them can lose.
-
-Nothing here is called by what plans, and nothing that plans is called here.
 """
 
 from __future__ import annotations
@@ -43,23 +41,24 @@ from guidefield.kernels.jit.signatures import (
     Integers,
     lane_kernel,
 )
+from guidefield.kernels.kinematics.forward_kinematics import PRISMATIC
+from guidefield.kernels.kinematics.group_joints import (
+    GroupJoints,
+    JointPlaces,
+    place_group,
+    velocity_by,
+    write_twists,
+)
+from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.stream.curves import keeps_limits, range_of
 from guidefield.kernels.stream.separation import Solids, apart
 
-TURNS, SLIDES = 0, 1
-"""Kinds of joints."""
-
 
 class JudgedRobot(NamedTuple):
-    """A robot, as the judge knows it. Joint 0 is the world; a joint comes after its parent.
+    """A robot, as the judge knows it.
 
     Attributes:
-        parents: Of each joint, shape (n,).
-        kinds: `TURNS` or `SLIDES`, shape (n,).
-        axes: Unit vectors in the joints' own frames, shape (n, 3).
-        placements: In the parent's frame, rotation by rows and translation, shape (n, 12) [m].
-        drivers: The coordinate that moves each joint, shape (n,).
-        multipliers, offsets: Its value is multiplier * coordinate + offset, shape (n,).
+        joints: Its joints, each of which turns about one axis or slides along one.
         carriers: The joint that carries each body, shape (r,).
         balls: Centre and radius of a ball about each body, in that joint's frame, shape (r, 4) [m].
         first: Where each body's solids begin, and the number of all, shape (r + 1,): one that holds the body, and
@@ -68,13 +67,7 @@ class JudgedRobot(NamedTuple):
         solids: The solids, in the frames of their carriers.
     """
 
-    parents: Indices
-    kinds: Indices
-    axes: Rows
-    placements: Rows
-    drivers: Indices
-    multipliers: Row
-    offsets: Row
+    joints: GroupJoints
     carriers: Indices
     balls: Rows
     first: Indices
@@ -129,21 +122,21 @@ class JudgeMemory(NamedTuple):
     """What a judgement works in.
 
     Attributes:
-        joints: Poses of joints, shape (n, 12).
-        axes: Their axes and origins in the world, shape (n, 6).
+        places: Placements and twists of the joints.
+        joints: The placements, row by row, in the same memory, shape (n, 12) [m].
         middle, half: Middles and half widths of the coordinates, shape (nv,); -1 of a half width: not looked at yet.
         chords: How far a joint moves what is 1 m from its axis, within the half widths, shape (n,) [m].
         swept: How far bodies can move, shape (r,) [m]; -1: not looked at yet.
         ways: How far they moved altogether, shape (r,) [m].
         pairs: For each depth which pairs are left, shape (`DEEPEST` + 2, own + m).
         counts: How many, shape (`DEEPEST` + 2,).
-        work: Shape (8, 3).
+        work: A simplex, shape (`SIMPLEX`,).
         pose: Shape (12,).
         stack: Shape (64,).
     """
 
+    places: JointPlaces
     joints: RowsOut
-    axes: RowsOut
     middle: RowOut
     half: RowOut
     chords: RowOut
@@ -151,7 +144,7 @@ class JudgeMemory(NamedTuple):
     ways: RowOut
     pairs: IndexRowsOut
     counts: IndicesOut
-    work: RowsOut
+    work: RowOut
     pose: RowOut
     stack: IndicesOut
 
@@ -179,7 +172,6 @@ def _enclose(
     tolerances: Floats,
     a: float,
     b: float,
-    joints: int,
     memory: JudgeMemory,
 ) -> None:
     """Boxes of the coordinates' values within a time, and how far they let each joint move.
@@ -191,50 +183,27 @@ def _enclose(
         tolerances: As there.
         a: From when, from the motion's beginning [s].
         b: Until when [s].
-        joints: So many joints matter, the first ones.
         memory: Out: middles, half widths and chords; of bodies it isn't known yet how far they can move.
     """
     memory.half[:] = -1.0
     memory.swept[:] = -1.0
-    for joint in range(1, joints):
-        k = robot.drivers[joint]
+    joints, table = robot.joints, robot.joints.table
+    for joint in range(1, table.parents.shape[0]):
+        row = table.idx_v[joint]
+        k = joints.sources[row]
         if memory.half[k] < 0.0:
             least, largest = range_of(phases[k], counts[k], a, b)
             memory.middle[k] = 0.5 * (least + largest)
             memory.half[k] = 0.5 * (largest - least) + tolerances[k]
-        e = abs(robot.multipliers[joint]) * memory.half[k]
-        memory.chords[joint] = e if robot.kinds[joint] == SLIDES else 2.0 * math.sin(0.5 * min(e, math.pi))
+        e = abs(joints.multipliers[row]) * memory.half[k]
+        memory.chords[joint] = e if table.kinds[joint] == PRISMATIC else 2.0 * math.sin(0.5 * min(e, math.pi))
 
 
 @lane_uncounted
-def _place(robot: JudgedRobot, z: Floats, joints: int, memory: JudgeMemory) -> None:
-    """Place the first joints, as many as are given, for coordinates z, shape (nv,)."""
-    poses, axes = memory.joints, memory.axes
-    for k in range(12):
-        poses[0, k] = 1.0 if k in (0, 5, 10) else 0.0
-    for j in range(1, joints):
-        up, own = poses[robot.parents[j]], robot.placements[j]
-        value = robot.multipliers[j] * z[robot.drivers[j]] + robot.offsets[j]
-        ux, uy, uz = robot.axes[j, 0], robot.axes[j, 1], robot.axes[j, 2]
-        for r in range(3):
-            a, b, c = up[4 * r], up[4 * r + 1], up[4 * r + 2]
-            x = a * own[0] + b * own[4] + c * own[8]
-            y = a * own[1] + b * own[5] + c * own[9]
-            t = a * own[2] + b * own[6] + c * own[10]
-            origin = a * own[3] + b * own[7] + c * own[11] + up[4 * r + 3]
-            along = x * ux + y * uy + t * uz
-            axes[j, r], axes[j, 3 + r] = along, origin
-            if robot.kinds[j] == SLIDES:
-                poses[j, 4 * r], poses[j, 4 * r + 1], poses[j, 4 * r + 2] = x, y, t
-                poses[j, 4 * r + 3] = origin + value * along
-            else:
-                # a row times Rodrigues' rotation: cos row + sin (row x axis) + (1 - cos) (row . axis) axis
-                cos, sin = math.cos(value), math.sin(value)
-                rest = (1.0 - cos) * along
-                poses[j, 4 * r] = cos * x + sin * (y * uz - t * uy) + rest * ux
-                poses[j, 4 * r + 1] = cos * y + sin * (t * ux - x * uz) + rest * uy
-                poses[j, 4 * r + 2] = cos * t + sin * (x * uy - y * ux) + rest * uz
-                poses[j, 4 * r + 3] = origin
+def _place(robot: JudgedRobot, memory: JudgeMemory) -> None:
+    """Place the joints at the middles of the coordinates' boxes."""
+    place_group(robot.joints, memory.middle, memory.places)
+    write_twists(robot.joints, memory.places)
 
 
 @lane_uncounted
@@ -246,15 +215,12 @@ def _moved(pose: Floats, ball: Floats, k: int) -> float:
 @lane_uncounted
 def _reach(robot: JudgedRobot, body: int, joint: int, memory: JudgeMemory) -> float:
     """How far a joint moves a point of a body it moves at most, within the half widths there are [m]."""
-    if robot.kinds[joint] == SLIDES:
+    table, ball, pose = robot.joints.table, robot.balls[body], memory.joints[robot.carriers[body]]
+    if table.kinds[joint] == PRISMATIC:
         return float(memory.chords[joint])
-    pose, ball, axis = memory.joints[robot.carriers[body]], robot.balls[body], memory.axes[joint]
-    x = _moved(pose, ball, 0) - axis[3]
-    y = _moved(pose, ball, 1) - axis[4]
-    t = _moved(pose, ball, 2) - axis[5]
-    cx, cy, cz = y * axis[2] - t * axis[1], t * axis[0] - x * axis[2], x * axis[1] - y * axis[0]
-    far = math.sqrt(cx * cx + cy * cy + cz * cz) + ball[3]
-    return float(memory.chords[joint] * far)
+    x, y, t = _moved(pose, ball, 0), _moved(pose, ball, 1), _moved(pose, ball, 2)
+    vx, vy, vz = velocity_by(memory.places.twists[table.idx_v[joint]], x, y, t)
+    return float(memory.chords[joint] * (math.sqrt(vx * vx + vy * vy + vz * vz) + ball[3]))
 
 
 @lane_uncounted
@@ -264,23 +230,9 @@ def _swept_by(robot: JudgedRobot, body: int, memory: JudgeMemory) -> float:
         joint, whole = robot.carriers[body], 0.0
         while joint > 0:
             whole += _reach(robot, body, joint, memory)
-            joint = robot.parents[joint]
+            joint = robot.joints.table.parents[joint]
         memory.swept[body] = whole
     return float(memory.swept[body])
-
-
-@lane_uncounted
-def _joints_of(robot: JudgedRobot, places: JudgedPlaces, depth: int, memory: JudgeMemory) -> int:
-    """How many joints matter for the pairs that are left at a depth, the first ones."""
-    last, own = 0, robot.own.shape[0]
-    for at in range(memory.counts[depth]):
-        pair = memory.pairs[depth, at]
-        if pair < own:
-            first, second = robot.own[pair, 0], robot.own[pair, 1]
-            last = max(last, robot.carriers[first], robot.carriers[second])
-        else:
-            last = max(last, robot.carriers[places.met[pair - own, 0]])
-    return int(last) + 1
 
 
 @lane_uncounted
@@ -288,7 +240,7 @@ def _moves(robot: JudgedRobot, joint: int, body: int) -> bool:
     """Whether a joint moves a body."""
     at = robot.carriers[body]
     while at > joint:
-        at = robot.parents[at]
+        at = robot.joints.table.parents[at]
     return bool(at == joint)
 
 
@@ -299,7 +251,7 @@ def _between(robot: JudgedRobot, body: int, other: int, memory: JudgeMemory) -> 
     while joint > 0:
         if not _moves(robot, joint, other):
             whole += _reach(robot, body, joint, memory)
-        joint = robot.parents[joint]
+        joint = robot.joints.table.parents[joint]
     return whole
 
 
@@ -310,14 +262,14 @@ def _own_apart(
     """Bounds of the distance of two bodies of the robot, as `apart`; the upper one tells where it is above `needed`."""
     here, there = memory.joints[robot.carriers[first]], memory.joints[robot.carriers[second]]
     a, b, solids = robot.first[first], robot.first[second], robot.solids
-    lower, upper = apart(solids, a, here, solids, b, there, wanted, needed, memory.work)
+    lower, upper = apart(solids, a, here, solids, b, there, wanted, needed, pointers(memory.work))
     a_end, b_end = robot.first[first + 1], robot.first[second + 1]
     if lower > wanted or (a_end - a == 1 and b_end - b == 1):
         return lower, upper
     least, most = np.inf, np.inf
     for i in range(a if a_end - a == 1 else a + 1, a_end):
         for j in range(b if b_end - b == 1 else b + 1, b_end):
-            lower, upper = apart(solids, i, here, solids, j, there, wanted, needed, memory.work)
+            lower, upper = apart(solids, i, here, solids, j, there, wanted, needed, pointers(memory.work))
             least, most = min(least, lower), min(most, upper)
             if most <= needed:
                 return least, most
@@ -337,12 +289,12 @@ def _solid_apart(
     """Bounds of the distance of a body from one solid of an obstacle whose frame is at `memory.pose`, as `apart`."""
     here, there, solids = memory.joints[robot.carriers[body]], memory.pose, robot.solids
     begin, end = robot.first[body], robot.first[body + 1]
-    lower, upper = apart(solids, begin, here, shapes.solids, k, there, wanted, needed, memory.work)
+    lower, upper = apart(solids, begin, here, shapes.solids, k, there, wanted, needed, pointers(memory.work))
     if lower > wanted or end - begin == 1:
         return lower, upper
     least, most = np.inf, np.inf
     for i in range(begin + 1, end):
-        lower, upper = apart(solids, i, here, shapes.solids, k, there, wanted, needed, memory.work)
+        lower, upper = apart(solids, i, here, shapes.solids, k, there, wanted, needed, pointers(memory.work))
         least, most = min(least, lower), min(most, upper)
         if most <= needed:
             return least, most
@@ -555,9 +507,8 @@ def _looked_at(
         depth: How often it was halved.
         memory: To work in; its pairs of that depth are looked at.
     """
-    joints = _joints_of(robot, places, depth, memory)
-    _enclose(robot, phases, counts, tolerances, a, b, joints, memory)
-    _place(robot, memory.middle, joints, memory)
+    _enclose(robot, phases, counts, tolerances, a, b, memory)
+    _place(robot, memory)
     left, met = 0, -1
     for at in range(memory.counts[depth]):
         pair = memory.pairs[depth, at]
@@ -692,20 +643,20 @@ def travelled(
         parts: In so many parts it is added up.
         memory: To work in.
     """
-    ways, joints, exact = memory.ways, robot.parents.shape[0], np.zeros(counts.shape[0])
+    ways, exact = memory.ways, np.zeros(counts.shape[0])
     bodies = robot.carriers.shape[0]
     within, off, most = np.zeros(bodies), np.zeros(bodies), 0.0
     ways[:] = 0.0
     for part in range(parts):
         a = since + (until - since) * part / parts
         b = since + (until - since) * (part + 1) / parts
-        _enclose(robot, phases, counts, exact, a, b, joints, memory)
-        _place(robot, memory.middle, joints, memory)
+        _enclose(robot, phases, counts, exact, a, b, memory)
+        _place(robot, memory)
         for body in range(bodies):
             # from one end of the part to any place in it, both within the box about the middle
             within[body] = _swept_by(robot, body, memory)
             ways[body] += 2.0 * within[body]
-        _enclose(robot, phases, counts, tolerances, a, b, joints, memory)
+        _enclose(robot, phases, counts, tolerances, a, b, memory)
         for body in range(bodies):
             more = _swept_by(robot, body, memory) - within[body]
             if part == 0:

@@ -117,7 +117,7 @@ def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats, ba
     """Place the capsules at chart coordinates, and the balls about them: their middles, and their radii."""
     joints = robot.joints
     configuration(joints, z, robot.origin, q)
-    joint_placements(joints.parents, joints.kinds, joints.axes, joints.placements, joints.idx_q, q, world)
+    joint_placements(joints, q, world)
     capsule_ends(robot, world, ends)
     for c in range(robot.capsules.shape[0]):
         square = 0.0

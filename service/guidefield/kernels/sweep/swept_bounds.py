@@ -200,7 +200,7 @@ def capsule_speeds(
         speeds_out: Shape (c,) [m].
     """
     joints = robot.joints
-    motion_subspaces(joints.kinds, joints.axes, joints.idx_v, joints.nv, world, subspaces)
+    motion_subspaces(joints, world, subspaces)
     subspaces_by_chart(joints, z, q, subspaces)
     twists[0, :] = 0.0
     for i in range(1, joints.parents.shape[0]):

@@ -10,12 +10,12 @@ from numba import types, void
 
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import MATRIX, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled
-from guidefield.kernels.kinematics.frame_positions import (
+from guidefield.kernels.kinematics.group_joints import (
     CARRIED_POINT,
     CarriedPoint,
-    PointScratch,
+    JointPlaces,
+    joint_places,
     place_point,
-    point_scratch,
 )
 from guidefield.kernels.timing.hermite import place_and_rate
 
@@ -46,7 +46,7 @@ class _Scratch(NamedTuple):
     points: Floats
     rates: Floats
     places: Floats
-    room: PointScratch
+    joints: JointPlaces
 
 
 @uncounted
@@ -113,7 +113,7 @@ def _look(
                 tables.jerks[piece, j],
                 t,
             )
-        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.room)
+        scratch.places[k, 0], scratch.places[k, 1], scratch.places[k, 2] = place_point(tip, points[k], scratch.joints)
     chord_lengths(points, IN_CHART * STRIDES, look_out)
     chord_lengths(scratch.places, OF_FRAME * STRIDES, look_out)
     look_out[AGAINST] = against_chords(points, rates, (end - begin) / steps)
@@ -204,7 +204,7 @@ def way_lengths(
     tables = _Tables(times, positions, velocities, accelerations, jerks)
     pieces, nv = times.shape[0] - 1, positions.shape[1]
     points, rates, places = np.empty((steps + 1, nv)), np.empty((steps + 1, nv)), np.empty((steps + 1, 3))
-    scratch = _Scratch(points, rates, places, point_scratch(tip))
+    scratch = _Scratch(points, rates, places, joint_places(tip.joints))
     looks, parts, asked = np.empty((pieces, LOOK)), np.empty((pieces, 3)), np.ones((pieces, WAYS))
     for piece in range(pieces):
         parts[piece, 0], parts[piece, 1], parts[piece, 2] = piece, times[piece], times[piece + 1]

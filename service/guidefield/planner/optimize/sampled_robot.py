@@ -15,7 +15,7 @@ from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.joint_table import alike_group_joints, group_joints
 from guidefield.robot.model.spaces import ChartPoints
 
 
@@ -32,7 +32,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     """
     moving, pairs = _moving(problem.group), _pairs(problem)
     robot = _of_group(problem.group)._replace(
-        origin=problem.group.expand(problem.group.q_origin),
+        joints=group_joints(problem.group),
         ignored=_ignored(problem, moving),
         pairs=pairs,
         pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range),
@@ -69,11 +69,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
     joints = [group.geometry.geometryObjects[body].parentJoint for body in moving]
     links = _links(group)
     robot = SampledRobot(
-        joints=joints_of(group),
-        drivers=np.abs(group.expand_velocity).argmax(axis=1),
-        multipliers=group.expand_velocity.sum(axis=1),
-        offsets=group.expand_offset,
-        origin=np.empty(0),
+        joints=alike_group_joints(group),
         points=np.ascontiguousarray(np.concatenate([np.empty((0, 3)), *points]).T),
         weights=np.full(int(counts.sum()), SAMPLED_ROBOT.weight / max(int(counts.sum()), 1)),
         groups=np.column_stack(

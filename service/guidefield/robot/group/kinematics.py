@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.kernels.kinematics.frame_positions import CarriedPoint, frame_positions, frame_slopes
+from guidefield.kernels.kinematics.group_joints import CarriedPoint, frame_positions, frame_slopes
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import chain_of, joints_of
+from guidefield.robot.group.joint_table import alike_group_joints, chain_of, group_joints
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
@@ -61,9 +61,8 @@ class Kinematics:
     @cached_property
     def tip(self) -> CarriedPoint:
         """The group's tip, as kernels know it."""
-        origin = np.array(self.group.expand(self.group.q_origin), float)
-        read_only(origin)
-        return _alike_tip(self.group, self.group.tip_id)._replace(origin=origin)
+        tip, origin = _alike_tip(self.group, self.group.tip_id), group_joints(self.group).origin
+        return tip._replace(joints=tip.joints._replace(origin=origin))
 
     def tip_jacobian(self, q: ModelConfiguration) -> np.ndarray:
         """Jacobian of the tip at a configuration of `group.model`, shape (model.nq,).
@@ -82,8 +81,7 @@ class Kinematics:
 def _alike_tip(group: PlanningGroup, tip_id: int) -> CarriedPoint:
     """A frame of a group, but for where rotation vectors start; of the joints those that lead to it."""
     frame = group.model.frames[tip_id]
-    expand, offset = np.array(group.expand_velocity, float, order="C"), np.array(group.expand_offset, float)
-    point = np.array(frame.placement.translation)
-    read_only(expand, offset, point)
-    chain = chain_of(joints_of(group), int(frame.parentJoint))
-    return CarriedPoint(chain, expand, offset, np.empty(0), len(chain.parents) - 1, point)
+    joints, point = alike_group_joints(group), np.array(frame.placement.translation)
+    read_only(point)
+    chain = chain_of(joints.table, int(frame.parentJoint))
+    return CarriedPoint(joints._replace(table=chain), len(chain.parents) - 1, point)

@@ -54,8 +54,7 @@ class SerialChain:
             Places of the joints and of the end, shape (n + 1, 3) [m, world]; rotations of the links, shape (n, 3, 3).
         """
         placements = np.empty((len(self.joints.parents), 3, 4))
-        parents, kinds, axes, fixed, idx_q, _, _ = self.joints
-        joint_placements(parents, kinds, axes, fixed, idx_q, q, placements)
+        joint_placements(self.joints, q, placements)
         links = placements[self.carriers]
         rotations = np.ascontiguousarray(links[:, :, :3])
         end = rotations[-1] @ self.table.links[-1] + links[-1, :, 3]
