@@ -17,7 +17,6 @@ from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, spread_points
 from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.balls import BALL_ROW
-from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
 from guidefield.kernels.collide.parts import (
     BLOCKS,
     DISC,
@@ -34,6 +33,7 @@ from guidefield.kernels.collide.parts import (
     SURFACE,
     TRIANGLE,
     Parts,
+    write_cluster_vertices,
 )
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK

@@ -9,7 +9,7 @@ import numpy as np
 
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.cut_halves import furthest_along
-from guidefield.kernels.linalg.principal_axes import principal_axes
+from guidefield.kernels.linalg.small_systems import principal_axes
 
 
 def spread_directions(count: int) -> Floats:

@@ -14,8 +14,7 @@ from guidefield.geometry.extents import box_about
 from guidefield.geometry.pseudonormals import write_pseudonormals
 from guidefield.kernels.cover.small_surfaces import flat_frames, small_surfaces
 from guidefield.kernels.distance.triangle_distance import SurfaceTables
-from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes
-from guidefield.kernels.distance.wide_triangles import wide_triangles
+from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes, wide_triangles
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -21,7 +21,7 @@ import numpy as np
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
-from guidefield.kernels.collide.gaps_from_ball import gaps_from_ball
+from guidefield.kernels.collide.primitive_boxes import gaps_from_ball
 from guidefield.memo import memoized_by
 from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.cloud import Cloud, cloud_specks

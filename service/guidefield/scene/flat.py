@@ -11,7 +11,7 @@ import numpy as np
 
 from guidefield.geometry.charged import convex_quads
 from guidefield.geometry.surfaces import ears
-from guidefield.kernels.distance.touching_edges import touching_edges_of_each
+from guidefield.kernels.distance.triangle_rows import touching_edges_of_each
 from guidefield.scene.recipe import Charges
 
 PLANARITY = 1e-6

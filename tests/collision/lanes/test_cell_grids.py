@@ -10,7 +10,6 @@ import pytest
 from guidefield.collision.lanes.cell_grids import MOST_LARGEST, ROOM
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
-from guidefield.kernels.collide.cell_verdict import APART, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.kernels.collide.layout import (
     CHILDREN,
     DIVIDED,
@@ -22,6 +21,7 @@ from guidefield.kernels.collide.layout import (
     TOGETHER,
     LaneBodies,
 )
+from guidefield.kernels.collide.self_collision_cache import APART, TOUCHING, UNJUDGED, UNKNOWN
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.group.group import PlanningGroup

@@ -10,8 +10,8 @@ import pytest
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
-from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.layout import AXIS_AND_REACH
+from guidefield.kernels.collide.primitives_layout import LINE
 from guidefield.planner.connect import tree_search
 from tests.collision.lanes.test_scene_tables import scene
 from tests.robots import group

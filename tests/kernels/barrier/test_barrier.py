@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.barrier.barrier import SOFT, barrier
+from guidefield.kernels.barrier.sampled_robot import SOFT, barrier
 from tests.kernels.parts import from_python
 
 penalty = from_python(barrier)

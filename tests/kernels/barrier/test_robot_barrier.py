@@ -11,11 +11,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.barrier.barrier import SOFT, STEEPNESS
-from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
-from guidefield.kernels.barrier.sampled_robot import SampledRobot
+from guidefield.kernels.barrier.obstacle_barrier import MARGIN, MOST, nothing_remembered, obstacle_distance
+from guidefield.kernels.barrier.sampled_robot import SOFT, STEEPNESS, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
-from guidefield.kernels.barrier.verlet_list import MARGIN, MOST, nothing_remembered
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.optimize.clearance_model import MotionSamples, clearance_along

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from guidefield.kernels.collide.cloud_broadphase import cloud_near
+from guidefield.kernels.collide.broadphase import cloud_near
 from guidefield.kernels.distance.point_tree import cloud_of, nearest_distance, next_block
 from guidefield.kernels.simd.blocks import AROUND
 from guidefield.kernels.simd.packing import pointers

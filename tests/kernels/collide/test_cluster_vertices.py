@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.kernels.collide.cluster_vertices import write_cluster_vertices
+from guidefield.kernels.collide.parts import write_cluster_vertices
 from guidefield.kernels.simd.vector_model import LANES
 
 

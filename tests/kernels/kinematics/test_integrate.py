@@ -6,8 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.kernels.kinematics.integrate import clamp, integrate
-from guidefield.kernels.kinematics.position_ik import reach
+from guidefield.kernels.kinematics.integrate import clamp, integrate, reach
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.projected import evaluated, reorienting
 from guidefield.robot.group.kinematics import Kinematics

@@ -7,8 +7,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from guidefield.kernels.kinematics.chain_angles import chain_configuration
-from guidefield.kernels.kinematics.link_chain import close_chain, end_force, turn_from, turn_towards
+from guidefield.kernels.kinematics.link_chain import (
+    chain_configuration,
+    close_chain,
+    end_force,
+    turn_from,
+    turn_towards,
+)
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.link_chain import SerialChain, link_chain
 from tests.robots import group

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.kernels.linalg.banded_cholesky import TILE
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
-from guidefield.kernels.optimize.coupled_groups import coupled_groups
+from guidefield.kernels.optimize.newton_descent import coupled_groups
 
 PLACES = st.lists(st.tuples(st.integers(0, 39), st.integers(0, 39)), max_size=6)
 

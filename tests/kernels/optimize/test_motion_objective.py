@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from guidefield.kernels.barrier.verlet_list import nothing_remembered
+from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered
 from guidefield.kernels.linalg.banded_cholesky import COUPLED
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
-from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds, motion_objective
-from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED

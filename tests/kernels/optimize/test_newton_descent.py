@@ -9,9 +9,8 @@ import pytest
 
 from guidefield.kernels.optimize.clearance_model import ClearanceModel
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
-from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier
 from guidefield.kernels.optimize.newton_descent import DescentRules, newton_descent, room_for_descent
-from guidefield.kernels.optimize.time_barrier import TimeLimits
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED

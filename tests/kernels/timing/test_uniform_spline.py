@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 from scipy.interpolate import BSpline
 
-from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
+from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 
 
 @given(st.integers(0, 1000), st.integers(1, 12), st.integers(1, 4))

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from guidefield.collision.lanes.robot_tables import LaneRobot
-from guidefield.kernels.collide.arena import LINE
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.gjk_scratch import WORK
 from guidefield.kernels.collide.layout import (
@@ -23,6 +22,7 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.motion_validation import LaneWorld
 from guidefield.kernels.collide.parts import LINK, PART, SHAPE, Parts
 from guidefield.kernels.collide.primitive import PRIMITIVE
+from guidefield.kernels.collide.primitives_layout import LINE
 from guidefield.kernels.jit.fields import array_types
 from guidefield.kernels.kinematics.poses import POSE
 from guidefield.kernels.simd.blocks import AROUND, BLOCK

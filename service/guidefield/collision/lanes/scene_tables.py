@@ -19,12 +19,11 @@ from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, clou
 from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_tree import mesh_tree
-from guidefield.kernels.collide.arena import LINE, SCENE_WORDS
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import FIRST_BLOCK, LINK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
-from guidefield.kernels.collide.primitives_layout import primitive_tables
+from guidefield.kernels.collide.primitives_layout import LINE, SCENE_WORDS, primitive_tables
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES

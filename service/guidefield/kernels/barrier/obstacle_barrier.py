@@ -7,8 +7,10 @@ pushed along n gives the spatial force f = (n, x x n); b' f and b'' f f^T gather
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from guidefield.kernels.barrier.barrier import barrier, deficit
+import numpy as np
+
 from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
@@ -17,17 +19,89 @@ from guidefield.kernels.barrier.sampled_robot import (
     ROBOT,
     SampledRobot,
     Workspace,
+    barrier,
+    deficit,
     lower_gaps,
     place,
     workspace,
 )
-from guidefield.kernels.barrier.verlet_list import NearBodies, bodies_that_count, remembered_bodies
-from guidefield.kernels.distance.distance import TABLES, DistanceTables, nearest_body
+from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_near, nearest_body
 from guidefield.kernels.distance.points_distance import Lanes3, nearest_body_of_each
+from guidefield.kernels.distance.triangle_distance import box_gap_squared
+from guidefield.kernels.jit.fields import BlocksOut, IndexBlocksOut, IndexRowsOut, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, Floats, Vector3, compiled
 from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
+
+MARGIN = 0.04
+"""How far a group may move before bodies are looked for anew [m]."""
+
+MOST = 24
+"""With more bodies about it than this, a group looks for them anew each time."""
+
+
+class NearBodies(NamedTuple):
+    """What is remembered of s configurations of a motion, by group; overwritten by every look at them.
+
+    Attributes:
+        centres: Where each group's ball was when bodies were looked for, shape (s, g, 3) [m].
+        counts: How many there were, shape (s, g); -1 where nothing is remembered.
+        bodies: Their indices, shape (s, g, `MOST`).
+    """
+
+    centres: BlocksOut
+    counts: IndexRowsOut
+    bodies: IndexBlocksOut
+
+
+NEAR_BODIES = numba_type(NearBodies)
+
+
+def nothing_remembered(configurations: int, groups: int) -> NearBodies:
+    """Of so many configurations and groups."""
+    return NearBodies(
+        np.zeros((configurations, groups, 3)),
+        np.full((configurations, groups), -1),
+        np.zeros((configurations, groups, MOST), np.int64),
+    )
+
+
+@uncounted
+def bodies_that_count(robot: SampledRobot, tables: DistanceTables, g: int, reach: float, work: Workspace) -> int:
+    """How many bodies that count may be within reach of a group; the first of the candidates are they."""
+    x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
+    near, count = bodies_near(x, y, z, robot.balls[g, 3] + reach, tables, work.candidates), 0
+    for k in range(near):
+        if not robot.ignored[g, tables.obstacles[work.candidates[k]]]:
+            work.candidates[count] = work.candidates[k]
+            count += 1
+    return count
+
+
+@uncounted
+def remembered_bodies(
+    robot: SampledRobot, tables: DistanceTables, s: int, g: int, reach: float, near: NearBodies, work: Workspace
+) -> int:
+    """The same of configuration s, for a reach that is the same each time; looks for them where it has to."""
+    x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
+    dx, dy, dz = x - near.centres[s, g, 0], y - near.centres[s, g, 1], z - near.centres[s, g, 2]
+    if near.counts[s, g] < 0 or dx * dx + dy * dy + dz * dz > MARGIN * MARGIN:
+        found = bodies_that_count(robot, tables, g, reach + MARGIN, work)
+        near.counts[s, g] = found if found <= MOST else -1
+        near.centres[s, g, 0], near.centres[s, g, 1], near.centres[s, g, 2] = x, y, z
+        for k in range(min(found, MOST)):
+            near.bodies[s, g, k] = work.candidates[k]
+        if found > MOST:
+            return found
+    count, far = 0, (robot.balls[g, 3] + reach) ** 2
+    for k in range(near.counts[s, g]):
+        body = near.bodies[s, g, k]
+        if box_gap_squared(x, y, z, tables.boxes, body) < far:
+            work.candidates[count] = body
+            count += 1
+    return count
+
 
 _NOWHERE = 1e6
 """Coordinates of lanes without a point: too far away to be measured to anything but what is as large [m]."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from guidefield.kernels.barrier.moving_barrier import moving_barrier
-from guidefield.kernels.barrier.moving_bodies import MovedBodies, MovingBodies
-from guidefield.kernels.barrier.obstacle_barrier import obstacle_barrier
+from guidefield.kernels.barrier.moving_barrier import MovedBodies, MovingBodies, moving_barrier
+from guidefield.kernels.barrier.obstacle_barrier import NearBodies, obstacle_barrier
 from guidefield.kernels.barrier.sampled_robot import SampledRobot, Workspace, place
 from guidefield.kernels.barrier.self_barrier import self_barrier
-from guidefield.kernels.barrier.verlet_list import NearBodies
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats, Vector3

@@ -1,8 +1,8 @@
-"""A robot as points on its surface, and where they are at a configuration."""
+"""A robot as points on its surface, their placements, and the barrier as a function of a distance."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -11,7 +11,7 @@ from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.distance.points_distance import ROWS
 from guidefield.kernels.jit.fields import Flags, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import counted, uncounted
-from guidefield.kernels.jit.signatures import Floats
+from guidefield.kernels.jit.signatures import Floats, inlined
 from guidefield.kernels.kinematics.group_joints import (
     GroupJoints,
     JointPlaces,
@@ -20,7 +20,42 @@ from guidefield.kernels.kinematics.group_joints import (
     write_twists,
 )
 from guidefield.kernels.kinematics.poses import moved_by
-from guidefield.kernels.simd.vector import LANES_64
+from guidefield.kernels.simd.vector import LANES_64, select
+
+SOFT = 0.01
+"""Below this distance the barrier is its parabola [m]; below half the range where that is less."""
+
+STEEPNESS = 100.0
+"""What a point costs on top of the barrier where nothing is left of the floor."""
+
+
+@inlined
+def barrier(distance: Any, reach: float) -> tuple[Any, Any, Any]:
+    """The barrier of range `reach` at a distance, or at one in each lane: value and two derivatives by the distance."""
+    soft = min(SOFT, 0.5 * reach)
+    within = distance < reach
+    x = select(distance > soft, distance, soft) * (1.0 / reach)
+    over = 1.0 / x
+    cube = over * over * over
+    gap = 1.0 - x
+    value = gap * gap * cube
+    slope = -(2.0 * gap + 3.0 * gap * gap * over) * cube / reach
+    curvature = (2.0 + 12.0 * gap * over + 12.0 * gap * gap * over * over) * cube / (reach * reach)
+    deeper = select(distance < soft, distance - soft, 0.0)
+    return (
+        select(within, value + deeper * (slope + 0.5 * deeper * curvature), 0.0),
+        select(within, slope + deeper * curvature, 0.0),
+        select(within, curvature, 0.0),
+    )
+
+
+@inlined
+def deficit(distance: Any, floor: float) -> tuple[Any, Any, Any]:
+    """What a distance below a floor, positive, costs, or one in each lane: value and two derivatives by it."""
+    wanting = select(distance < floor, 1.0 - distance * (1.0 / floor), 0.0)
+    curvature = select(distance < floor, 0.0 * distance + 2.0 * STEEPNESS / (floor * floor), 0.0)
+    return STEEPNESS * wanting * wanting, -2.0 * STEEPNESS * wanting / floor, curvature
+
 
 FLAGS = types.Array(types.boolean, 2, "C", readonly=True)
 

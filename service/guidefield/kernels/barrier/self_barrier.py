@@ -10,7 +10,6 @@ import math
 
 from numba import void
 
-from guidefield.kernels.barrier.barrier import barrier
 from guidefield.kernels.barrier.sampled_robot import (
     FIRST,
     JOINT,
@@ -19,6 +18,7 @@ from guidefield.kernels.barrier.sampled_robot import (
     ROBOT,
     SampledRobot,
     Workspace,
+    barrier,
     lower_gaps,
     place,
     place_link,

@@ -19,7 +19,6 @@ from guidefield.kernels.collide.broadphase import (
     near_obstacle_of,
     place_carriers,
 )
-from guidefield.kernels.collide.cloud_narrowphase import meets_cloud
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
@@ -41,7 +40,7 @@ from guidefield.kernels.collide.layout import (
     pairs_of,
     write_found,
 )
-from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_obstacle
+from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_cloud, meets_obstacle
 from guidefield.kernels.collide.parts import POINTED_PARTS, Parts
 from guidefield.kernels.collide.self_collision_cache import left_of_cells
 from guidefield.kernels.collide.self_narrowphase import pair_meets

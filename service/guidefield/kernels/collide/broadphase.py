@@ -1,11 +1,21 @@
-"""Which obstacles sixteen balls of a robot are near, each in one lane."""
+# ruff: noqa: ARG001  numba calls typing and code generation with arguments that most have no use for
+"""The broad phase: obstacles near sixteen balls of a robot, one in each lane.
+
+Of a cloud a grid of distances tells first, then the cloud's tree. A cell of the grid holds how far the nearest point is
+from the cell's middle; it is found when it is first asked for, and stays. What is within `off` of the middle is that
+distance off a point, give or take `off`: that tells for most balls if a point is within their reach.
+"""
 
 from __future__ import annotations
 
-from numba import int64, types, void
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import boolean, float64, int64, types, void
+from numba.extending import intrinsic
 
 from guidefield.kernels.collide.balls import ball_centre
-from guidefield.kernels.collide.cloud_broadphase import cloud_near
 from guidefield.kernels.collide.layout import (
     BODIES,
     CLOUD,
@@ -16,10 +26,106 @@ from guidefield.kernels.collide.layout import (
     Scratch,
 )
 from guidefield.kernels.collide.primitive import PRIMITIVE, near_primitive
-from guidefield.kernels.distance.point_tree import cloud_of, words_at
-from guidefield.kernels.jit.signatures import Floats32, lane_part, lane_step
+from guidefield.kernels.distance.point_tree import (
+    CELL,
+    CLOUD_TABLES,
+    HIGH,
+    LOW,
+    PER_LENGTH,
+    RADIUS,
+    LaneCloud,
+    cloud_of,
+    nearest_distance,
+    next_block,
+    words_at,
+)
+from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
 from guidefield.kernels.simd.blocks import AROUND, BLOCK, points_at
-from guidefield.kernels.simd.vector import LANES, Vector, below, f32x16, largest_lane, smallest_lane, splat, store
+from guidefield.kernels.simd.vector import (
+    LANES,
+    Vector,
+    below,
+    f32x16,
+    first_lane,
+    lane,
+    largest_lane,
+    largest_of,
+    rint,
+    root,
+    smallest_lane,
+    smallest_of,
+    splat,
+    store,
+)
+
+
+@intrinsic
+def _gathered(typing: Any, pointer: Any, places: Any) -> Any:
+    """The sixteen floats at places, which are whole numbers held as floats."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        whole = builder.fptosi(args[1], ir.VectorType(ir.IntType(32), LANES))
+        found = ir.Constant(ir.VectorType(ir.FloatType(), LANES), ir.Undefined)
+        for index in range(LANES):
+            at = ir.Constant(ir.IntType(32), index)
+            value = builder.load(builder.gep(args[0], [builder.extract_element(whole, at)]))
+            found = builder.insert_element(found, value, at)
+        return found
+
+    return f32x16(FLOAT_POINTER, f32x16), generate
+
+
+@lane_step(boolean(CLOUD_TABLES, f32x16, f32x16, f32x16, f32x16, int64))
+def _ask(cloud: LaneCloud, places: Vector, x: Vector, y: Vector, z: Vector, lanes: int) -> bool:
+    """Fill the cells (their places, their middles) of some lanes."""
+    while lanes:
+        k = first_lane(lanes)
+        lanes &= lanes - 1
+        distance = nearest_distance(cloud, float(lane(x, k)), float(lane(y, k)), float(lane(z, k)))
+        cloud.cells[int(lane(places, k))] = np.float32(max(distance, 1e-20))
+    return True
+
+
+@lane_step(int64(CLOUD_TABLES, f32x16, f32x16, f32x16, float64, int64))
+def cloud_near(cloud: LaneCloud, x: Vector, y: Vector, z: Vector, reach: float, lanes: int) -> int:
+    """Mask of the points, of those in some lanes, closer than `reach` to a ball of the cloud.
+
+    Args:
+        cloud: The cloud.
+        x: Sixteen points in the world [m], with y and z.
+        y: See x.
+        z: See x.
+        reach: Distance [m].
+        lanes: Mask of those that matter.
+    """
+    numbers, cells, zero = cloud.numbers, cloud.cells, splat(0.0)
+    reach += numbers[RADIUS]
+    dx = largest_of(largest_of(numbers[LOW] - x, x - numbers[HIGH]), zero)
+    dy = largest_of(largest_of(numbers[LOW + 1] - y, y - numbers[HIGH + 1]), zero)
+    dz = largest_of(largest_of(numbers[LOW + 2] - z, z - numbers[HIGH + 2]), zero)
+    near = lanes & below(dx * dx + dy * dy + dz * dz, splat(reach * reach))
+    if near == 0:
+        return 0
+    size, per = numbers[CELL], numbers[PER_LENGTH]
+    i = smallest_of(largest_of(rint((x - numbers[0]) * per), zero), splat(float(cloud.columns - 1)))
+    j = smallest_of(largest_of(rint((y - numbers[1]) * per), zero), splat(float(cloud.rows - 1)))
+    k = smallest_of(largest_of(rint((z - numbers[2]) * per), zero), splat(float(cloud.layers - 1)))
+    places = (i * float(cloud.rows) + j) * float(cloud.layers) + k
+    u, v, w = i * size + numbers[0], j * size + numbers[1], k * size + numbers[2]
+    known = _gathered(cells, places)
+    unknown = near & below(known, splat(1e-30))
+    if unknown and _ask(cloud, places, u, v, w, unknown):
+        known = _gathered(cells, places)
+    dx, dy, dz = x - u, y - v, z - w
+    off = root(dx * dx + dy * dy + dz * dz)
+    near &= below(known - off, splat(reach))
+    left = near & ~below(known + off, splat(reach))
+    while left:
+        at = first_lane(left)
+        left &= left - 1
+        if next_block(cloud, -1, float(lane(x, at)), float(lane(y, at)), float(lane(z, at)), reach) < 0:
+            near &= ~(1 << at)
+    return int(near)
 
 
 @lane_step(int64(OBSTACLES, int64, f32x16, f32x16, f32x16, types.float64, int64))

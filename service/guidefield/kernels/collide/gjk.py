@@ -57,7 +57,7 @@ from guidefield.kernels.jit.signatures import (
     lane_part,
     lane_step,
 )
-from guidefield.kernels.linalg.vectors import unit_in_plane
+from guidefield.kernels.linalg.small_systems import unit_in_plane
 from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
 

@@ -1,15 +1,28 @@
-"""The exact decision for bodies that may touch obstacles; each lane's separating axis is tried on all others.
+"""The exact decision for bodies that may touch obstacles or clouds: each lane's separating axis is tried on all others.
 
 Before GJK each lane has an axis of its own, away from the obstacle's point nearest to the middle of the body.
 """
 
 from __future__ import annotations
 
-from numba import boolean, int64, types
+import math
 
-from guidefield.kernels.collide.balls import ball_centre
-from guidefield.kernels.collide.gjk import bodies_apart
-from guidefield.kernels.collide.gjk_scratch import write_axis
+from numba import boolean, float64, int64, types
+
+from guidefield.kernels.collide.balls import ball_centre, ball_radius, lowest_of_ball, placed_ball
+from guidefield.kernels.collide.gjk import bodies_apart, parts_apart, reach_along
+from guidefield.kernels.collide.gjk_scratch import (
+    AXIS,
+    KEPT,
+    STACK,
+    X,
+    Y,
+    Z,
+    axis_in,
+    axis_length,
+    divide_axis,
+    write_axis,
+)
 from guidefield.kernels.collide.layout import (
     BAND,
     BODIES,
@@ -22,13 +35,196 @@ from guidefield.kernels.collide.layout import (
     Scratch,
     axis_place,
 )
-from guidefield.kernels.collide.nonconvex_narrowphase import pieces_meet
-from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, polytope_of
-from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive
-from guidefield.kernels.collide.separating_axes import keep_axis, kept_beyond, lowest_ball, lowest_vertex, no_axis
-from guidefield.kernels.jit.signatures import lane_step
-from guidefield.kernels.kinematics.poses import one_pose, turned_axis, write_identity
-from guidefield.kernels.simd.vector import below, first_lane, lane, splat
+from guidefield.kernels.collide.parts import (
+    BLOCKS,
+    FIRST_BLOCK,
+    LEFT,
+    POINTED_PARTS,
+    POLYTOPE,
+    RIGHT,
+    SHAPE,
+    SURFACE,
+    Parts,
+    child_of,
+    is_leaf,
+    kind_of,
+    part_of,
+    polytope_of,
+)
+from guidefield.kernels.collide.primitive import PRIMITIVE, away_from_primitive, near_primitive
+from guidefield.kernels.collide.separating_axes import (
+    keep_axis,
+    keep_direction,
+    kept_beyond,
+    lowest_ball,
+    lowest_vertex,
+    no_axis,
+    write_separating,
+)
+from guidefield.kernels.distance.point_tree import (
+    CLOUD_TABLES,
+    RADIUS,
+    LaneCloud,
+    cloud_of,
+    next_block,
+    point_gaps,
+    words_at,
+)
+from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
+from guidefield.kernels.kinematics.poses import one_pose, placed, turned_axis, turned_back, write_identity
+from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
+from guidefield.kernels.simd.vector import Vector, below, first_lane, lane, splat
+
+
+@lane_part
+def _near_piece(
+    bodies: LaneBodies, piece: int, joint: int, obstacles: LaneObstacles, o: int, clearance: float, scratch: Scratch
+) -> tuple[int, Vector, Vector, Vector]:
+    """Mask of the lanes where the ball about a piece meets the obstacle's primitive; the ball's middle."""
+    x, y, z = ball_centre(scratch.poses, joint, bodies.piece_bounds, piece)
+    reach = ball_radius(bodies.piece_bounds, piece) + clearance + BAND
+    return near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach), x, y, z
+
+
+@lane_step(boolean(POINTED_PARTS, int64, DOUBLE_POINTER, OBSTACLES, int64, types.float64))
+def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacles, o: int, reach: float) -> bool:
+    """Whether any of the points of a part, of a body that is placed so (12), are nearer to a primitive than `reach`."""
+    vertices, first = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK]
+    for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
+        x, y, z = points_at(vertices, block * BLOCK)
+        u, v, w = placed(pose, x, y, z)
+        if near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
+            return True
+    return False
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
+def _points_meet(
+    bodies: LaneBodies,
+    parts: Parts,
+    body: int,
+    obstacles: LaneObstacles,
+    o: int,
+    mask: int,
+    clearance: float,
+    scratch: Scratch,
+) -> bool:
+    """Whether a point of a body's surface is in an obstacle, which is a primitive, in any lane of a mask."""
+    joint = bodies.joints[body]
+    for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
+        points = polytope_of(parts, bodies.piece_roots[piece]) + 1
+        if points == 0 or kind_of(parts, points) != SURFACE:
+            continue
+        near, _, _, _ = _near_piece(bodies, piece, joint, obstacles, o, clearance, scratch)
+        near &= mask
+        while near:
+            one_pose(scratch.poses, joint, first_lane(near), scratch.pose_a)
+            near &= near - 1
+            if _surface_meets(parts, points, scratch.pose_a, obstacles, o, clearance + DECISION_BAND):
+                return True
+    return False
+
+
+@lane_step(
+    boolean(
+        POINTED_PARTS,
+        int64,
+        DOUBLE_POINTER,
+        OBSTACLES,
+        int64,
+        POINTED_PARTS,
+        DOUBLE_POINTER,
+        types.float64,
+        DOUBLE_POINTER,
+    )
+)
+def _piece_meets(
+    parts: Parts,
+    root: int,
+    pose: Floats,
+    obstacles: LaneObstacles,
+    o: int,
+    scene: Parts,
+    pose_b: Floats,
+    margin: float,
+    work: Floats,
+) -> bool:
+    """Whether what is below a node, of a body placed so (12), comes closer to a primitive than a margin.
+
+    A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
+    """
+    balls, top = parts.balls, 1
+    other = part_of(scene, obstacles.roots[o])
+    work[STACK] = root
+    while top > 0:
+        top -= 1
+        node = int(work[STACK + top])
+        x, y, z = placed_ball(pose, balls, node)
+        u, v, w, reach = splat(x), splat(y), splat(z), ball_radius(balls, node) + margin + BAND
+        if not near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
+            continue
+        part = part_of(parts, node)
+        if part >= 0:
+            of_corners = node != root and kind_of(parts, part) == POLYTOPE
+            if of_corners and _surface_meets(parts, part, pose, obstacles, o, margin):
+                return True
+            if parts_apart(parts, part, pose, scene, other, pose_b, margin, work):
+                continue
+            if is_leaf(parts, node):
+                return True
+        for side in (LEFT, RIGHT):
+            work[STACK + top] = child_of(parts, node, side)
+            top += 1
+    return False
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, OBSTACLES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
+def pieces_meet(
+    bodies: LaneBodies,
+    parts: Parts,
+    body: int,
+    obstacles: LaneObstacles,
+    scene: Parts,
+    o: int,
+    mask: int,
+    clearance: float,
+    scratch: Scratch,
+) -> bool:
+    """Whether any piece of a body touches an obstacle, no cloud, in any lane of a mask; shapes as in `block_touches`.
+
+    The scratch's `pose_b` has to be the identity.
+    """
+    if obstacles.whole[o] and _points_meet(bodies, parts, body, obstacles, o, mask, clearance, scratch):
+        return True
+    work, pose, pose_b, poses = scratch.work, scratch.pose_a, scratch.pose_b, scratch.poses
+    joint, root, margin = bodies.joints[body], obstacles.roots[o], clearance + DECISION_BAND
+    for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
+        near, x, y, z = _near_piece(bodies, piece, joint, obstacles, o, clearance, scratch)
+        near &= mask
+        if near == 0:
+            continue
+        u, v, w, reach = away_from_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z)
+        own = bodies.piece_roots[piece]
+        part = polytope_of(parts, own)
+        if part >= 0:
+            near &= kept_beyond(parts, part, poses, joint, u, v, w, reach, clearance + BAND)
+        while near:
+            chosen = first_lane(near)
+            near &= near - 1
+            one_pose(poses, joint, chosen, pose)
+            write_axis(work, lane(u, chosen), lane(v, chosen), lane(w, chosen))
+            if obstacles.whole[o]:
+                meets = _piece_meets(parts, own, pose, obstacles, o, scene, pose_b, margin, work)
+            else:
+                meets = not bodies_apart(parts, own, pose, scene, root, pose_b, margin, work)
+            if meets:
+                return True
+            if near and part >= 0:  # the axis that it left behind
+                write_separating(scene, root, work, pose_b, 1.0, work, KEPT)
+                a, b, c = splat(work[KEPT]), splat(work[KEPT + 1]), splat(work[KEPT + 2])
+                far = splat(work[KEPT + REACH])
+                near &= kept_beyond(parts, part, poses, joint, a, b, c, far, clearance + BAND)
+    return False
 
 
 @lane_step(int64(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, int64, types.float64, SCRATCH_MEMORY, boolean))
@@ -106,4 +302,120 @@ def meets_obstacle(
             return True
         keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
         mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
+    return False
+
+
+@lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))
+def _lowest(bodies: LaneBodies, parts: Parts, body: int, pose: Floats, work: Floats) -> float:
+    """The least n.x over the points x of a body in a pose, for the axis n in the scratch space [m]."""
+    x, y, z = axis_in(work)
+    u, v, w = turned_back(pose, x, y, z)
+    origin = x * pose[3] + y * pose[7] + z * pose[11]
+    part = part_of(parts, bodies.roots[body])
+    if part >= 0:
+        return float(origin - reach_along(parts, part, work, -u, -v, -w))
+    cover, lowest = bodies.cover, math.inf
+    for ball in range(bodies.covers[bodies.groups[body]], bodies.covers[bodies.groups[body + 1]]):
+        along = lowest_of_ball(cover, ball, u, v, w)
+        lowest = min(lowest, along)
+    return float(origin + lowest)
+
+
+@lane_part
+def _beyond(cloud: LaneCloud, block: int, work: Floats, lowest: float, grown: float) -> int:
+    """Mask of sixteen points that the axis in the scratch space doesn't keep apart from a body."""
+    u, v, w = points_at(cloud.points, block * BLOCK)
+    x, y, z = axis_in(work)
+    along = u * x + v * y + w * z
+    return int(below(splat(lowest - grown), along))
+
+
+@lane_step(int64(BODIES, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64, int64))
+def _in_cover(
+    bodies: LaneBodies, group: int, pose: Floats, cloud: LaneCloud, block: int, grown: float, near: int
+) -> int:
+    """The points of some of sixteen that are within `grown` of a ball in a group of a body's cover."""
+    cover, mask = bodies.cover, 0
+    for ball in range(bodies.covers[group], bodies.covers[group + 1]):
+        x, y, z = placed_ball(pose, cover, ball)
+        reach = ball_radius(cover, ball) + grown
+        mask |= below(point_gaps(cloud.points, block, x, y, z), splat(reach * reach))
+        if mask & near == near:
+            break
+    return int(mask & near)
+
+
+@lane_step(
+    boolean(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, CLOUD_TABLES, POINTED_PARTS, int64, float64, SCRATCH_MEMORY)
+)
+def _pose_meets(
+    bodies: LaneBodies,
+    parts: Parts,
+    body: int,
+    pose: Floats,
+    cloud: LaneCloud,
+    scene: Parts,
+    root: int,
+    clearance: float,
+    scratch: Scratch,
+) -> bool:
+    """Whether a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
+    work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
+    grown = cloud.numbers[RADIUS] + clearance + BAND
+    known = not no_axis(work, AXIS)
+    lowest = _lowest(bodies, parts, body, pose, work) if known else 0.0
+    for group in range(bodies.groups[body], bodies.groups[body + 1]):
+        x, y, z = placed_ball(pose, grouped, group)
+        reach, block = ball_radius(grouped, group) + grown, -1
+        while True:
+            block = next_block(cloud, block, x, y, z, reach)
+            if block < 0:
+                break
+            left = below(point_gaps(cloud.points, block, x, y, z), splat(reach * reach))
+            if known:
+                left &= _beyond(cloud, block, work, lowest, grown)
+            if left:
+                left = _in_cover(bodies, group, pose, cloud, block, grown, left)
+            while left:
+                at = block * BLOCK + first_lane(left)
+                left &= left - 1
+                there[X], there[Y], there[Z] = point_at(cloud.points, at)
+                margin = clearance + DECISION_BAND
+                if not bodies_apart(parts, bodies.roots[body], pose, scene, root, there, margin, work):
+                    return True
+                length = axis_length(work)
+                known = length > 1e-15
+                if known:
+                    divide_axis(work, length)
+                    lowest = _lowest(bodies, parts, body, pose, work)
+                    left &= _beyond(cloud, block, work, lowest, grown)
+    return False
+
+
+@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
+def meets_cloud(
+    bodies: LaneBodies,
+    parts: Parts,
+    body: int,
+    obstacle: int,
+    obstacles: LaneObstacles,
+    scene: Parts,
+    mask: int,
+    clearance: float,
+    scratch: Scratch,
+) -> bool:
+    """Whether a body touches a cloud in any lane of a mask.
+
+    The axis that kept a ball apart last is where the next decision about body and cloud begins.
+    """
+    work, pose, axes = scratch.work, scratch.pose_a, scratch.obstacle_axes
+    at, cloud = axis_place(obstacles, body, obstacle), cloud_of(words_at(obstacles.clouds[obstacle]))
+    write_identity(scratch.pose_b)
+    write_axis(work, axes[at], axes[at + 1], axes[at + 2])
+    while mask:
+        one_pose(scratch.poses, bodies.joints[body], first_lane(mask), pose)
+        mask &= mask - 1
+        if _pose_meets(bodies, parts, body, pose, cloud, scene, obstacles.roots[obstacle], clearance, scratch):
+            return True
+        keep_direction(work, axes, at, scratch.obstacle_places)
     return False

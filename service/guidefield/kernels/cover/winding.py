@@ -6,7 +6,7 @@ import math
 
 from guidefield.kernels.cover.signed_volume import TOGETHER
 from guidefield.kernels.jit.signatures import INDEX_MATRIX, MATRIX, SCALAR, Floats, Integers, exact_kernel
-from guidefield.kernels.linalg.vectors import cross, dot
+from guidefield.kernels.linalg.small_systems import cross, dot
 
 
 @exact_kernel(SCALAR(SCALAR, SCALAR, SCALAR, MATRIX, INDEX_MATRIX))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import void
 
-from guidefield.kernels.distance.cloud_distance import cloud_beyond, cloud_distance
+from guidefield.kernels.distance.point_tree import cloud_beyond, cloud_distance
 from guidefield.kernels.distance.ray_winding import surely_outside, surely_outside_seen
 from guidefield.kernels.distance.shape_distance import Signed, box_distance, capsule_distance, cylinder_distance
 from guidefield.kernels.distance.triangle_distance import (

@@ -17,7 +17,7 @@ from numba import types, void
 
 from guidefield.kernels.distance.triangle_distance import LEAF, SPAN, SURFACES, Span, SurfaceTables
 from guidefield.kernels.jit.signatures import INDICES_OUT, MATRIX, SCALAR, Floats, Vector3, compiled, inlined
-from guidefield.kernels.linalg.vectors import cross, dot
+from guidefield.kernels.linalg.small_systems import cross, dot
 
 RAYS = 64
 """Directions that are tried."""

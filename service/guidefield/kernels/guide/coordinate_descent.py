@@ -17,8 +17,7 @@ from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field import LANES
 from guidefield.kernels.field.field_tables import TABLES_32
-from guidefield.kernels.guide.counts import COUNTS_OUT, EVALUATIONS, JUDGED
-from guidefield.kernels.guide.tip_guard import GUARD, allows
+from guidefield.kernels.guide.tip_constraint import COUNTS_OUT, EVALUATIONS, GUARD, JUDGED, allows
 from guidefield.kernels.guide.univariate_search import (
     SLIDE_END,
     SLIDE_WHOLE,
@@ -34,9 +33,8 @@ from guidefield.kernels.guide.univariate_search import (
 )
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import INDICES, MATRIX_OUT, VECTOR, Floats, Vector3, compiled, inlined
-from guidefield.kernels.kinematics.chain_angles import chain_configuration
 from guidefield.kernels.kinematics.forward_kinematics import JOINTS
-from guidefield.kernels.kinematics.link_chain import CHAIN
+from guidefield.kernels.kinematics.link_chain import CHAIN, chain_configuration
 from guidefield.kernels.kinematics.local_coordinates import chart_values
 from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SWEPT

@@ -15,10 +15,17 @@ from numba import types
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT, forces, potential
 from guidefield.kernels.field.field_tables import TABLES_32
-from guidefield.kernels.guide.counts import COUNTS_OUT, EVALUATIONS, JUDGED, STEPS
 from guidefield.kernels.guide.projected_step import direction, state_room, step_room
-from guidefield.kernels.guide.tip_constraint import CONSTRAINT, constraint_error
-from guidefield.kernels.guide.tip_guard import GUARD, allows
+from guidefield.kernels.guide.tip_constraint import (
+    CONSTRAINT,
+    COUNTS_OUT,
+    EVALUATIONS,
+    GUARD,
+    JUDGED,
+    STEPS,
+    allows,
+    constraint_error,
+)
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, VECTOR_OUT, Floats, compiled, inlined
 from guidefield.kernels.kinematics.articulated_body import empty_factors

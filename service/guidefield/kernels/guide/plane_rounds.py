@@ -16,16 +16,26 @@ from numba import types
 from guidefield.kernels.distance.distance import TABLES as BODIES
 from guidefield.kernels.field.energy import ROBOT
 from guidefield.kernels.field.field_tables import TABLES_32
-from guidefield.kernels.guide.counts import COUNTS, COUNTS_OUT, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS
 from guidefield.kernels.guide.descent import SETTINGS, TRIAL, descend
-from guidefield.kernels.guide.tip_constraint import ON_PLANE, TipConstraint
-from guidefield.kernels.guide.tip_guard import GUARD, TipGuard, closest
+from guidefield.kernels.guide.tip_constraint import (
+    COUNTS,
+    COUNTS_OUT,
+    EVALUATIONS,
+    GUARD,
+    JUDGED,
+    ON_PLANE,
+    REFUSED,
+    ROUNDS,
+    STEPS,
+    TipConstraint,
+    TipGuard,
+    closest,
+)
 from guidefield.kernels.jit.fields import IndicesOut, Row, RowOut, RowsOut, numba_type
 from guidefield.kernels.jit.signatures import MATRIX_OUT, SCALAR, VECTOR, Floats, Vector3, compiled, inlined
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
-from guidefield.kernels.kinematics.integrate import MOVER, tip_position
+from guidefield.kernels.kinematics.integrate import MOVER, reach, tip_position
 from guidefield.kernels.kinematics.local_coordinates import chart_values
-from guidefield.kernels.kinematics.position_ik import reach
 from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SWEPT
 

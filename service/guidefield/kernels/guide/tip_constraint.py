@@ -1,4 +1,4 @@
-"""What the tip has to keep while a robot descends: its plane, its plane and orientation, or its place."""
+"""The tip's constraint while a robot descends: a plane, a plane and an orientation, or a place; its guard behind planes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,29 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import void
+from numba import types, void
 
-from guidefield.kernels.jit.fields import RowOut, RowsOut, numba_type
-from guidefield.kernels.jit.signatures import MATRIX_OUT, VECTOR, VECTOR_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.fields import Row, RowOut, Rows, RowsOut, numba_type
+from guidefield.kernels.jit.signatures import (
+    INDICES_OUT,
+    MATRIX_OUT,
+    VECTOR,
+    VECTOR_OUT,
+    Floats,
+    Vector3,
+    compiled,
+    inlined,
+)
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
 from guidefield.kernels.kinematics.integrate import MOVER, Mover, tip_jacobian, tip_position
+
+EVALUATIONS, JUDGED, STEPS, ROUNDS, REFUSED, COUNTS = range(6)
+"""Evaluations of U or of its forces; motions judged; steps of descents; rounds towards a plane; ends of the motion that
+was refused in the last of them, 2 or 0; then how many columns there are."""
+
+COUNTS_OUT = INDICES_OUT
+"""A row of them, shape (COUNTS,)."""
+
 
 ON_PLANE, HELD, SLIDING = 1, 3, 4
 """Kinds, by the count of numbers that stay zero: height above a plane; displacement from a point; height, rotation."""
@@ -112,3 +129,88 @@ def constraint_at(constraint: TipConstraint, mover: Mover, q: Floats, error_out:
     motion_subspaces(joints, world, subspaces)
     constraint_error(constraint, mover, world, np.zeros(3), error_out)
     constraint_rows(constraint, mover, world, subspaces, np.empty((6, rows_out.shape[1])), rows_out)
+
+
+class TipGuard(NamedTuple):
+    """A convex polygon of k edges, and how far from it the tip may be.
+
+    Attributes:
+        origin: A point of its plane, shape (3,) [m].
+        axes: Two unit vectors of its plane, shape (2, 3).
+        inward: Unit normals of the edges to the inside, shape (k, 2).
+        offsets: Height over edge i is ``inward[i] . x - offsets[i]``, shape (k,) [m].
+        corners: Corners of the inset polygon, shape (m, 2) [m].
+        inset: How far inside the edges the inset polygon lies [m].
+        farthest: The largest distance from the inset polygon that is allowed [m].
+        depth: The smallest height over the edges that is allowed [m]; minus infinity for any.
+    """
+
+    origin: Row
+    axes: Rows
+    inward: Rows
+    offsets: Row
+    corners: Rows
+    inset: float
+    farthest: float
+    depth: float
+
+
+GUARD = numba_type(TipGuard)
+
+
+@inlined
+def _depth(guard: TipGuard, u: float, v: float) -> float:
+    """Height of a point of the plane over the nearest edge; negative outside [m]."""
+    least = math.inf
+    for i in range(guard.offsets.shape[0]):
+        least = min(least, guard.inward[i, 0] * u + guard.inward[i, 1] * v - guard.offsets[i])
+    return least
+
+
+@inlined
+def _foot(guard: TipGuard, p: Vector3) -> tuple[float, float]:
+    o, a = guard.origin, guard.axes
+    x, y, z = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    return a[0, 0] * x + a[0, 1] * y + a[0, 2] * z, a[1, 0] * x + a[1, 1] * y + a[1, 2] * z
+
+
+@inlined
+def closest(guard: TipGuard, p: Vector3) -> Vector3:
+    """The point of the inset polygon that is closest to a point."""
+    u, v = _foot(guard, p)
+    if _depth(guard, u, v) < guard.inset:
+        corners, m = guard.corners, guard.corners.shape[0]
+        best, bu, bv = math.inf, u, v
+        for i in range(m):
+            j = i + 1 if i + 1 < m else 0
+            du, dv = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1]
+            length = du * du + dv * dv
+            share = ((u - corners[i, 0]) * du + (v - corners[i, 1]) * dv) / (length if length > 0.0 else 1.0)
+            share = min(max(share, 0.0), 1.0)
+            cu, cv = corners[i, 0] + share * du, corners[i, 1] + share * dv
+            gap = (cu - u) ** 2 + (cv - v) ** 2
+            if gap < best:
+                best, bu, bv = gap, cu, cv
+        u, v = bu, bv
+    o, a = guard.origin, guard.axes
+    return o[0] + u * a[0, 0] + v * a[1, 0], o[1] + u * a[0, 1] + v * a[1, 1], o[2] + u * a[0, 2] + v * a[1, 2]
+
+
+@inlined
+def allows(guard: TipGuard, p: Vector3) -> bool:
+    """Whether the tip may be at a point."""
+    if guard.depth > -math.inf:
+        u, v = _foot(guard, p)
+        if _depth(guard, u, v) < guard.depth:
+            return False
+    if guard.farthest < math.inf:
+        c = closest(guard, p)
+        gap = (c[0] - p[0]) ** 2 + (c[1] - p[1]) ** 2 + (c[2] - p[2]) ** 2
+        return gap <= guard.farthest * guard.farthest
+    return True
+
+
+@compiled(types.void(GUARD, VECTOR, VECTOR_OUT))
+def closest_point(guard: TipGuard, point: Floats, point_out: Floats) -> None:
+    """`closest` for a point of shape (3,) [m, world], into one of shape (3,)."""
+    point_out[0], point_out[1], point_out[2] = closest(guard, (point[0], point[1], point[2]))

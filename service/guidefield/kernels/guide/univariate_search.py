@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.field.energy import place_points
-from guidefield.kernels.field.link_forces import link_wrenches
+from guidefield.kernels.field.energy import link_wrenches, place_points
 from guidefield.kernels.jit.signatures import Floats, Vector3, inlined
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements
 from guidefield.kernels.kinematics.link_chain import close_chain, end_force, turn_from, turn_towards

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from guidefield.kernels.barrier.moving_bodies import MOVING, MovingBodies, moved_bodies
+from guidefield.kernels.barrier.moving_barrier import MOVING, MovingBodies, moved_bodies
+from guidefield.kernels.barrier.obstacle_barrier import NEAR_BODIES, NearBodies
 from guidefield.kernels.barrier.robot_barrier import robot_barrier
 from guidefield.kernels.barrier.sampled_robot import ROBOT, SampledRobot, workspace
-from guidefield.kernels.barrier.verlet_list import NEAR_BODIES, NearBodies
 from guidefield.kernels.distance.distance import TABLES, DistanceTables
 from guidefield.kernels.jit.fields import Blocks, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import uncounted

@@ -40,8 +40,16 @@ from guidefield.kernels.optimize.constraint_penalty import (
     add_constraint_penalty,
     constraint_penalty,
 )
-from guidefield.kernels.optimize.limit_barrier import LIMITS, MotionLimits, add_limit_barrier, limit_barrier
-from guidefield.kernels.optimize.time_barrier import TIMES, TimeLimits, add_time_barrier, time_barrier
+from guidefield.kernels.optimize.limit_barrier import (
+    LIMITS,
+    TIMES,
+    MotionLimits,
+    TimeLimits,
+    add_limit_barrier,
+    add_time_barrier,
+    limit_barrier,
+    time_barrier,
+)
 
 ENDS = 3
 """Control points at each end that are the end's."""

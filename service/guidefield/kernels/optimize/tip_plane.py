@@ -21,7 +21,7 @@ from guidefield.kernels.jit.signatures import (
 )
 from guidefield.kernels.kinematics.group_joints import CarriedPoint, frame_positions, frame_slopes
 from guidefield.kernels.optimize.clearance_model import add_gradient
-from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
+from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 
 SAMPLES = 5
 """About a place, the third of them there."""

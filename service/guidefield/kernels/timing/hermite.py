@@ -1,4 +1,4 @@
-"""A cubic Hermite curve in time: where it is, and exact extrema of velocity and acceleration on its pieces."""
+"""Cubic splines: Hermite curves in time with exact extrema, uniform B-splines, not-a-knot interpolation."""
 
 from __future__ import annotations
 
@@ -136,3 +136,94 @@ def states_at(
             positions_out[row, c] = positions[last, c] if inside == times[last] else at
             velocities_out[row, c] = 0.0 if rests else rate
             accelerations_out[row, c] = 0.0 if rests else a + t * jerk
+
+
+@compiled(void(MATRIX, VECTOR, MATRIX_OUT))
+def spline_points(points: Floats, places: Floats, points_out: Floats) -> None:
+    """Where a spline is.
+
+    Args:
+        points: Control points of m pieces, shape (m + 3, nv) [rad or m].
+        places: In pieces from the start, from 0 to m, shape (k,).
+        points_out: Shape (k, nv) [rad or m].
+    """
+    last = points.shape[0] - 4
+    for k in range(places.shape[0]):
+        piece = min(max(int(places[k]), 0), last)
+        t = places[k] - piece
+        s = 1.0 - t
+        a, d = s * s * s / 6.0, t * t * t / 6.0
+        b, c = (4.0 + t * t * (3.0 * t - 6.0)) / 6.0, (4.0 + s * s * (3.0 * s - 6.0)) / 6.0
+        for j in range(points.shape[1]):
+            value = a * points[piece, j] + b * points[piece + 1, j]
+            points_out[k, j] = value + c * points[piece + 2, j] + d * points[piece + 3, j]
+
+
+@compiled(void(MATRIX, VECTOR, MATRIX_OUT))
+def spline_slopes(points: Floats, places: Floats, slopes_out: Floats) -> None:
+    """Its derivatives by the place.
+
+    Args:
+        points: Control points, shape (m + 3, nv) [rad or m].
+        places: As in `spline_points`, shape (k,).
+        slopes_out: Shape (k, nv) [rad or m].
+    """
+    last = points.shape[0] - 4
+    for k in range(places.shape[0]):
+        piece = min(max(int(places[k]), 0), last)
+        t = places[k] - piece
+        s = 1.0 - t
+        a, b, c, d = -0.5 * s * s, 0.5 * t * (3.0 * t - 4.0), 0.5 * s * (4.0 - 3.0 * s), 0.5 * t * t
+        for j in range(points.shape[1]):
+            value = a * points[piece, j] + b * points[piece + 1, j]
+            slopes_out[k, j] = value + c * points[piece + 2, j] + d * points[piece + 3, j]
+
+
+@compiled(void(VECTOR, MATRIX, VECTOR_OUT, VECTOR_OUT, MATRIX_OUT))
+def slopes(steps: Floats, values: Floats, pivots_out: Floats, above_out: Floats, slopes_out: Floats) -> None:
+    """First derivatives s at the knots of the C² piecewise cubic through values, "not a knot" at its ends.
+
+    The two first pieces are one cubic, and so are the two last ones. Continuity of the second derivative at inner knot
+    i, with chords d_i = (y_{i+1} - y_i) / h_i, is
+
+        h_i s_{i-1} + 2 (h_{i-1} + h_i) s_i + h_{i-1} s_{i+1} = 3 (h_i d_{i-1} + h_{i-1} d_i)
+
+    and continuity of the third one at knot 1 makes the first row, with w = h_0 + h_1,
+
+        h_1 s_0 + w s_1 = ((h_0 + 2 w) h_1 d_0 + h_0² d_1) / w
+
+    and the last row its mirror image (de Boor, A Practical Guide to Splines, 2001, chapter IV). After the first row is
+    eliminated the system is diagonally dominant but for the last row, whose pivot stays positive: no pivoting.
+
+    Args:
+        steps: Differences h between knots, shape (n - 1,), n >= 4, positive.
+        values: Values y at the knots, shape (n, c).
+        pivots_out: Work space, shape (n,).
+        above_out: Work space, shape (n,).
+        slopes_out: The result s, shape (n, c).
+    """
+    last = steps.shape[0]
+    h0, h1 = steps[0], steps[1]
+    wide = h0 + h1
+    pivots_out[0], above_out[0] = h1, wide
+    for c in range(values.shape[1]):
+        first, second = (values[1, c] - values[0, c]) / h0, (values[2, c] - values[1, c]) / h1
+        slopes_out[0, c] = ((h0 + 2.0 * wide) * h1 * first + h0 * h0 * second) / wide
+    for i in range(1, last):
+        before, after = steps[i - 1], steps[i]
+        ratio = after / pivots_out[i - 1]
+        pivots_out[i], above_out[i] = 2.0 * (before + after) - ratio * above_out[i - 1], before
+        for c in range(values.shape[1]):
+            first, second = (values[i, c] - values[i - 1, c]) / before, (values[i + 1, c] - values[i, c]) / after
+            slopes_out[i, c] = 3.0 * (after * first + before * second) - ratio * slopes_out[i - 1, c]
+    h0, h1 = steps[last - 1], steps[last - 2]
+    wide = h0 + h1
+    ratio = wide / pivots_out[last - 1]
+    pivots_out[last] = h1 - ratio * above_out[last - 1]
+    for c in range(values.shape[1]):
+        first, second = (values[last, c] - values[last - 1, c]) / h0, (values[last - 1, c] - values[last - 2, c]) / h1
+        right = ((h0 + 2.0 * wide) * h1 * first + h0 * h0 * second) / wide
+        slopes_out[last, c] = (right - ratio * slopes_out[last - 1, c]) / pivots_out[last]
+    for i in range(last - 1, -1, -1):
+        for c in range(values.shape[1]):
+            slopes_out[i, c] = (slopes_out[i, c] - above_out[i] * slopes_out[i + 1, c]) / pivots_out[i]

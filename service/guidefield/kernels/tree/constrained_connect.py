@@ -41,11 +41,11 @@ from guidefield.kernels.tree.nodes import (
     TreeSearch,
     add_reached,
     aim_at,
+    join,
     search_of,
     step_towards,
 )
 from guidefield.kernels.tree.path_constraints import FRAMES, KeptFrames, bring_back, largest_share
-from guidefield.kernels.tree.path_extraction import join
 from guidefield.kernels.tree.rrt_connect import FULL, GOING_ON, MET, begin, choose, is_free
 
 

@@ -15,8 +15,7 @@ from numba import boolean, int64
 from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, Floats, Vector3, compiled, inlined
 from guidefield.kernels.kinematics.tip_chain import COLUMN, LANES, TipChain, tip_pose
-from guidefield.kernels.linalg.small_systems import invert
-from guidefield.kernels.linalg.vectors import cross, dot
+from guidefield.kernels.linalg.small_systems import cross, dot, invert
 from guidefield.kernels.simd.vector import store
 
 CONE, NEAR, EVEN_TURN = range(3)

@@ -36,12 +36,12 @@ from guidefield.kernels.tree.nodes import (
     TreeSearch,
     add_reached,
     aim_at,
+    join,
     plant,
     search_of,
     step_each,
     step_towards,
 )
-from guidefield.kernels.tree.path_extraction import join
 from guidefield.kernels.tree.sphere_rejection import SIEVE, certain_hits
 
 DOMAIN = 1.1

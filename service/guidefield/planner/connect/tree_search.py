@@ -12,7 +12,7 @@ import numpy as np
 
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.deadline import Deadline
-from guidefield.kernels.collide.arena import LINE
+from guidefield.kernels.collide.primitives_layout import LINE
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.kernels.tree import nodes as lane_nodes, rrt_connect as kernel

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from guidefield.kernels.field.field_tables import frozen
-from guidefield.kernels.guide.tip_guard import TipGuard, closest_point
+from guidefield.kernels.guide.tip_constraint import TipGuard, closest_point
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 
 ANYWHERE = TipGuard(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
-from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED, STEPS
 from guidefield.kernels.guide.descent import (
     ENDED,
     REACHED,
@@ -17,8 +16,7 @@ from guidefield.kernels.guide.descent import (
     Settings,
     descend as descend_kernel,
 )
-from guidefield.kernels.guide.tip_constraint import TipConstraint
-from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, STEPS, TipConstraint, TipGuard
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.settings import DESCENT
 from guidefield.read_only import ReadOnly

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from guidefield.collision.swept import swept_world
-from guidefield.kernels.kinematics.position_ik import reach
+from guidefield.kernels.kinematics.integrate import reach
 from guidefield.planner.guide.settings import WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Note, Step, StepKind

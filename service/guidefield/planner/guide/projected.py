@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.kernels.guide.tip_constraint import HELD, ON_PLANE, SLIDING, TipConstraint, constraint_at
-from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.kernels.guide.tip_constraint import HELD, ON_PLANE, SLIDING, TipConstraint, TipGuard, constraint_at
 from guidefield.planner.guide.descent import descend
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.settings import DESCENT, SETTLING

@@ -16,8 +16,7 @@ import numpy as np
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
-from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS
-from guidefield.kernels.guide.tip_guard import TipGuard
+from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS, TipGuard
 from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.descent import settings_of
 from guidefield.planner.guide.guided_path import GuidedPath

@@ -16,10 +16,8 @@ import numpy as np
 
 from guidefield.collision.swept import FLOOR, SELF_MARGIN, swept_world
 from guidefield.kernels.guide.coordinate_descent import Searching, sweep
-from guidefield.kernels.guide.counts import COUNTS, EVALUATIONS, JUDGED
-from guidefield.kernels.guide.tip_guard import TipGuard
-from guidefield.kernels.kinematics.chain_angles import chain_configuration
-from guidefield.kernels.kinematics.link_chain import close_chain
+from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, TipGuard
+from guidefield.kernels.kinematics.link_chain import chain_configuration, close_chain
 from guidefield.planner.guide.guided_path import GuidedPath, reach_point
 from guidefield.planner.guide.settings import SETTLING, UNIVARIATE
 from guidefield.planner.task.problem import Problem

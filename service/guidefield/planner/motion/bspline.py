@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.timing.uniform_spline import spline_points, spline_slopes
+from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 

@@ -14,7 +14,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.timing import not_a_knot
+from guidefield.kernels.timing import hermite as not_a_knot
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.read_only import ReadOnly

@@ -12,16 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.kernels.barrier.moving_bodies import MovingBodies
+from guidefield.kernels.barrier.moving_barrier import MovingBodies
+from guidefield.kernels.barrier.obstacle_barrier import NearBodies, nothing_remembered
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
-from guidefield.kernels.barrier.verlet_list import NearBodies, nothing_remembered
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.optimize.clearance_model import ClearanceModel, MotionSamples, clearance_along
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples, constraint_penalty
-from guidefield.kernels.optimize.limit_barrier import MotionLimits, limit_barrier
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits, limit_barrier, time_barrier
 from guidefield.kernels.optimize.motion_objective import MotionEnds
 from guidefield.kernels.optimize.newton_descent import DescentRoom, DescentRules, newton_descent, room_for_descent
-from guidefield.kernels.optimize.time_barrier import TimeLimits, time_barrier
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.optimize.clearance_samples import Sections, clearance_samples, constraint_samples
 from guidefield.planner.optimize.passages import Passage, add_passage, nearest

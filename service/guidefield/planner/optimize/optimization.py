@@ -25,8 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.kernels.optimize.limit_barrier import MotionLimits
-from guidefield.kernels.optimize.time_barrier import TimeLimits
+from guidefield.kernels.optimize.limit_barrier import MotionLimits, TimeLimits
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory

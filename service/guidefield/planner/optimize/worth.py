@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from guidefield.kernels.barrier.moving_barrier import moving_distance
-from guidefield.kernels.barrier.obstacle_barrier import obstacle_distance
+from guidefield.kernels.barrier.obstacle_barrier import nothing_remembered, obstacle_distance
 from guidefield.kernels.barrier.sampled_robot import SampledRobot
-from guidefield.kernels.barrier.verlet_list import nothing_remembered
 from guidefield.kernels.optimize.clearance_model import clearance_along
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.clearance_samples import samples_in_time

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.kernels.kinematics.forward_kinematics import FLOATING, PLANAR, PRISMATIC, SPHERICAL
-from guidefield.kernels.kinematics.solution_choice import Measure
+from guidefield.kernels.kinematics.inverse_kinematics import Measure
 from guidefield.kernels.kinematics.tip_chain import BALL, SLIDE, TURN, TipChain
 from guidefield.memo import memoized
 from guidefield.read_only import read_only

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.kernels.kinematics.solution_choice import distinct, farthest_apart
+from guidefield.kernels.kinematics.inverse_kinematics import distinct, farthest_apart
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.pose_search import PoseSearch
