@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
-from guidefield.kernels.cover.box_levels import boxes_above
-from guidefield.kernels.cover.overlapping_boxes import overlaps_in_tree
+from guidefield.kernels.distance.bvh import boxes_above, overlaps_in_tree
 from guidefield.read_only import ReadOnly
 from guidefield.scene.carried import Rows
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from guidefield.geometry.curve_order import along_curve
-from guidefield.kernels.cover.box_levels import boxes_of_pairs
+from guidefield.kernels.distance.bvh import boxes_of_pairs
 from guidefield.kernels.distance.triangle_distance import LEAF
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.kernels.cover.box_levels import middles_within
 from guidefield.kernels.cover.curve_places import changed_order, curve_places
+from guidefield.kernels.distance.bvh import middles_within
 
 FINEST = 21
 """Bits of one coordinate of a place on the curve: three fit into 63."""

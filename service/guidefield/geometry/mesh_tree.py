@@ -10,7 +10,7 @@ import numpy as np
 from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
-from guidefield.kernels.distance.triangle_tree_build import balls_about_runs, halve_runs
+from guidefield.kernels.distance.bvh import balls_about_runs, halve_runs
 
 MOST_VERTICES = 192
 """A hull with more gives way to a polytope about it with about as many."""

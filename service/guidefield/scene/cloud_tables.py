@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from guidefield.kernels.distance.bvh import fill_tree, sort_for_tree
 from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
-from guidefield.kernels.distance.point_tree_build import fill_tree, sort_for_tree
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import int64
 
+from guidefield.kernels.distance.bvh import boxes_met
 from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.no_refcount import lane_uncounted
 from guidefield.kernels.jit.signatures import (
@@ -168,39 +169,22 @@ def _note(found: Integers, count: int, s: int, pair: int) -> int:
 
 
 @lane_uncounted
-def _overlaps(box: Floats, centre: Floats, reach: float) -> bool:
-    """Whether a box, (6,), meets the one about a ball that reaches so far, a hair wider [m, world]."""
+def _obstacles_met(
+    obstacles: BoxedObstacles, centre: Floats, reach: float, box: Floats, stack: Integers, met: Integers
+) -> int:
+    """Find the obstacles whose boxes meet the one about a ball that reaches so far, shape (o,); how many there are.
+
+    `box`, shape (2, 3), is scratch for the corners of that one, which is a hair wider.
+    """
     for i in range(3):
         wide = reach + WIDER * (1.0 + abs(centre[i]))
-        if box[i] > centre[i] + wide or box[3 + i] < centre[i] - wide:
-            return False
-    return True
-
-
-@lane_uncounted
-def _boxes_met(obstacles: BoxedObstacles, centre: Floats, reach: float, stack: Integers, met: Integers) -> int:
-    """Find the obstacles whose boxes meet the one about a ball that reaches so far, shape (o,); how many there are."""
-    levels, count, waiting = obstacles.levels, 0, 0
-    top = levels.shape[0] - 2
+        box[0, i], box[1, i] = centre[i] - wide, centre[i] + wide
+    count = boxes_met(obstacles.nodes, obstacles.levels, obstacles.children, box[0], box[1], stack, met)
+    for k in range(count):
+        met[k] = obstacles.order[met[k]]
     for k in range(obstacles.endless.shape[0]):
         met[count] = obstacles.endless[k]
         count += 1
-    for k in range(levels[top + 1] - levels[top]):
-        stack[waiting, 0], stack[waiting, 1] = top, k
-        waiting += 1
-    while waiting > 0:
-        waiting -= 1
-        level, at = stack[waiting, 0], stack[waiting, 1]
-        if not _overlaps(obstacles.nodes[levels[level] + at], centre, reach):
-            continue
-        if level == 0:
-            met[count] = obstacles.order[at]
-            count += 1
-            continue
-        below = levels[level] - levels[level - 1]
-        for child in range(obstacles.children * at, min(obstacles.children * (at + 1), below)):
-            stack[waiting, 0], stack[waiting, 1] = level - 1, child
-            waiting += 1
     return count
 
 
@@ -230,7 +214,7 @@ def find_near_pairs(
     """
     centres, parts = np.empty((robot.radii.shape[0], 3)), np.empty((2, robot.part_centres.shape[1], 3))
     stack = np.empty((obstacles.children * obstacles.levels.shape[0], 2), np.int64)
-    met, count = np.empty(obstacles.axes.shape[0], np.int64), 0
+    box, met, count = np.empty((2, 3)), np.empty(obstacles.axes.shape[0], np.int64), 0
     for s in range(placements.shape[0]):
         for b in range(centres.shape[0]):
             _place(placements[s, robot.carriers[b]], robot.centres[b], centres[b])
@@ -239,7 +223,7 @@ def find_near_pairs(
                 count = _note(found, count, s, k)
         for row in moving:
             b = robot.moving[row]
-            for k in range(_boxes_met(obstacles, centres[b], robot.radii[b] + margin, stack, met)):
+            for k in range(_obstacles_met(obstacles, centres[b], robot.radii[b] + margin, box, stack, met)):
                 pair = _pair(robot, obstacles, row, met[k])
                 if pair >= 0 and _is_near(robot, obstacles, b, met[k], margin, placements[s], centres[b], parts):
                     count = _note(found, count, s, pair)

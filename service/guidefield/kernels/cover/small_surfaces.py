@@ -7,9 +7,9 @@ import math
 import numpy as np
 from numba import void
 
-from guidefield.kernels.cover.box_levels import boxes_of_pairs, middles_within
 from guidefield.kernels.cover.curve_places import curve_places
 from guidefield.kernels.cover.edge_numbers import number_edges
+from guidefield.kernels.distance.bvh import boxes_of_pairs, middles_within
 from guidefield.kernels.distance.pseudonormal_sums import summed_normals
 from guidefield.kernels.distance.triangle_distance import LEAF
 from guidefield.kernels.distance.triangle_rows import corners_and_edges, triangle_boxes

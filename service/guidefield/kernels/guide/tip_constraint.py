@@ -1,4 +1,4 @@
-"""The tip's constraint while a robot descends: a plane, a plane and an orientation, or a place; its guard behind planes."""
+"""The tip's constraint while a robot descends (a plane, with or without an orientation, or a place), and its guard."""
 
 from __future__ import annotations
 

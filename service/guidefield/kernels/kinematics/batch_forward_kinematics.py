@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from numba import int64, void
 
 from guidefield.kernels.jit.fields import Indices, Singles, numba_type
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import POSE, ROW, moved_row, row_along
+from guidefield.kernels.kinematics.poses import POSE, ROW, moved_row
 from guidefield.kernels.simd.blocks import points_at
 from guidefield.kernels.simd.packing import pointed
 from guidefield.kernels.simd.rotations import cosine_and_sine, quaternion_of_vector
@@ -60,19 +60,33 @@ def _place_world(poses_out: Floats32) -> None:
 
 
 @lane_part
-def _shifted(poses: Floats32, row: int, numbers: Floats32, base: int) -> Vector:
-    """A number of the place of a joint whose parent's placement has its row there."""
-    return moved_row(poses, row, numbers[base + 3], numbers[base + 7], numbers[base + 11])
+def row_after(a: Any, b: Any, c: Any, t: Any, fixed: Any, at: int) -> tuple[Any, Any, Any, Any]:
+    """A row of placements, rotation and translation, with a fixed placement after them, whose numbers begin there."""
+    return (
+        a * fixed[at] + b * fixed[at + 4] + c * fixed[at + 8],
+        a * fixed[at + 1] + b * fixed[at + 5] + c * fixed[at + 9],
+        a * fixed[at + 2] + b * fixed[at + 6] + c * fixed[at + 10],
+        a * fixed[at + 3] + b * fixed[at + 7] + c * fixed[at + 11] + t,
+    )
 
 
 @lane_part
-def _turned_row(poses: Floats32, row: int, numbers: Floats32, base: int) -> tuple[Vector, Vector, Vector]:
-    """A row of the rotation of a joint before it moves, whose parent's placement has its row there."""
-    return (
-        row_along(poses, row, numbers[base], numbers[base + 4], numbers[base + 8]),
-        row_along(poses, row, numbers[base + 1], numbers[base + 5], numbers[base + 9]),
-        row_along(poses, row, numbers[base + 2], numbers[base + 6], numbers[base + 10]),
-    )
+def row_turned(a: Any, b: Any, c: Any, s: Any) -> tuple[Any, Any]:
+    """The first two numbers of a row of rotations turned about z, by cosine and sine."""
+    return a * c + b * s, b * c - a * s
+
+
+@lane_part
+def row_times(a: Any, b: Any, c: Any, R: Any) -> tuple[Any, Any, Any]:
+    """A row of rotations times rotations, which are given row by row."""
+    return a * R[0] + b * R[3] + c * R[6], a * R[1] + b * R[4] + c * R[7], a * R[2] + b * R[5] + c * R[8]
+
+
+@lane_part
+def _row_at(poses: Floats32, row: int, numbers: Floats32, base: int) -> tuple[Vector, Vector, Vector, Vector]:
+    """The row of a joint's placements before it moves, whose parent's has its row there."""
+    p0, p1, p2 = points_at(poses, row)
+    return row_after(p0, p1, p2, load(poses, row + 3 * LANES), numbers, base)
 
 
 @lane_part
@@ -106,8 +120,9 @@ def _place_square(
     for r in range(3):
         row = there + r * ROW
         p0, p1, p2 = points_at(poses_out, row)
-        t = _shifted(poses_out, row, numbers, base)
-        _write_row(poses_out, here + r * ROW, p0 * c + p2 * s, p2 * c - p0 * s, -p1, t)
+        t = moved_row(poses_out, row, numbers[base + 3], numbers[base + 7], numbers[base + 11])
+        along, across = row_turned(p0, p2, c, s)
+        _write_row(poses_out, here + r * ROW, along, across, -p1, t)
 
 
 @lane_part
@@ -118,8 +133,9 @@ def _place_parallel(
     for r in range(3):
         row = there + r * ROW
         p0, p1, p2 = points_at(poses_out, row)
-        t = _shifted(poses_out, row, numbers, base)
-        _write_row(poses_out, here + r * ROW, p0 * c + p1 * s, p1 * c - p0 * s, p2, t)
+        t = moved_row(poses_out, row, numbers[base + 3], numbers[base + 7], numbers[base + 11])
+        along, across = row_turned(p0, p1, c, s)
+        _write_row(poses_out, here + r * ROW, along, across, p2, t)
 
 
 @lane_part
@@ -136,14 +152,13 @@ def _place_plain(
 ) -> None:
     """Write placements of any joint with one degree of freedom."""
     for r in range(3):
-        row = there + r * ROW
-        r0, r1, r2 = _turned_row(poses_out, row, numbers, base)
-        t = _shifted(poses_out, row, numbers, base)
-        _write_row(poses_out, here + r * ROW, r0 * c + r1 * s, r1 * c - r0 * s, r2, t if turning else t + r2 * value)
+        r0, r1, r2, t = _row_at(poses_out, there + r * ROW, numbers, base)
+        along, across = row_turned(r0, r1, c, s)
+        _write_row(poses_out, here + r * ROW, along, across, r2, t if turning else t + r2 * value)
 
 
 @lane_part
-def _entries(x: Vector, y: Vector, z: Vector, w: Vector) -> tuple[Vector, ...]:
+def rotation_of(x: Any, y: Any, z: Any, w: Any) -> tuple[Vector, ...]:
     """The rotation of unit quaternions, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z),
@@ -165,7 +180,7 @@ def _turned(numbers: Floats32, base: int, coordinates: Floats32, at: int) -> tup
     ex, ey, ez, ew = quaternion_of_vector(vx, vy, vz)
     first = base + QUATERNION
     x, y, z, w = numbers[first], numbers[first + 1], numbers[first + 2], numbers[first + 3]
-    return _entries(
+    return rotation_of(
         ex * w + ew * x + ez * y - ey * z,
         ey * w - ez * x + ew * y + ex * z,
         ez * w + ey * x - ex * y + ew * z,
@@ -184,18 +199,16 @@ def _place_free(joints: LaneJoints, i: int, coordinates: Floats32, poses_out: Fl
     if kind == FLOATING:
         z = load(coordinates, at + 2 * LANES)
         at += 3 * LANES
-    a, b, c, d, e, f, g, h, k = _entries(splat(0.0), splat(0.0), splat(0.0), splat(1.0))
     if kind == PLANAR:
-        a, d = cosine_and_sine(load(coordinates, at + 2 * LANES))
-        b, e = -d, a
+        cosine, sine = cosine_and_sine(load(coordinates, at + 2 * LANES))
+        none, one = splat(0.0), splat(1.0)
+        R = (cosine, -sine, none, sine, cosine, none, none, none, one)
     else:
-        a, b, c, d, e, f, g, h, k = _turned(numbers, base, coordinates, at)
+        R = _turned(numbers, base, coordinates, at)
     for r in range(3):
-        row = there + r * ROW
-        r0, r1, r2 = _turned_row(poses_out, row, numbers, base)
-        t = _shifted(poses_out, row, numbers, base) + r0 * x + r1 * y + r2 * z
-        p0, p1, p2 = r0 * a + r1 * d + r2 * g, r0 * b + r1 * e + r2 * h, r0 * c + r1 * f + r2 * k
-        _write_row(poses_out, here + r * ROW, p0, p1, p2, t)
+        r0, r1, r2, t = _row_at(poses_out, there + r * ROW, numbers, base)
+        p0, p1, p2 = row_times(r0, r1, r2, R)
+        _write_row(poses_out, here + r * ROW, p0, p1, p2, t + r0 * x + r1 * y + r2 * z)
 
 
 @lane_step(void(JOINTS, FLOAT_POINTER, FLOAT_POINTER))

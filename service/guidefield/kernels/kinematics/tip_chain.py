@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from guidefield.kernels.jit.fields import Indices, Row, Rows, numba_type
 from guidefield.kernels.jit.signatures import Floats, inlined
+from guidefield.kernels.kinematics.batch_forward_kinematics import rotation_of, row_after, row_times, row_turned
 from guidefield.kernels.simd.rotations import (
     cosine_and_sine,
     quaternion_of_matrix,
@@ -51,36 +52,10 @@ CHAIN = numba_type(TipChain)
 def _fixed_after(pose: Any, fixed: Floats) -> Any:
     """A placement, row by row, with a fixed one after it."""
     a, b, c, x, d, e, f, y, g, h, i, z = pose
-    return (
-        a * fixed[0] + b * fixed[4] + c * fixed[8],
-        a * fixed[1] + b * fixed[5] + c * fixed[9],
-        a * fixed[2] + b * fixed[6] + c * fixed[10],
-        a * fixed[3] + b * fixed[7] + c * fixed[11] + x,
-        d * fixed[0] + e * fixed[4] + f * fixed[8],
-        d * fixed[1] + e * fixed[5] + f * fixed[9],
-        d * fixed[2] + e * fixed[6] + f * fixed[10],
-        d * fixed[3] + e * fixed[7] + f * fixed[11] + y,
-        g * fixed[0] + h * fixed[4] + i * fixed[8],
-        g * fixed[1] + h * fixed[5] + i * fixed[9],
-        g * fixed[2] + h * fixed[6] + i * fixed[10],
-        g * fixed[3] + h * fixed[7] + i * fixed[11] + z,
-    )
-
-
-@inlined
-def _turned(pose: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
-    """A placement turned by a unit quaternion in its own frame."""
-    a, b, c, t0, d, e, f, t1, g, h, i, t2 = pose
-    xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
-    xy, xz, yz, wx, wy, wz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z, 2.0 * w * x, 2.0 * w * y, 2.0 * w * z
-    r0, r1, r2 = 1.0 - yy - zz, xy - wz, xz + wy
-    r3, r4, r5 = xy + wz, 1.0 - xx - zz, yz - wx
-    r6, r7, r8 = xz - wy, yz + wx, 1.0 - xx - yy
-    return (
-        a * r0 + b * r3 + c * r6, a * r1 + b * r4 + c * r7, a * r2 + b * r5 + c * r8, t0,
-        d * r0 + e * r3 + f * r6, d * r1 + e * r4 + f * r7, d * r2 + e * r5 + f * r8, t1,
-        g * r0 + h * r3 + i * r6, g * r1 + h * r4 + i * r7, g * r2 + h * r5 + i * r8, t2,
-    )  # fmt: skip
+    a, b, c, x = row_after(a, b, c, x, fixed, 0)
+    d, e, f, y = row_after(d, e, f, y, fixed, 0)
+    g, h, i, z = row_after(g, h, i, z, fixed, 0)
+    return a, b, c, x, d, e, f, y, g, h, i, z
 
 
 @inlined
@@ -119,8 +94,11 @@ def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
         a, b, c, x, d, e, f, y, g, h, i, z = pose
         if chain.kinds[k] == BALL:
             turn = quaternion_of_vector(load(zs, here), load(zs, here + LANES), load(zs, here + 2 * LANES))
-            pose = _turned(pose, turn[0], turn[1], turn[2], turn[3])
-            a, b, c, x, d, e, f, y, g, h, i, z = pose
+            R = rotation_of(turn[0], turn[1], turn[2], turn[3])
+            a, b, c = row_times(a, b, c, R)
+            d, e, f = row_times(d, e, f, R)
+            g, h, i = row_times(g, h, i, R)
+            pose = (a, b, c, x, d, e, f, y, g, h, i, z)
             _store_turn(columns_out, at, a, d, g, x, y, z)
             _store_turn(columns_out, at + COLUMN, b, e, h, x, y, z)
             _store_turn(columns_out, at + 2 * COLUMN, c, f, i, x, y, z)
@@ -130,11 +108,10 @@ def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
             if chain.kinds[k] == TURN:
                 _store_turn(columns_out, at, c, f, i, x, y, z)
                 cosine, sine = cosine_and_sine(value)
-                pose = (
-                    a * cosine + b * sine, b * cosine - a * sine, c, x,
-                    d * cosine + e * sine, e * cosine - d * sine, f, y,
-                    g * cosine + h * sine, h * cosine - g * sine, i, z,
-                )  # fmt: skip
+                a, b = row_turned(a, b, cosine, sine)
+                d, e = row_turned(d, e, cosine, sine)
+                g, h = row_turned(g, h, cosine, sine)
+                pose = (a, b, c, x, d, e, f, y, g, h, i, z)
             else:
                 for row in range(3):
                     store(columns_out, at + row * LANES, zero)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
-from guidefield.kernels.distance.triangle_tree_build import balls_about_runs, halve_runs
+from guidefield.kernels.distance.bvh import balls_about_runs, halve_runs
 
 SIZES = st.lists(st.integers(1, 40), min_size=1, max_size=8)
 

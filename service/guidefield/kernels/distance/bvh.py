@@ -1,0 +1,331 @@
+"""Builders of bounding volume hierarchies over triangles, points and boxes, their refit, and the overlaps of boxes.
+
+Triangles and points are halved at the median along the widest side of their box (Hoare's selection); boxes stand in the
+order that their caller gives them. The levels of boxes above are a refit: they are found from the leaves up.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import int64, types, void
+
+from guidefield.kernels.distance.point_tree import NOWHERE
+from guidefield.kernels.jit.no_refcount import uncounted
+from guidefield.kernels.jit.signatures import (
+    BLOCKS,
+    FLOATS_OUT,
+    INDEX_MATRIX_OUT,
+    INDICES,
+    INDICES_OUT,
+    MATRIX,
+    MATRIX_OUT,
+    VECTOR_OUT,
+    Floats,
+    Floats32,
+    Integers,
+    compiled,
+    exact_kernel,
+    inlined,
+    lane_part,
+)
+from guidefield.kernels.simd.blocks import AROUND, BLOCK
+from guidefield.kernels.simd.vector_model import LANES
+
+_STACK = 64
+
+
+@compiled(void(VECTOR_OUT, INDICES_OUT, types.int64, types.int64, types.int64))
+def _divide(along: Floats, members: Integers, begin: int, end: int, at: int) -> None:
+    """Order members so that none before `at` is greater along an axis than any from there on (Hoare's selection)."""
+    low, high = begin, end - 1
+    while low < high:
+        a, b, c = along[low], along[(low + high) // 2], along[high]
+        pivot = max(min(a, b), min(max(a, b), c))
+        i, j = low, high
+        while i <= j:
+            while along[i] < pivot:
+                i += 1
+            while along[j] > pivot:
+                j -= 1
+            if i <= j:
+                along[i], along[j] = along[j], along[i]
+                members[i], members[j] = members[j], members[i]
+                i += 1
+                j -= 1
+        if at <= j:
+            high = j
+        elif at >= i:
+            low = i
+        else:
+            return
+
+
+@inlined
+def _write_widest(points: Floats, members: Integers, first: int, last: int, along_out: Floats) -> None:
+    """Write the coordinates of some members' points along the widest side of the box about them."""
+    least_x = least_y = least_z = math.inf
+    most_x = most_y = most_z = -math.inf
+    for i in range(first, last):
+        x, y, z = points[members[i], 0], points[members[i], 1], points[members[i], 2]
+        least_x, least_y, least_z = min(least_x, x), min(least_y, y), min(least_z, z)
+        most_x, most_y, most_z = max(most_x, x), max(most_y, y), max(most_z, z)
+    wide, deep, tall = most_x - least_x, most_y - least_y, most_z - least_z
+    axis = 0 if wide >= deep and wide >= tall else 1 if deep >= tall else 2
+    for i in range(first, last):
+        along_out[i] = points[members[i], axis]
+
+
+@compiled(void(MATRIX, INDICES, INDICES, INDICES_OUT))
+def halve_runs(centres: Floats, starts: Integers, sizes: Integers, members: Integers) -> None:
+    """Order the members of runs, so that the first half of each is on one side of the other along its widest side.
+
+    Args:
+        centres: Of all triangles, shape (t, 3) [m].
+        starts: Where each run begins, shape (n,).
+        sizes: How many each has, shape (n,).
+        members: Which triangles are in the runs, shape (m,); sorted in place.
+    """
+    along = np.empty(members.shape[0])
+    for run in range(starts.shape[0]):
+        first, last = starts[run], starts[run] + sizes[run]
+        _write_widest(centres, members, first, last, along)
+        _divide(along, members, first, last, first + sizes[run] // 2)
+
+
+@compiled(void(BLOCKS, INDICES, INDICES, INDICES, MATRIX_OUT))
+def balls_about_runs(corners: Floats, members: Integers, starts: Integers, sizes: Integers, balls_out: Floats) -> None:
+    """Balls about runs of triangles: about the middle of the box about each.
+
+    Args:
+        corners: Of all triangles, shape (t, 3, 3) [m].
+        members: Which triangles are in the runs, one run after the other, shape (m,).
+        starts: Where each run begins, shape (n,).
+        sizes: How many each has, shape (n,).
+        balls_out: Centre and radius of each run's ball, shape (n, 4) [m].
+    """
+    for run in range(starts.shape[0]):
+        first, last = starts[run], starts[run] + sizes[run]
+        least_x = least_y = least_z = math.inf
+        most_x = most_y = most_z = -math.inf
+        for i in range(first, last):
+            for corner in range(3):
+                x, y, z = (
+                    corners[members[i], corner, 0],
+                    corners[members[i], corner, 1],
+                    corners[members[i], corner, 2],
+                )
+                least_x, least_y, least_z = min(least_x, x), min(least_y, y), min(least_z, z)
+                most_x, most_y, most_z = max(most_x, x), max(most_y, y), max(most_z, z)
+        balls_out[run, 0] = 0.5 * (least_x + most_x)
+        balls_out[run, 1] = 0.5 * (least_y + most_y)
+        balls_out[run, 2] = 0.5 * (least_z + most_z)
+        x, y, z, farthest = balls_out[run, 0], balls_out[run, 1], balls_out[run, 2], 0.0
+        for i in range(first, last):
+            for corner in range(3):
+                a = corners[members[i], corner, 0] - x
+                b = corners[members[i], corner, 1] - y
+                c = corners[members[i], corner, 2] - z
+                farthest = max(farthest, a * a + b * b + c * c)
+        balls_out[run, 3] = math.sqrt(farthest)
+
+
+@compiled(void(MATRIX_OUT))
+def sort_for_tree(points: Floats) -> None:
+    """Order points so that neighbours are together: each sixteen, each sixteen of those, and so on.
+
+    Args:
+        points: Shape (n, 3) [m]; sorted in place.
+    """
+    before, along, order = points.copy(), np.empty(points.shape[0]), np.arange(points.shape[0])
+    begins, ends = np.empty(_STACK, np.int64), np.empty(_STACK, np.int64)
+    begins[0], ends[0], top = 0, points.shape[0], 1
+    while top > 0:
+        top -= 1
+        begin, end = begins[top], ends[top]
+        blocks = (end - begin + LANES - 1) // LANES
+        if blocks <= 1:
+            continue
+        half = 1
+        while 2 * half < blocks:
+            half *= 2
+        at = begin + half * LANES
+        _write_widest(before, order, begin, end, along)
+        _divide(along, order, begin, end, at)
+        begins[top], ends[top] = begin, at
+        begins[top + 1], ends[top + 1] = at, end
+        top += 2
+    for i in range(points.shape[0]):
+        for k in range(3):
+            points[i, k] = before[order[i], k]
+
+
+@compiled(void(MATRIX, INDICES, FLOATS_OUT, FLOATS_OUT))
+def fill_tree(points: Floats, firsts: np.ndarray, points_out: Floats32, boxes_out: Floats32) -> None:
+    """Write the tables of sorted points.
+
+    Args:
+        points: In that order, shape (n, 3) [m].
+        firsts: As `LaneCloud` has them.
+        points_out: Sixteen together, shape (BLOCK * blocks,).
+        boxes_out: Boxes, shape (AROUND * blocks of all levels,).
+    """
+    count, size = points.shape[0], boxes_out.shape[0]
+    for at in range(0, size, AROUND):
+        boxes_out[at : at + AROUND // 2] = np.float32(math.inf)
+        boxes_out[at + AROUND // 2 : at + AROUND] = np.float32(-math.inf)
+    for i in range(points_out.shape[0] // 3):
+        place = i // LANES * BLOCK + i % LANES
+        for k in range(3):
+            points_out[place + LANES * k] = points[i, k] if i < count else np.float32(NOWHERE)
+    for i in range(count):
+        block = i // LANES
+        for level in range(1, firsts.shape[0]):
+            at = (firsts[level] + block // LANES) * AROUND + block % LANES
+            for k in range(3):
+                low, high, here = at + LANES * k, at + LANES * (3 + k), np.float32(points[i, k])
+                boxes_out[low] = min(boxes_out[low], here)
+                boxes_out[high] = max(boxes_out[high], here)
+            block //= LANES
+
+
+@lane_part
+def _empty(box: Floats) -> None:
+    """Make a box, shape (6,), one of nothing."""
+    for k in range(3):
+        box[k], box[3 + k] = math.inf, -math.inf
+
+
+@lane_part
+def _add(box: Floats, other: Floats) -> None:
+    """Make a box, shape (6,), one about another one too."""
+    for k in range(3):
+        box[k], box[3 + k] = min(box[k], other[k]), max(box[3 + k], other[3 + k])
+
+
+@exact_kernel(void(MATRIX_OUT, INDICES, int64))
+def boxes_above(boxes: Floats, firsts: Integers, children: int) -> None:
+    """Find the boxes of the levels of a tree above the first one.
+
+    Args:
+        boxes: Lower, then upper corners, shape (m, 6), those of the first level at the beginning; gets the others.
+        firsts: Where each level begins among them, and the number of all, shape (levels + 1,).
+        children: How many of a level are behind each of the next: those of box i begin at `children * i`.
+    """
+    for level in range(1, firsts.shape[0] - 1):
+        for i in range(firsts[level + 1] - firsts[level]):
+            box = boxes[firsts[level] + i]
+            _empty(box)
+            begin = firsts[level - 1] + children * i
+            for child in range(begin, min(begin + children, firsts[level])):
+                _add(box, boxes[child])
+
+
+@exact_kernel(void(MATRIX, int64, MATRIX_OUT))
+def boxes_of_pairs(boxes: Floats, leaf: int, nodes: Floats) -> None:
+    """Find the boxes of a complete binary tree, in which node i has the children 2 i + 1 and 2 i + 2.
+
+    Args:
+        boxes: Lower, then upper corners, shape (n, 6).
+        leaf: How many of them a leaf holds.
+        nodes: Gets the boxes, the root's first; shape (2 leaves - 1, 6). Those of empty leaves are of nothing.
+    """
+    inner = nodes.shape[0] // 2
+    for i in range(nodes.shape[0] - 1, -1, -1):
+        box = nodes[i]
+        _empty(box)
+        if i < inner:
+            _add(box, nodes[2 * i + 1])
+            _add(box, nodes[2 * i + 2])
+        else:
+            for k in range(leaf * (i - inner), min(leaf * (i - inner + 1), boxes.shape[0])):
+                _add(box, boxes[k])
+
+
+@exact_kernel(void(MATRIX, VECTOR_OUT))
+def middles_within(boxes: Floats, corners: Floats) -> None:
+    """Find the box about the middles of boxes.
+
+    Args:
+        boxes: Lower, then upper corners, shape (n, 6).
+        corners: Gets its lower, then its upper corner, shape (6,).
+    """
+    _empty(corners)
+    for i in range(boxes.shape[0]):
+        for k in range(3):
+            middle = 0.5 * (boxes[i, k] + boxes[i, 3 + k])
+            corners[k], corners[3 + k] = min(corners[k], middle), max(corners[3 + k], middle)
+
+
+@uncounted
+def boxes_met(
+    boxes: Floats, firsts: Integers, children: int, low: Floats, high: Floats, stack: Integers, met_out: Integers
+) -> int:
+    """Write which boxes of a tree's first level overlap a box; boxes that touch do.
+
+    Args:
+        boxes: Of all levels one after the other, as `boxes_above` has them, shape (m, 6) [m].
+        firsts: Where each level begins, and the last one ends, shape (levels + 1,).
+        children: How many of a level are behind each of the next: those of box i begin at `children * i`.
+        low: Lower corner of the box, shape (3,) [m].
+        high: Upper corner, shape (3,) [m].
+        stack: Scratch, shape (children * levels, 2).
+        met_out: Gets the places of the boxes, shape (n,).
+
+    Returns:
+        How many there are.
+    """
+    count, top, highest = 0, 0, firsts.shape[0] - 2
+    for node in range(firsts[highest + 1] - firsts[highest]):
+        stack[top, 0], stack[top, 1] = highest, node
+        top += 1
+    while top > 0:
+        top -= 1
+        level, node = stack[top, 0], stack[top, 1]
+        box = boxes[firsts[level] + node]
+        if not (
+            box[0] <= high[0]
+            and box[3] >= low[0]
+            and box[1] <= high[1]
+            and box[4] >= low[1]
+            and box[2] <= high[2]
+            and box[5] >= low[2]
+        ):
+            continue
+        if level == 0:
+            met_out[count] = node
+            count += 1
+            continue
+        below = firsts[level] - firsts[level - 1]
+        for child in range(children * node, min(children * (node + 1), below)):
+            stack[top, 0], stack[top, 1] = level - 1, child
+            top += 1
+    return count
+
+
+@compiled(types.int64(MATRIX, INDICES, types.int64, MATRIX, MATRIX, INDEX_MATRIX_OUT))
+def overlaps_in_tree(
+    boxes: Floats, firsts: Integers, children: int, low: Floats, high: Floats, pairs_out: Integers
+) -> int:
+    """Write which boxes overlap which of a tree's.
+
+    Args:
+        boxes: As in `boxes_met`, and so are the next two.
+        firsts: See there.
+        children: See there.
+        low: Lower corners of the others, shape (q, 3) [m].
+        high: Upper corners, shape (q, 3) [m].
+        pairs_out: Gets the index of one of the others and a box's place in the tree, shape (k, 2); as many as fit.
+
+    Returns:
+        How many there are.
+    """
+    stack, met = np.empty((children * firsts.shape[0], 2), np.int64), np.empty(firsts[1], np.int64)
+    count = 0
+    for asked in range(low.shape[0]):
+        for k in range(boxes_met(boxes, firsts, children, low[asked], high[asked], stack, met)):
+            if count < pairs_out.shape[0]:
+                pairs_out[count, 0], pairs_out[count, 1] = asked, met[k]
+            count += 1
+    return count
