@@ -106,6 +106,8 @@ class Pairs(ReadOnly):
 
     def bodies_left_out(self) -> np.ndarray:
         """Body and obstacle of each pair that is left out, shape (k, 2)."""
+        if not len(self.left_out):
+            return np.empty((0, 2), np.int64)
         row, obstacle = np.divmod(self.left_out, max(1, self.obstacles))
         return np.column_stack([self.moving[row], obstacle])
 

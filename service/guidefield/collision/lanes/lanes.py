@@ -14,7 +14,7 @@ from typing import cast
 import numpy as np
 
 from guidefield.collision.lanes.memory import LaneMemory, lane_memory
-from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from
+from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from, turns_freely
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, Scratch
@@ -40,16 +40,21 @@ def prepare_robot(world: World) -> None:
     _robot(world.group, world.pairs.own.tobytes())
 
 
-@memoized
 def _robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The tables of a group and the pairs (int64) that must not touch, and the words that a world begins with."""
-    robot, words = _unturned(group, pairs)
-    joints = turned_from(robot.joints, group)
-    return (robot, words) if joints is robot.joints else _with_words(dataclasses.replace(robot, joints=joints), group)
+    made = _alike_robot(group, pairs)
+    return _turned_robot(group, pairs) if turns_freely(made[0].joints) else made
+
+
+@memoized
+def _turned_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+    """The same of a group whose rotation vectors have an origin."""
+    robot, _ = _alike_robot(group, pairs)
+    return _with_words(dataclasses.replace(robot, joints=turned_from(robot.joints, group)), group)
 
 
 @memoized_for_alike
-def _unturned(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
+def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
     """The same, wherever the group starts."""
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
     robot = lane_robot(group, pairs_of_bodies)

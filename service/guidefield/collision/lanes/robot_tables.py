@@ -261,10 +261,13 @@ def _joints(group: PlanningGroup, turns: list[np.ndarray]) -> LaneJoints:
     return joints
 
 
+def turns_freely(joints: LaneJoints) -> bool:
+    """Tell if a joint turns about a point: by a rotation vector, which has an origin."""
+    return bool(joints.kinds.max(initial=TURNING) >= BALL)
+
+
 def turned_from(joints: LaneJoints, group: PlanningGroup) -> LaneJoints:
     """The same joints, their rotation vectors from where those of the group start."""
-    if joints.kinds.max(initial=TURNING) < BALL:
-        return joints
     numbers, balls = joints.numbers.reshape(-1, JOINT).copy(), {joint.name: joint for joint in group.joints}
     for i in np.flatnonzero(joints.kinds >= BALL).tolist():
         planned = balls[group.model.names[i]]
