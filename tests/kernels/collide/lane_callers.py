@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import int64, types, void
 
-from guidefield.kernels.collide.motion_validation import world_of
+from guidefield.kernels.collide.layout import world_of
 from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, INDICES, INDICES_OUT, Floats32, lane_kernel
 from guidefield.kernels.kinematics.batch_forward_kinematics import LANE_JOINTS, LaneJoints, lane_placements
 from guidefield.kernels.simd.packing import Words, pointers
@@ -28,9 +28,7 @@ def placements_of_configurations(joints: LaneJoints, coordinates: Floats32, pose
 def hits_of_configurations(words: Words, clearance: float, coordinates: Floats32, hits: np.ndarray) -> int:
     """`certain_hits` in a world that is packed."""
     world = world_of(pointers(words))
-    return certain_hits(
-        world.joints, world.bodies, world.obstacles, clearance, pointers(coordinates), world.scratch, pointers(hits)
-    )
+    return certain_hits(world, clearance, pointers(coordinates), pointers(hits))
 
 
 @lane_kernel(void(INDICES, INDICES, int64, TARGETS, INDICES_OUT))

@@ -17,10 +17,10 @@ from guidefield.collision.lanes.memory import LaneMemory, lane_memory
 from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turned_from, turns_freely
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
-from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, Scratch
-from guidefield.kernels.collide.motion_validation import FRACTIONS, LaneWorld, path_free_until, touching_configurations
+from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, LaneAlone, LaneWorld, Scratch
+from guidefield.kernels.collide.motion_validation import FRACTIONS, path_free_until, touching_configurations
 from guidefield.kernels.collide.primitives_layout import MEMORY_WORDS, SCENE_WORDS, lay_out
-from guidefield.kernels.collide.self_collision_cache import STACK, LaneAlone, never_touching
+from guidefield.kernels.collide.self_collision_cache import STACK, never_touching
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.tree.shortcut import shorten
 from guidefield.memo import memoized

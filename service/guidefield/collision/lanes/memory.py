@@ -17,9 +17,9 @@ from guidefield.kernels.collide.layout import (
     HIT,
     HITS,
     LaneObstacles,
+    LaneWorld,
     Scratch,
 )
-from guidefield.kernels.collide.motion_validation import LaneWorld
 from guidefield.kernels.collide.parts import LINK, PART, SHAPE, Parts
 from guidefield.kernels.collide.primitive import PRIMITIVE
 from guidefield.kernels.collide.primitives_layout import LINE

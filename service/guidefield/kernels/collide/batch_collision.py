@@ -22,7 +22,6 @@ from guidefield.kernels.collide.broadphase import (
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
-    BODIES,
     BODY,
     CLOUD,
     FOUND,
@@ -30,22 +29,19 @@ from guidefield.kernels.collide.layout import (
     HITS,
     MASK,
     OBSTACLE,
-    OBSTACLES,
-    SCRATCH_MEMORY,
-    LaneBodies,
-    LaneObstacles,
-    Scratch,
+    WORLD,
+    LaneWorld,
     carriers_of,
     pair_of,
     pairs_of,
+    robot_of,
     write_found,
 )
 from guidefield.kernels.collide.obstacle_narrowphase import left_of_obstacle, meets_cloud, meets_obstacle
-from guidefield.kernels.collide.parts import POINTED_PARTS, Parts
 from guidefield.kernels.collide.self_collision_cache import left_of_cells
 from guidefield.kernels.collide.self_narrowphase import pair_meets
-from guidefield.kernels.jit.signatures import FLOAT_POINTER, Floats32, Integers, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.jit.signatures import Integers, lane_part, lane_step
+from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, below, first_lane, splat
 
 
@@ -58,8 +54,9 @@ def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
 
 
 @lane_part
-def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch) -> bool:
+def _met_again(world: LaneWorld, clearance: float) -> bool:
     """Whether one of the inner balls that met an obstacle lately meets the same again."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
     for k in range(HITS):
         body, o, ball = hits[HIT * k + BODY], hits[HIT * k + OBSTACLE], hits[HIT * k + BALL]
@@ -73,17 +70,9 @@ def _met_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
 
 
 @lane_part
-def _met_inside(
-    cloudy: bool,
-    bodies: LaneBodies,
-    body: int,
-    obstacles: LaneObstacles,
-    o: int,
-    near: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+def _met_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> bool:
     """`_inner_meets` where it is known whether the obstacle is a cloud."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, joint = scratch.poses, bodies.inner, bodies.joints[body]
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(poses, joint, inner, ball)
@@ -93,21 +82,19 @@ def _met_inside(
     return False
 
 
-@lane_step(boolean(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _inner_meets(
-    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
+def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: float) -> bool:
     """Whether a ball inside a body meets an obstacle in any of some lanes."""
+    obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
-        return bool(_met_inside(True, bodies, body, obstacles, o, near, clearance, scratch))
-    return bool(_met_inside(False, bodies, body, obstacles, o, near, clearance, scratch))
+        return bool(_met_inside(world, True, body, o, near, clearance))
+    return bool(_met_inside(world, False, body, o, near, clearance))
 
 
 @lane_part
-def _near_obstacles(
-    bodies: LaneBodies, parts: Parts, obstacles: LaneObstacles, clearance: float, scratch: Scratch, likely: bool
-) -> int:
+def _near_obstacles(world: LaneWorld, clearance: float, likely: bool) -> int:
     """Find bodies near obstacles by the balls about them; how many, or -1 if an inner ball is in an obstacle."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, centres, found, bounds, n = scratch.poses, scratch.centres, scratch.found, bodies.bounds, obstacles.size
     members, order, count = bodies.members, bodies.order, 0
     for c in range(bodies.moving):
@@ -132,10 +119,10 @@ def _near_obstacles(
                         if near == 0:
                             continue
                     looked_for = likely and obstacles.whole[o]
-                    if looked_for and _inner_meets(bodies, body, obstacles, o, near, clearance, scratch):
+                    if looked_for and _inner_meets(world, body, o, near, clearance):
                         return -1
                     if obstacles.kinds[o] != CLOUD:
-                        near = left_of_obstacle(bodies, parts, body, o, obstacles, near, clearance, scratch, False)
+                        near = left_of_obstacle(world, body, o, near, clearance, False)
                     if near == 0:
                         continue
                     count = write_found(found, count, body, o, near)
@@ -143,17 +130,9 @@ def _near_obstacles(
 
 
 @lane_part
-def _met_by_cover(
-    cloudy: bool,
-    bodies: LaneBodies,
-    body: int,
-    obstacles: LaneObstacles,
-    o: int,
-    near: int,
-    clearance: float,
-    scratch: Scratch,
-) -> int:
+def _met_by_cover(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, clearance: float) -> int:
     """`_cover_meets` where it is known whether the obstacle is a cloud."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, joint, covers = scratch.poses, bodies.joints[body], bodies.covers
     cover, grouped, reach, mask = bodies.cover, bodies.grouped, clearance + BAND, 0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
@@ -170,39 +149,37 @@ def _met_by_cover(
     return int(mask)
 
 
-@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _cover_meets(
-    bodies: LaneBodies, body: int, obstacles: LaneObstacles, o: int, near: int, clearance: float, scratch: Scratch
-) -> int:
+@lane_step(int64(WORLD, int64, int64, int64, types.float64))
+def _cover_meets(world: LaneWorld, body: int, o: int, near: int, clearance: float) -> int:
     """The lanes of some where a ball of a body's cover meets an obstacle."""
+    obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
-        return int(_met_by_cover(True, bodies, body, obstacles, o, near, clearance, scratch))
-    return int(_met_by_cover(False, bodies, body, obstacles, o, near, clearance, scratch))
+        return int(_met_by_cover(world, True, body, o, near, clearance))
+    return int(_met_by_cover(world, False, body, o, near, clearance))
 
 
 @lane_part
-def _undecided_obstacles(
-    bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, count: int, scratch: Scratch
-) -> int:
+def _undecided_obstacles(world: LaneWorld, clearance: float, count: int) -> int:
     """Keep of what is near only what the covers can't tell apart; how many."""
+    scratch = world.scratch
     found, kept = scratch.found, 0
     for entry in range(count):
         at = FOUND * entry
         body, o = found[at + BODY], found[at + OBSTACLE]
-        mask = _cover_meets(bodies, body, obstacles, o, found[at + MASK], clearance, scratch)
+        mask = _cover_meets(world, body, o, found[at + MASK], clearance)
         if mask:
             kept = write_found(found, kept, body, o, mask)
     return kept
 
 
 @lane_part
-def _near_pairs(
-    joints: LaneJoints, bodies: LaneBodies, parts: Parts, count: int, coordinates: Floats32, scratch: Scratch
-) -> int:
+def _near_pairs(world: LaneWorld, count: int) -> int:
     """Add the pairs of the robot's bodies that come near each other to what was found; how many that is now.
 
     -1 if any touch by their cells.
     """
+    bodies, scratch = world.bodies, world.scratch
+    coordinates = world.block
     poses, centres, bounds, found = scratch.poses, scratch.centres, bodies.bounds, scratch.found
     for meeting in range(bodies.n_meetings):
         a, b = carriers_of(bodies, meeting)
@@ -212,7 +189,7 @@ def _near_pairs(
         reach = ball_radius(bodies.around, a) + ball_radius(bodies.around, b) + BAND
         near = below(x * x + y * y + z * z, splat(reach * reach))
         if near:
-            near = left_of_cells(joints, bodies, parts, meeting, near, coordinates, scratch)
+            near = left_of_cells(robot_of(world), meeting, near, coordinates)
             if near < 0:
                 return -1
         if near == 0:
@@ -227,54 +204,36 @@ def _near_pairs(
     return count
 
 
-@lane_step(
-    boolean(
-        JOINTS, BODIES, POINTED_PARTS, OBSTACLES, POINTED_PARTS, types.float64, FLOAT_POINTER, SCRATCH_MEMORY, boolean
-    )
-)
-def block_touches(
-    joints: LaneJoints,
-    bodies: LaneBodies,
-    parts: Parts,
-    obstacles: LaneObstacles,
-    scene: Parts,
-    clearance: float,
-    coordinates: Floats32,
-    scratch: Scratch,
-    likely: bool,
-) -> bool:
+@lane_step(boolean(WORLD, types.float64, boolean))
+def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
     """Whether the robot touches an obstacle or itself at any of sixteen configurations.
 
     Args:
-        joints: The robot's joints.
-        bodies: Its bodies.
-        parts: Their shapes.
-        obstacles: What is around it.
-        scene: Its shapes.
+        world: Robot and obstacles.
         clearance: What it has to keep from obstacles [m], >= 0.
-        coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
-        scratch: Memory.
         likely: Whether a contact is likely: else it is not looked for with what finds one sooner.
     """
+    joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
+    coordinates = world.block
     found = scratch.found
     lane_placements(joints, coordinates, scratch.poses)
-    if likely and _met_again(bodies, obstacles, clearance, scratch):
+    if likely and _met_again(world, clearance):
         return True
     place_carriers(bodies, scratch)
-    count = _near_obstacles(bodies, parts, obstacles, clearance, scratch, likely)
+    count = _near_obstacles(world, clearance, likely)
     if count < 0:
         return True
-    count = _undecided_obstacles(bodies, obstacles, clearance, count, scratch)
-    count = _near_pairs(joints, bodies, parts, count, coordinates, scratch)
+    count = _undecided_obstacles(world, clearance, count)
+    count = _near_pairs(world, count)
     for entry in range(count):
         at = FOUND * entry
         body, other, mask = found[at + BODY], found[at + OBSTACLE], found[at + MASK]
         if body < 0:
-            touches = pair_meets(bodies, parts, other, mask, scratch)
+            touches = pair_meets(robot_of(world), other, mask)
         elif obstacles.kinds[other] == CLOUD:
-            touches = meets_cloud(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch)
+            touches = meets_cloud(world, body, other, mask, clearance)
         else:
-            touches = meets_obstacle(bodies, parts, body, other, obstacles, scene, mask, clearance, scratch)
+            touches = meets_obstacle(world, body, other, mask, clearance)
         if touches:
             return True
     return bool(count < 0)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, RowOut, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import Integers, lane_part
-from guidefield.kernels.simd.packing import pointed
+from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
+from guidefield.kernels.simd.packing import pointed, unpacked
 
 BAND = 1e-5
 """Within this of contact [m] either answer may come."""
@@ -191,6 +193,63 @@ LANE_OBSTACLES = numba_type(LaneObstacles)
 SCRATCH = numba_type(Scratch)
 
 BODIES, OBSTACLES, SCRATCH_MEMORY = pointed(LANE_BODIES), pointed(LANE_OBSTACLES), pointed(SCRATCH)
+
+
+class LaneWorld(NamedTuple):
+    """A robot among obstacles, for lanes.
+
+    Attributes:
+        joints, bodies, parts: The robot.
+        fractions: `FRACTIONS`.
+        nv: How many coordinates a configuration has.
+        obstacles, scene: What is around it.
+        scratch: Memory; so a world answers one question at a time.
+        block: (nv * 16,) memory for the configurations of one block.
+    """
+
+    joints: LaneJoints
+    bodies: LaneBodies
+    parts: Parts
+    fractions: Singles
+    nv: int
+    obstacles: LaneObstacles
+    scene: Parts
+    scratch: Scratch
+    block: SinglesOut
+
+
+LANE_WORLD = numba_type(LaneWorld)
+WORLD = pointed(LANE_WORLD)
+
+world_of = unpacked(LANE_WORLD)
+"""Makes a world of its words."""
+
+
+class LaneAlone(NamedTuple):
+    """A robot without obstacles.
+
+    Attributes:
+        joints, bodies, parts: The robot.
+        scratch: Memory.
+    """
+
+    joints: LaneJoints
+    bodies: LaneBodies
+    parts: Parts
+    scratch: Scratch
+
+
+LANE_ALONE = numba_type(LaneAlone)
+ALONE = pointed(LANE_ALONE)
+
+alone_of = unpacked(LANE_ALONE)
+"""Makes a robot without obstacles of its words."""
+
+
+@lane_part
+def robot_of(world: LaneWorld) -> LaneAlone:
+    """The robot of a world."""
+    return LaneAlone(world.joints, world.bodies, world.parts, world.scratch)
 
 
 @lane_part

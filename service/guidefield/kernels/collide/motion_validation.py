@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, int64, types, void
@@ -12,54 +11,20 @@ from guidefield.kernels.collide.batch_collision import block_touches
 from guidefield.kernels.collide.layout import (
     HIT,
     HITS,
-    LaneBodies,
-    LaneObstacles,
-    Scratch,
+    WORLD,
+    LaneWorld,
+    world_of,
 )
-from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.collide.separating_axes import forget_axes
-from guidefield.kernels.jit.fields import Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,
     INDICES,
     Floats32,
     lane_kernel,
-    lane_part,
     lane_step,
 )
-from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
-from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
+from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector import LANES, load, splat, store
-
-
-class LaneWorld(NamedTuple):
-    """A robot among obstacles, for lanes.
-
-    Attributes:
-        joints, bodies, parts: The robot.
-        fractions: `FRACTIONS`.
-        nv: How many coordinates a configuration has.
-        obstacles, scene: What is around it.
-        scratch: Memory; so a world answers one question at a time.
-        block: (nv * 16,) memory for the configurations of one block.
-    """
-
-    joints: LaneJoints
-    bodies: LaneBodies
-    parts: Parts
-    fractions: Singles
-    nv: int
-    obstacles: LaneObstacles
-    scene: Parts
-    scratch: Scratch
-    block: SinglesOut
-
-
-LANE_WORLD = numba_type(LaneWorld)
-WORLD = pointed(LANE_WORLD)
-
-world_of = unpacked(LANE_WORLD)
-"""Makes a world of its words."""
 
 FRACTIONS = np.arange(1, LANES + 1, dtype=np.float32)
 FRACTIONS.setflags(write=False)
@@ -67,24 +32,6 @@ FRACTIONS.setflags(write=False)
 
 EXACT = 1e-3
 """A share of a block: motions that are as long as whole blocks get no more for being rounded up to float32."""
-
-
-@lane_part
-def _touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
-    """Whether the robot touches anything at any configuration of the block."""
-    return bool(
-        block_touches(
-            world.joints,
-            world.bodies,
-            world.parts,
-            world.obstacles,
-            world.scene,
-            clearance,
-            world.block,
-            world.scratch,
-            likely,
-        )
-    )
 
 
 @lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
@@ -110,7 +57,7 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
         for j in range(nv):
             origin, end = z0[j], z1[j]
             store(block, j * LANES, place * (end - origin) + origin)
-        if _touches(world, clearance, k == 0):
+        if block_touches(world, clearance, k == 0):
             return False
     return True
 
@@ -141,7 +88,7 @@ def touching_configurations(
     for i in range(configurations.shape[0]):
         for j in range(configurations.shape[1]):
             store(world.block, j * LANES, splat(configurations[i, j]))
-        touching_out[i] = _touches(world, clearance, True)
+        touching_out[i] = block_touches(world, clearance, True)
 
 
 @lane_kernel(int64(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.float64))

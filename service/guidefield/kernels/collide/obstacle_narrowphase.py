@@ -29,10 +29,10 @@ from guidefield.kernels.collide.layout import (
     DECISION_BAND,
     OBSTACLES,
     REACH,
-    SCRATCH_MEMORY,
+    WORLD,
     LaneBodies,
     LaneObstacles,
-    Scratch,
+    LaneWorld,
     axis_place,
 )
 from guidefield.kernels.collide.parts import (
@@ -78,9 +78,10 @@ from guidefield.kernels.simd.vector import Vector, below, first_lane, lane, spla
 
 @lane_part
 def _near_piece(
-    bodies: LaneBodies, piece: int, joint: int, obstacles: LaneObstacles, o: int, clearance: float, scratch: Scratch
+    world: LaneWorld, piece: int, joint: int, o: int, clearance: float
 ) -> tuple[int, Vector, Vector, Vector]:
     """Mask of the lanes where the ball about a piece meets the obstacle's primitive; the ball's middle."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     x, y, z = ball_centre(scratch.poses, joint, bodies.piece_bounds, piece)
     reach = ball_radius(bodies.piece_bounds, piece) + clearance + BAND
     return near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, x, y, z, reach), x, y, z
@@ -98,24 +99,16 @@ def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacl
     return False
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _points_meet(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    obstacles: LaneObstacles,
-    o: int,
-    mask: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
+def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
     """Whether a point of a body's surface is in an obstacle, which is a primitive, in any lane of a mask."""
+    bodies, parts, obstacles, scratch = world.bodies, world.parts, world.obstacles, world.scratch
     joint = bodies.joints[body]
     for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
         points = polytope_of(parts, bodies.piece_roots[piece]) + 1
         if points == 0 or kind_of(parts, points) != SURFACE:
             continue
-        near, _, _, _ = _near_piece(bodies, piece, joint, obstacles, o, clearance, scratch)
+        near, _, _, _ = _near_piece(world, piece, joint, o, clearance)
         near &= mask
         while near:
             one_pose(scratch.poses, joint, first_lane(near), scratch.pose_a)
@@ -125,34 +118,14 @@ def _points_meet(
     return False
 
 
-@lane_step(
-    boolean(
-        POINTED_PARTS,
-        int64,
-        DOUBLE_POINTER,
-        OBSTACLES,
-        int64,
-        POINTED_PARTS,
-        DOUBLE_POINTER,
-        types.float64,
-        DOUBLE_POINTER,
-    )
-)
-def _piece_meets(
-    parts: Parts,
-    root: int,
-    pose: Floats,
-    obstacles: LaneObstacles,
-    o: int,
-    scene: Parts,
-    pose_b: Floats,
-    margin: float,
-    work: Floats,
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, types.float64))
+def _piece_meets(world: LaneWorld, root: int, o: int, margin: float) -> bool:
     """Whether what is below a node, of a body placed so (12), comes closer to a primitive than a margin.
 
     A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
     """
+    parts, obstacles, scene, scratch = world.parts, world.obstacles, world.scene, world.scratch
+    pose, pose_b, work = scratch.pose_a, scratch.pose_b, scratch.work
     balls, top = parts.balls, 1
     other = part_of(scene, obstacles.roots[o])
     work[STACK] = root
@@ -178,28 +151,19 @@ def _piece_meets(
     return False
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, OBSTACLES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
-def pieces_meet(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    obstacles: LaneObstacles,
-    scene: Parts,
-    o: int,
-    mask: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
+def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
     """Whether any piece of a body touches an obstacle, no cloud, in any lane of a mask; shapes as in `block_touches`.
 
     The scratch's `pose_b` has to be the identity.
     """
-    if obstacles.whole[o] and _points_meet(bodies, parts, body, obstacles, o, mask, clearance, scratch):
+    bodies, parts, obstacles, scene, scratch = world.bodies, world.parts, world.obstacles, world.scene, world.scratch
+    if obstacles.whole[o] and _points_meet(world, body, o, mask, clearance):
         return True
     work, pose, pose_b, poses = scratch.work, scratch.pose_a, scratch.pose_b, scratch.poses
     joint, root, margin = bodies.joints[body], obstacles.roots[o], clearance + DECISION_BAND
     for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
-        near, x, y, z = _near_piece(bodies, piece, joint, obstacles, o, clearance, scratch)
+        near, x, y, z = _near_piece(world, piece, joint, o, clearance)
         near &= mask
         if near == 0:
             continue
@@ -214,7 +178,7 @@ def pieces_meet(
             one_pose(poses, joint, chosen, pose)
             write_axis(work, lane(u, chosen), lane(v, chosen), lane(w, chosen))
             if obstacles.whole[o]:
-                meets = _piece_meets(parts, own, pose, obstacles, o, scene, pose_b, margin, work)
+                meets = _piece_meets(world, own, o, margin)
             else:
                 meets = not bodies_apart(parts, own, pose, scene, root, pose_b, margin, work)
             if meets:
@@ -227,22 +191,13 @@ def pieces_meet(
     return False
 
 
-@lane_step(int64(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, int64, types.float64, SCRATCH_MEMORY, boolean))
-def left_of_obstacle(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    obstacle: int,
-    obstacles: LaneObstacles,
-    mask: int,
-    clearance: float,
-    scratch: Scratch,
-    closely: bool,
-) -> int:
+@lane_step(int64(WORLD, int64, int64, int64, types.float64, boolean))
+def left_of_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float, closely: bool) -> int:
     """The lanes of a mask where the last axis that separated body and obstacle does not; it is fixed in the world.
 
     By the balls of the body's cover; `closely` also by the vertices of its hull.
     """
+    bodies, parts, obstacles, scratch = world.bodies, world.parts, world.obstacles, world.scratch
     axes, at = scratch.obstacle_axes, axis_place(obstacles, body, obstacle)
     if no_axis(axes, at):
         return mask
@@ -256,26 +211,17 @@ def left_of_obstacle(
     return int(left)
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
-def meets_obstacle(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    obstacle: int,
-    obstacles: LaneObstacles,
-    scene: Parts,
-    mask: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
+def meets_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
     """Whether a body touches an obstacle in any lane of a mask.
 
     Each lane that is judged leaves an axis behind, which mostly separates the others too.
     """
+    bodies, parts, obstacles, scene, scratch = world.bodies, world.parts, world.obstacles, world.scene, world.scratch
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.obstacle_axes
     at, margin = axis_place(obstacles, body, obstacle), clearance + DECISION_BAND
     own, root, joint = bodies.roots[body], obstacles.roots[obstacle], bodies.joints[body]
-    mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
+    mask = left_of_obstacle(world, body, obstacle, mask, clearance, True)
     if mask == 0:
         return False
     write_identity(pose_b)
@@ -293,7 +239,7 @@ def meets_obstacle(
             if mask == 0:
                 return False
     if bodies.pieces[body + 1] - bodies.pieces[body] > 1:
-        return bool(pieces_meet(bodies, parts, body, obstacles, scene, obstacle, mask, clearance, scratch))
+        return bool(pieces_meet(world, body, obstacle, mask, clearance))
     while mask:
         one_pose(scratch.poses, joint, first_lane(mask), pose_a)
         mask &= mask - 1
@@ -301,13 +247,14 @@ def meets_obstacle(
         if not bodies_apart(parts, own, pose_a, scene, root, pose_b, margin, work):
             return True
         keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
-        mask = left_of_obstacle(bodies, parts, body, obstacle, obstacles, mask, clearance, scratch, True)
+        mask = left_of_obstacle(world, body, obstacle, mask, clearance, True)
     return False
 
 
-@lane_step(float64(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, DOUBLE_POINTER))
-def _lowest(bodies: LaneBodies, parts: Parts, body: int, pose: Floats, work: Floats) -> float:
+@lane_step(float64(WORLD, int64, DOUBLE_POINTER, DOUBLE_POINTER))
+def _lowest(world: LaneWorld, body: int, pose: Floats, work: Floats) -> float:
     """The least n.x over the points x of a body in a pose, for the axis n in the scratch space [m]."""
+    bodies, parts = world.bodies, world.parts
     x, y, z = axis_in(work)
     u, v, w = turned_back(pose, x, y, z)
     origin = x * pose[3] + y * pose[7] + z * pose[11]
@@ -345,25 +292,14 @@ def _in_cover(
     return int(mask & near)
 
 
-@lane_step(
-    boolean(BODIES, POINTED_PARTS, int64, DOUBLE_POINTER, CLOUD_TABLES, POINTED_PARTS, int64, float64, SCRATCH_MEMORY)
-)
-def _pose_meets(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    pose: Floats,
-    cloud: LaneCloud,
-    scene: Parts,
-    root: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+@lane_step(boolean(WORLD, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64))
+def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, root: int, clearance: float) -> bool:
     """Whether a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
+    bodies, parts, scene, scratch = world.bodies, world.parts, world.scene, world.scratch
     work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
     grown = cloud.numbers[RADIUS] + clearance + BAND
     known = not no_axis(work, AXIS)
-    lowest = _lowest(bodies, parts, body, pose, work) if known else 0.0
+    lowest = _lowest(world, body, pose, work) if known else 0.0
     for group in range(bodies.groups[body], bodies.groups[body + 1]):
         x, y, z = placed_ball(pose, grouped, group)
         reach, block = ball_radius(grouped, group) + grown, -1
@@ -387,27 +323,18 @@ def _pose_meets(
                 known = length > 1e-15
                 if known:
                     divide_axis(work, length)
-                    lowest = _lowest(bodies, parts, body, pose, work)
+                    lowest = _lowest(world, body, pose, work)
                     left &= _beyond(cloud, block, work, lowest, grown)
     return False
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, OBSTACLES, POINTED_PARTS, int64, types.float64, SCRATCH_MEMORY))
-def meets_cloud(
-    bodies: LaneBodies,
-    parts: Parts,
-    body: int,
-    obstacle: int,
-    obstacles: LaneObstacles,
-    scene: Parts,
-    mask: int,
-    clearance: float,
-    scratch: Scratch,
-) -> bool:
+@lane_step(boolean(WORLD, int64, int64, int64, types.float64))
+def meets_cloud(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
     """Whether a body touches a cloud in any lane of a mask.
 
     The axis that kept a ball apart last is where the next decision about body and cloud begins.
     """
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     work, pose, axes = scratch.work, scratch.pose_a, scratch.obstacle_axes
     at, cloud = axis_place(obstacles, body, obstacle), cloud_of(words_at(obstacles.clouds[obstacle]))
     write_identity(scratch.pose_b)
@@ -415,7 +342,7 @@ def meets_cloud(
     while mask:
         one_pose(scratch.poses, bodies.joints[body], first_lane(mask), pose)
         mask &= mask - 1
-        if _pose_meets(bodies, parts, body, pose, cloud, scene, obstacles.roots[obstacle], clearance, scratch):
+        if _pose_meets(world, body, pose, cloud, obstacles.roots[obstacle], clearance):
             return True
         keep_direction(work, axes, at, scratch.obstacle_places)
     return False

@@ -10,7 +10,7 @@ else, and so no answer on what was asked before.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import boolean, int64, types, void
@@ -19,6 +19,7 @@ from guidefield.kernels.collide.balls import ball_radius, placed_ball
 from guidefield.kernels.collide.gjk import parts_apart
 from guidefield.kernels.collide.gjk_scratch import AXIS, write_axis
 from guidefield.kernels.collide.layout import (
+    ALONE,
     BAND,
     BODIES,
     CHILDREN,
@@ -32,21 +33,20 @@ from guidefield.kernels.collide.layout import (
     LEVELS,
     MOVED,
     PER_LENGTH,
-    SCRATCH_MEMORY,
     SIDE,
     START,
     STEP,
     TOGETHER,
     WRAPS,
+    LaneAlone,
     LaneBodies,
-    Scratch,
+    alone_of,
     carriers_of,
     pair_of,
     pairs_of,
 )
-from guidefield.kernels.collide.parts import POINTED_PARTS, Parts, part_of
+from guidefield.kernels.collide.parts import part_of
 from guidefield.kernels.collide.separating_axes import no_axis
-from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import (
     DOUBLE_POINTER,
     FLOAT_POINTER,
@@ -60,10 +60,10 @@ from guidefield.kernels.jit.signatures import (
     lane_part,
     lane_step,
 )
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
 from guidefield.kernels.kinematics.poses import one_pose
 from guidefield.kernels.simd.atomic_allocator import claimed
-from guidefield.kernels.simd.packing import Words, pointed, pointers, unpacked
+from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
@@ -116,12 +116,13 @@ def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Flo
     return False
 
 
-@lane_step(boolean(BODIES, int64, int64, types.float64, SCRATCH_MEMORY))
-def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scratch: Scratch) -> bool:
+@lane_step(boolean(ALONE, int64, int64, types.float64))
+def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool:
     """Whether a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
 
     Neither body may be inside the other: a mesh that swallows another doesn't touch it.
     """
+    bodies, scratch = robot.bodies, robot.scratch
     pose_a, pose_b, inner = scratch.pose_a, scratch.pose_b, bodies.inner
     if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, -depth):
         return False
@@ -135,12 +136,13 @@ def _inner_meet(bodies: LaneBodies, first: int, second: int, depth: float, scrat
     return False
 
 
-@lane_step(boolean(BODIES, POINTED_PARTS, int64, int64, types.float64, SCRATCH_MEMORY))
-def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margin: float, scratch: Scratch) -> bool:
+@lane_step(boolean(ALONE, int64, int64, types.float64))
+def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> bool:
     """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
 
     GJK begins with the axis that the scratch's `work` holds, unless that is 0.
     """
+    bodies, parts, scratch = robot.bodies, robot.parts, robot.scratch
     work, pose_a, pose_b = scratch.work, scratch.pose_a, scratch.pose_b
     pieces, roots = bodies.pieces, bodies.piece_roots
     if _balls_apart(bodies.bounds, first, pose_a, bodies.bounds, second, pose_b, margin):
@@ -161,33 +163,20 @@ def _pair_apart(bodies: LaneBodies, parts: Parts, first: int, second: int, margi
     return True
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, types.float64, SCRATCH_MEMORY))
-def judged(
-    joints: LaneJoints,
-    bodies: LaneBodies,
-    parts: Parts,
-    meeting: int,
-    a: int,
-    b: int,
-    c: int,
-    shift: int,
-    besides: float,
-    scratch: Scratch,
-) -> int:
+@lane_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
+def judged(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
     """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
 
     Args:
-        joints: The robot's joints.
-        bodies: Its bodies.
-        parts: Their shapes.
+        robot: The robot.
         meeting: Which one.
         a: Index of one of the smallest cells in it along the first coordinate.
         b: Along the second.
         c: Along the third.
         shift: The cell's sides are 2^shift as long as those of the smallest.
         besides: What bodies have to keep besides, or to lie in each other [m], at least `BAND`.
-        scratch: Memory.
     """
+    joints, bodies, scratch = robot.joints, robot.bodies, robot.scratch
     grids, numbers, place, at = bodies.grids, bodies.grid_numbers, GRID_PLACES * meeting, GRID_NUMBERS * meeting
     for side in range(GRID_SIDES):
         n, index = at + SIDE * side, a if side == 0 else b if side == 1 else c
@@ -204,9 +193,9 @@ def judged(
     first_pair, past_pair = pairs_of(bodies, meeting)
     for pair in range(first_pair, past_pair):
         first, second = pair_of(bodies, pair)
-        if verdict == APART and _pair_apart(bodies, parts, first, second, moved, scratch):
+        if verdict == APART and _pair_apart(robot, first, second, moved):
             continue
-        if _inner_meet(bodies, first, second, moved + 2.0 * BAND, scratch):
+        if _inner_meet(robot, first, second, moved + 2.0 * BAND):
             return TOUCHING
         verdict = UNKNOWN
     return verdict
@@ -215,23 +204,14 @@ def judged(
 _TURN = 6.283185307179586
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, int64, int64, int64, SCRATCH_MEMORY))
-def _judged_first(
-    joints: LaneJoints,
-    bodies: LaneBodies,
-    parts: Parts,
-    meeting: int,
-    a: int,
-    b: int,
-    c: int,
-    shift: int,
-    scratch: Scratch,
-) -> int:
+@lane_step(int64(ALONE, int64, int64, int64, int64, int64))
+def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
     """What is known of one of a grid's largest cells when it is met first: by as many of them together, or by itself.
 
     Most of what searches meet is far from contact, and many of the largest cells are judged at once there. Arguments
     as for `judged`.
     """
+    bodies = robot.bodies
     grids, cells, place = bodies.grids, bodies.cells, GRID_PLACES * meeting
     larger, at = shift + grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):
@@ -239,14 +219,15 @@ def _judged_first(
         at = at * ((grids[place + SIDE * side + COUNT] - 1 >> larger) + 1) + (index >> larger)
     at += grids[place + TOGETHER]
     if cells[at] == UNJUDGED:
-        cells[at] = judged(joints, bodies, parts, meeting, a, b, c, larger, BAND, scratch)
+        cells[at] = judged(robot, meeting, a, b, c, larger, BAND)
     known = int(cells[at])
-    return known if known != UNKNOWN else judged(joints, bodies, parts, meeting, a, b, c, shift, BAND, scratch)
+    return known if known != UNKNOWN else judged(robot, meeting, a, b, c, shift, BAND)
 
 
 @lane_part
-def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, chosen: int, scratch: Scratch) -> int:
+def _known(robot: LaneAlone, meeting: int, chosen: int) -> int:
     """What is known of a meeting's bodies at the configuration of a lane, by the smallest cell that has to be asked."""
+    bodies, scratch = robot.bodies, robot.scratch
     grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
     a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
     divided, largest = grids[place + DIVIDED], grids[place + START] + int(places[GRID_SIDES * LANES + chosen])
@@ -255,9 +236,9 @@ def _known(joints: LaneJoints, bodies: LaneBodies, parts: Parts, meeting: int, c
         known = int(cells[at])
         if known == UNJUDGED:
             if at == largest:
-                known = _judged_first(joints, bodies, parts, meeting, a, b, c, shift, scratch)
+                known = _judged_first(robot, meeting, a, b, c, shift)
             else:
-                known = judged(joints, bodies, parts, meeting, a, b, c, shift, BAND, scratch)
+                known = judged(robot, meeting, a, b, c, shift, BAND)
             if known == UNKNOWN and shift > 0:
                 known = max(UNKNOWN, claimed(cells, CHILDREN, bodies.n_cells))
             cells[at] = known
@@ -281,20 +262,13 @@ def _apart_by_largest(apart: Any, start: int, places: Floats32) -> int:
     return mask
 
 
-@lane_step(int64(JOINTS, BODIES, POINTED_PARTS, int64, int64, FLOAT_POINTER, SCRATCH_MEMORY))
-def left_of_cells(
-    joints: LaneJoints,
-    bodies: LaneBodies,
-    parts: Parts,
-    meeting: int,
-    mask: int,
-    coordinates: Floats32,
-    scratch: Scratch,
-) -> int:
+@lane_step(int64(ALONE, int64, int64, FLOAT_POINTER))
+def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats32) -> int:
     """The lanes of a mask where nothing is known of a meeting's bodies by their cells, -1 if they touch in any.
 
     Shapes as in `block_touches`.
     """
+    bodies, scratch = robot.bodies, robot.scratch
     grids, numbers, places = bodies.grids, bodies.grid_numbers, scratch.places
     place, at, cells, inside = GRID_PLACES * meeting, GRID_NUMBERS * meeting, splat(0.0), mask
     if grids[place + COUNT] == 0:
@@ -314,7 +288,7 @@ def left_of_cells(
     while mask:
         chosen = first_lane(mask)
         mask &= mask - 1
-        known = _known(joints, bodies, parts, meeting, chosen, scratch)
+        known = _known(robot, meeting, chosen)
         if known == TOUCHING:
             return -1
         if known != APART:
@@ -329,26 +303,7 @@ CELL = GRID_SIDES + 1
 """Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""
 
 
-class LaneAlone(NamedTuple):
-    """A robot without obstacles.
-
-    Attributes:
-        joints, bodies, parts: The robot.
-        scratch: Memory.
-    """
-
-    joints: LaneJoints
-    bodies: LaneBodies
-    parts: Parts
-    scratch: Scratch
-
-
-_ALONE = numba_type(LaneAlone)
-
-_alone_of = unpacked(_ALONE)
-
-
-@lane_step(boolean(pointed(_ALONE), int64, int64, INTEGER_POINTER))
+@lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
 def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
     """Whether a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
@@ -362,7 +317,7 @@ def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
         top -= 1
         a, b, c, shift = stack[CELL * top], stack[CELL * top + 1], stack[CELL * top + 2], stack[CELL * top + 3]
         most -= 1
-        known = judged(robot.joints, robot.bodies, robot.parts, meeting, a, b, c, shift, BEYOND, robot.scratch)
+        known = judged(robot, meeting, a, b, c, shift, BEYOND)
         if known == APART:
             continue
         if known == TOUCHING or most <= 0 or shift <= largest:
@@ -392,7 +347,7 @@ def never_touching(words: Words, most: int, stack: Integers, never_out: np.ndarr
         stack: Memory, shape (STACK,).
         never_out: Shape (n_meetings,).
     """
-    robot = _alone_of(pointers(words))
+    robot = alone_of(pointers(words))
     for meeting in range(len(never_out)):
         first, past = pairs_of(robot.bodies, meeting)
         gridded = robot.bodies.grids[GRID_PLACES * meeting + COUNT] > 0

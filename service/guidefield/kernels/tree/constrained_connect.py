@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.motion_validation import WORLD, LaneWorld, forget, world_of
+from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
+from guidefield.kernels.collide.motion_validation import forget
 from guidefield.kernels.jit.fields import numba_type
 from guidefield.kernels.jit.signatures import (
     FLOAT_POINTER,

@@ -14,7 +14,8 @@ import math
 import numpy as np
 from numba import boolean, int64, types
 
-from guidefield.kernels.collide.motion_validation import WORLD, LaneWorld, forget, motion_free, world_of
+from guidefield.kernels.collide.layout import WORLD, LaneWorld, world_of
+from guidefield.kernels.collide.motion_validation import forget, motion_free
 from guidefield.kernels.jit.signatures import INDICES, lane_kernel, lane_part, lane_step
 from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector import LANES, first_lane, lane, load, store
@@ -235,9 +236,7 @@ def _grown(
         if batch > 1:
             for j in range(search.nv):
                 store(search.judged, j * LANES, load(search.ends, j * LANES) * sampling.units[j])
-            hit = certain_hits(
-                world.joints, world.bodies, world.obstacles, clearance, search.judged, world.scratch, search.hits
-            )
+            hit = certain_hits(world, clearance, search.judged, search.hits)
         for slot in range(batch):
             tree, node = search.grown_trees[slot], search.grown_nodes[slot]
             if max(counters[SIZE], counters[SIZE + 1]) + 2 >= capacity:

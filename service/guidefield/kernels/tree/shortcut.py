@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numba import int64, types
 
-from guidefield.kernels.collide.motion_validation import LaneWorld, motion_free, world_of
+from guidefield.kernels.collide.layout import LaneWorld, world_of
+from guidefield.kernels.collide.motion_validation import motion_free
 from guidefield.kernels.jit.signatures import INDICES, MATRIX, MATRIX_OUT, lane_kernel, lane_part
 from guidefield.kernels.simd.packing import Words, pointers
 

@@ -13,18 +13,14 @@ from guidefield.kernels.collide.broadphase import boxes_near, carrier_centre, ne
 from guidefield.kernels.collide.layout import (
     BALL,
     BAND,
-    BODIES,
     BODY,
     HIT,
     OBSTACLE,
-    OBSTACLES,
-    SCRATCH_MEMORY,
-    LaneBodies,
-    LaneObstacles,
-    Scratch,
+    WORLD,
+    LaneWorld,
 )
 from guidefield.kernels.jit.signatures import FLOAT_POINTER, INTEGER_POINTER, Floats32, Integers, lane_part, lane_step
-from guidefield.kernels.kinematics.batch_forward_kinematics import JOINTS, LaneJoints, lane_placements
+from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placements
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane
 
 SIEVE = 32
@@ -34,9 +30,10 @@ FEW = 4
 """Where they leave at most so many configurations open, all else costs more than it tells."""
 
 
-@lane_step(int64(BODIES, OBSTACLES, types.float64, SCRATCH_MEMORY, INTEGER_POINTER))
-def _hit_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, scratch: Scratch, hits: Integers) -> int:
+@lane_step(int64(WORLD, types.float64, INTEGER_POINTER))
+def _hit_again(world: LaneWorld, clearance: float, hits: Integers) -> int:
     """The lanes where one of the balls that met an obstacle lately does so again; such a ball moves on by a place."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, mask = scratch.poses, bodies.inner, 0
     for k in range(SIEVE):
         body, o, ball = hits[HIT * k + BODY], hits[HIT * k + OBSTACLE], hits[HIT * k + BALL]
@@ -56,18 +53,10 @@ def _hit_again(bodies: LaneBodies, obstacles: LaneObstacles, clearance: float, s
     return int(mask)
 
 
-@lane_step(int64(BODIES, int64, OBSTACLES, int64, int64, types.float64, SCRATCH_MEMORY, INTEGER_POINTER))
-def _hits_of(
-    bodies: LaneBodies,
-    body: int,
-    obstacles: LaneObstacles,
-    o: int,
-    near: int,
-    clearance: float,
-    scratch: Scratch,
-    hits: Integers,
-) -> int:
+@lane_step(int64(WORLD, int64, int64, int64, types.float64, INTEGER_POINTER))
+def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, hits: Integers) -> int:
     """The lanes of some where a ball inside a body meets an obstacle; such balls are remembered."""
+    bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     mask = 0
     for ball in range(bodies.inners[body], bodies.inners[body + 1]):
         x, y, z = ball_centre(scratch.poses, bodies.joints[body], bodies.inner, ball)
@@ -89,29 +78,19 @@ def _few(lanes: int) -> bool:
     return bool(lanes == 0)
 
 
-@lane_step(int64(JOINTS, BODIES, OBSTACLES, types.float64, FLOAT_POINTER, SCRATCH_MEMORY, INTEGER_POINTER))
-def certain_hits(
-    joints: LaneJoints,
-    bodies: LaneBodies,
-    obstacles: LaneObstacles,
-    clearance: float,
-    coordinates: Floats32,
-    scratch: Scratch,
-    hits: Integers,
-) -> int:
+@lane_step(int64(WORLD, types.float64, FLOAT_POINTER, INTEGER_POINTER))
+def certain_hits(world: LaneWorld, clearance: float, coordinates: Floats32, hits: Integers) -> int:
     """Mask of lanes where a ball inside a body meets an obstacle; some where one does may be missing.
 
     Args:
-        joints: The robot's joints.
-        bodies: Its bodies.
-        obstacles: What is around it.
+        world: Robot and obstacles.
         clearance: What it has to keep from obstacles [m], >= 0.
         coordinates: Sixteen values of each chart coordinate, flat, (nv * 16).
-        scratch: Memory.
         hits: (HIT * SIEVE,) balls that met an obstacle lately: body, obstacle, ball; -1 where there is none; changed.
     """
+    joints, bodies, obstacles, scratch = world.joints, world.bodies, world.obstacles, world.scratch
     lane_placements(joints, coordinates, scratch.poses)
-    mask = _hit_again(bodies, obstacles, clearance, scratch, hits)
+    mask = _hit_again(world, clearance, hits)
     if _few(ALL_LANES & ~mask):
         return mask
     place_carriers(bodies, scratch)
@@ -133,7 +112,7 @@ def certain_hits(
                         u, v, w = ball_centre(poses, bodies.joints[body], bodies.bounds, body)
                         near &= near_obstacle(obstacles, o, u, v, w, ball_radius(bodies.bounds, body) + clearance, near)
                     if near and not obstacles.may_touch[body * n + o]:
-                        mask |= _hits_of(bodies, body, obstacles, o, near, clearance, scratch, hits)
+                        mask |= _hits_of(world, body, o, near, clearance, hits)
                 if mask == ALL_LANES:
                     return mask
     return int(mask)
