@@ -127,7 +127,7 @@ def place_moved(moving: MovingBodies, time: float, moved: MovedBodies) -> None:
 
 @uncounted
 def _on_screw(start: Floats, twist: Floats, time: float, placement_out: Floats) -> None:
-    """Where a frame is that has been on a screw for a time, from a placement (3, 4) on."""
+    """Return where a frame is that has been on a screw for a time, from a placement (3, 4) on."""
     x, y, z = time * twist[0], time * twist[1], time * twist[2]
     u, v, w = time * twist[3], time * twist[4], time * twist[5]
     square = u * u + v * v + w * w
@@ -219,7 +219,7 @@ def moving_barrier(
 
 @uncounted
 def _near_group(robot: SampledRobot, g: int, reach: float, work: Workspace, moved: MovedBodies) -> int:
-    """How many bodies that count may be within reach of a group; the first of the candidates are they."""
+    """Return how many bodies that count may be within reach of a group; the first of the candidates are they."""
     x, y, z, count = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2], 0
     for body in range(moved.candidates.shape[0]):
         counts = not robot.ignored[g, moved.bodies.obstacles[body]]

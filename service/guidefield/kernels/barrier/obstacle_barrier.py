@@ -35,14 +35,14 @@ from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
 
 MARGIN = 0.04
-"""How far a group may move before bodies are looked for anew [m]."""
+"""A group may move this far before bodies are looked for anew [m]."""
 
 MOST = 24
 """With more bodies about it than this, a group looks for them anew each time."""
 
 
 class NearBodies(NamedTuple):
-    """What is remembered of s configurations of a motion, by group; overwritten by every look at them.
+    """Bodies near s configurations of a motion, by group; overwritten by every look at them.
 
     Attributes:
         centres: Where each group's ball was when bodies were looked for, shape (s, g, 3) [m].
@@ -69,7 +69,7 @@ def nothing_remembered(configurations: int, groups: int) -> NearBodies:
 
 @uncounted
 def bodies_that_count(robot: SampledRobot, tables: DistanceTables, g: int, reach: float, work: Workspace) -> int:
-    """How many bodies that count may be within reach of a group; the first of the candidates are they."""
+    """Return how many bodies that count may be within reach of a group; the first of the candidates are they."""
     x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
     near, count = bodies_near(x, y, z, robot.balls[g, 3] + reach, tables, work.candidates), 0
     for k in range(near):
@@ -158,7 +158,7 @@ def obstacle_barrier(
 def _some_block_near(
     robot: SampledRobot, g: int, tables: DistanceTables, count: int, farthest: float, work: Workspace
 ) -> bool:
-    """Whether any block of a group may be within range of the candidates; finds how far the boxes about them are."""
+    """Tell if any block of a group may be within range of the candidates; finds how far the boxes about them are."""
     T, first = work.joints.poses[robot.groups[g, JOINT]], robot.first_blocks[g]
     last = first + (robot.groups[g, PAST] - robot.groups[g, FIRST] + LANES_64 - 1) // LANES_64
     work.block_gaps[first:last] = math.inf
@@ -172,7 +172,7 @@ def _some_block_near(
 
 @uncounted
 def _is_near(robot: SampledRobot, block: int, farthest: float, work: Workspace) -> bool:
-    """Whether a block of points may be within range of the candidates."""
+    """Tell if a block of points may be within range of the candidates."""
     reach = farthest + robot.blocks[RADIUS, block]
     near: bool = work.block_gaps[block] < reach * reach
     return near

@@ -26,7 +26,7 @@ SOFT = 0.01
 """Below this distance the barrier is its parabola [m]; below half the range where that is less."""
 
 STEEPNESS = 100.0
-"""What a point costs on top of the barrier where nothing is left of the floor."""
+"""Cost of a point on top of the barrier where nothing of the floor remains."""
 
 
 @inlined
@@ -51,7 +51,7 @@ def barrier(distance: Any, reach: float) -> tuple[Any, Any, Any]:
 
 @inlined
 def deficit(distance: Any, floor: float) -> tuple[Any, Any, Any]:
-    """What a distance below a floor, positive, costs, or one in each lane: value and two derivatives by it."""
+    """Return what a distance below a floor, positive, costs, or one in each lane: value and two derivatives by it."""
     wanting = select(distance < floor, 1.0 - distance * (1.0 / floor), 0.0)
     curvature = select(distance < floor, 0.0 * distance + 2.0 * STEEPNESS / (floor * floor), 0.0)
     return STEEPNESS * wanting * wanting, -2.0 * STEEPNESS * wanting / floor, curvature
@@ -68,7 +68,7 @@ RADIUS = 3
 """Row of the balls about blocks, after those of their centres."""
 
 SUMS = 28
-"""What is summed over a group's points: their barrier, their force (6), and their inertia's upper triangle (21)."""
+"""Numbers summed over a group's points: their barrier, their force (6), and their inertia's upper triangle (21)."""
 
 
 class SampledRobot(NamedTuple):

@@ -1,1 +1,1 @@
-"""Whether bodies touch at sixteen configurations, and along motions."""
+"""Collision tests of bodies at sixteen configurations, and along motions."""

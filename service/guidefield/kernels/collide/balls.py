@@ -12,7 +12,7 @@ BALL_ROW = 4
 """Numbers of a ball: its centre's x, y, z and its radius [m]."""
 
 RADIUS = 3
-"""Where among them the radius is."""
+"""Place of the radius among them."""
 
 
 @lane_part

@@ -1,4 +1,4 @@
-"""Whether a robot touches obstacles or itself at any of sixteen configurations: what is cheap and tells most, first.
+"""A test if a robot touches obstacles or itself at any of sixteen configurations, in the order of cost and yield.
 
 A ball inside a body that met an obstacle lately often does again. Balls about all that a joint carries leave few
 obstacles; about those bodies, fewer. A ball inside a body that meets an obstacle is a hit. Where no ball of a body's
@@ -55,7 +55,7 @@ def _put_first(hits: Integers, body: int, o: int, ball: int, last: int) -> None:
 
 @lane_part
 def _met_again(world: LaneWorld, clearance: float) -> bool:
-    """Whether one of the inner balls that met an obstacle lately meets the same again."""
+    """Tell if one of the inner balls that met an obstacle lately meets the same again."""
     bodies, obstacles, scratch = world.bodies, world.obstacles, world.scratch
     poses, inner, hits = scratch.poses, bodies.inner, scratch.hits
     for k in range(HITS):
@@ -84,7 +84,7 @@ def _met_inside(world: LaneWorld, cloudy: bool, body: int, o: int, near: int, cl
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def _inner_meets(world: LaneWorld, body: int, o: int, near: int, clearance: float) -> bool:
-    """Whether a ball inside a body meets an obstacle in any of some lanes."""
+    """Tell if a ball inside a body meets an obstacle in any of some lanes."""
     obstacles = world.obstacles
     if obstacles.kinds[o] == CLOUD:
         return bool(_met_inside(world, True, body, o, near, clearance))
@@ -206,7 +206,7 @@ def _near_pairs(world: LaneWorld, count: int) -> int:
 
 @lane_step(boolean(WORLD, types.float64, boolean))
 def block_touches(world: LaneWorld, clearance: float, likely: bool) -> bool:
-    """Whether the robot touches an obstacle or itself at any of sixteen configurations.
+    """Tell if the robot touches an obstacle or itself at any of sixteen configurations.
 
     Args:
         world: Robot and obstacles.

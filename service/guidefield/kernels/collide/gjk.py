@@ -1,4 +1,4 @@
-"""Whether two bodies made of convex parts keep a distance: GJK in float64, and trees of balls about many parts.
+"""A test that two bodies made of convex parts keep a distance: GJK in float64, and trees of balls about many parts.
 
 GJK after Gilbert, Johnson and Keerthi (1988). With v the point of the simplex in the difference A - B nearest to the
 origin and w the support point of A - B against v, the distance is at least v.w / |v| and at most |v|: the first says
@@ -62,7 +62,7 @@ from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import ALL_LANES, below, first_lane, lane, largest_lane, select, splat
 
 ROUNDS, BALL_ROUNDS = 32, 1
-"""How long GJK goes on with two parts, and where one of them is but a ball."""
+"""Most rounds of GJK with two parts, and where one of them is but a ball."""
 
 PLACED = (POINTED_PARTS, types.int64, DOUBLE_POINTER)
 """Tables, a node or part in them, the placement of its body."""
@@ -91,7 +91,7 @@ def _farthest_vertex(
 
 @lane_part
 def _farthest_corner(numbers: Floats, at: int, x: float, y: float, z: float) -> int:
-    """Where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
+    """Return where the corner of a triangle farthest along a direction begins: 0, 3 or 6."""
     farthest, best = 0, numbers[at] * x + numbers[at + 1] * y + numbers[at + 2] * z
     for corner in (3, 6):
         along = numbers[at + corner] * x + numbers[at + corner + 1] * y + numbers[at + corner + 2] * z
@@ -142,7 +142,7 @@ def support(
 
 @lane_part
 def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> float:
-    """How far a part, without what rounds it, is over a half-space's plane [m], whose normal is the axis now.
+    """Return how far a part, without what rounds it, is over a half-space's plane [m], whose normal is the axis now.
 
     The pose that places the part stands in the scratch space, shape (WORK,).
     """
@@ -155,7 +155,7 @@ def over_plane(a: Parts, part_a: int, b: Parts, part_b: int, work: Floats) -> fl
 
 @lane_step(boolean(POINTED_PARTS, types.int64, POINTED_PARTS, types.int64, types.float64, DOUBLE_POINTER, types.int64))
 def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Floats, most: int) -> bool:
-    """Whether two parts, placed by the poses in `work`, are shown to be farther apart than a margin in so many rounds.
+    """Tell if two parts, placed by the poses in `work`, are shown to be farther apart than a margin in so many rounds.
 
     The last axis is tried first.
     """
@@ -189,7 +189,7 @@ def _apart(a: Parts, part_a: int, b: Parts, part_b: int, margin: float, work: Fl
 
 @lane_step(types.float64(POINTED_PARTS, types.int64, DOUBLE_POINTER, types.float64, types.float64, types.float64))
 def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz: float) -> float:
-    """How far a part of a body that stands at the origin reaches along a unit direction in its frame [m].
+    """Return how far a part of a body that stands at the origin reaches along a unit direction in its frame [m].
 
     Scratch `work` has the shape (WORK,).
     """
@@ -210,7 +210,7 @@ def reach_along(parts: Parts, part: int, work: Floats, dx: float, dy: float, dz:
 def bodies_apart(
     a: Parts, root_a: int, pose_a: Floats, b: Parts, root_b: int, pose_b: Floats, margin: float, work: Floats
 ) -> bool:
-    """Whether two bodies are farther apart than a margin.
+    """Tell if two bodies are farther apart than a margin.
 
     Args:
         a: Tables that the first body is in.

@@ -13,19 +13,19 @@ from guidefield.kernels.collide.parts import PART, Parts, is_flat_sided, part_of
 from guidefield.kernels.jit.signatures import Floats, lane_part
 
 POSE_A, POSE_B = 16, 28
-"""Where the poses begin that place what is compared."""
+"""Places of the two poses of the parts that are compared."""
 
 AXIS, KEPT = 40, 44
-"""Where the last separating axis begins, all 0 where there is none; and another one to keep, with a reach behind it."""
+"""Place of the last separating axis, all 0 where there is none, and of another one to keep, with a reach behind it."""
 
 LEAF_A, LEAF_B = 48, 49
-"""Where the leaves of two bodies stand that were nearest to each other last, each plus 1, or 0."""
+"""Places of the leaves of two bodies that were nearest to each other last, each plus 1, or 0."""
 
 STACK, WORK = 64, 512
-"""Where the stack begins, and how many numbers there are."""
+"""Place of the stack, and the number of all numbers."""
 
 X, Y, Z = 3, 7, 11
-"""Where in a pose its origin is."""
+"""Places of its origin in a pose."""
 
 
 @lane_part
@@ -55,7 +55,7 @@ def divide_axis(work: Floats, length: float) -> None:
 
 @lane_part
 def origins_apart(work: Floats) -> float:
-    """How far apart the origins of the two poses in the scratch space, shape (WORK,), are, squared [m^2]."""
+    """Return how far apart the origins of the two poses in the scratch space, shape (WORK,), are, squared [m^2]."""
     x = work[POSE_A + X] - work[POSE_B + X]
     y = work[POSE_A + Y] - work[POSE_B + Y]
     z = work[POSE_A + Z] - work[POSE_B + Z]

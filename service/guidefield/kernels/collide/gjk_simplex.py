@@ -15,7 +15,7 @@ POINT = 3
 """Numbers of a point."""
 
 NEAREST = 4 * POINT
-"""Where in the array the nearest point stands."""
+"""Place of the nearest point in the array."""
 
 SIMPLEX = 5 * POINT
 """Numbers of the array."""
@@ -29,7 +29,7 @@ def nearest_point(w: Floats) -> tuple[float, float, float]:
 
 @lane_part
 def has_point(w: Floats, count: int, x: float, y: float, z: float) -> bool:
-    """Whether a point is among the `count` points of a simplex, shape (`SIMPLEX`,)."""
+    """Tell if a point is among the `count` points of a simplex, shape (`SIMPLEX`,)."""
     found = False
     for at in range(0, count * POINT, POINT):
         found |= w[at] == x and w[at + 1] == y and w[at + 2] == z
@@ -107,7 +107,7 @@ def _on_triangle(w: Floats, a: int, b: int, c: int) -> int:  # noqa: PLR0911  on
 
 @lane_step(boolean(DOUBLE_POINTER, int64, int64, int64, int64))
 def _outside(w: Floats, a: int, b: int, c: int, d: int) -> bool:
-    """Whether the plane through (a, b, c) has the origin and d on different sides, or either on it."""
+    """Tell if the plane through (a, b, c) has the origin and d on different sides, or either on it."""
     ax, ay, az = w[a], w[a + 1], w[a + 2]
     ux, uy, uz = w[b] - ax, w[b + 1] - ay, w[b + 2] - az
     vx, vy, vz = w[c] - ax, w[c + 1] - ay, w[c + 2] - az

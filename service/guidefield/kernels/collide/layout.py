@@ -1,4 +1,4 @@
-"""What lane kernels know of a robot's bodies and of obstacles, and the memory that they work in."""
+"""Tables of a robot's bodies and of obstacles for kernels of SIMD batches, and the memory that they work in."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ BAND = 1e-5
 """Within this of contact [m] either answer may come."""
 
 DECISION_BAND = 2e-6
-"""What the exact decision keeps of it [m]: more than the error of a placement in float32."""
+"""Share of it that the exact decision keeps [m]: more than the error of a placement in float32."""
 
 REACH, AXIS_AND_REACH = 3, 4
 """Numbers of a separating axis: the unit vector, and how far one body reaches along it; all 0 where there is none."""
 
 HITS = 4
-"""How many of the balls that met an obstacle last are tried first."""
+"""Number of balls that met an obstacle last and are tried first."""
 
 BODY, OBSTACLE, BALL, HIT = range(4)
 """Columns of what met last: a body, an obstacle, the ball inside the body; then how many columns there are."""
@@ -272,7 +272,7 @@ def pairs_of(bodies: LaneBodies, meeting: int) -> tuple[int, int]:
 
 @lane_part
 def axis_place(obstacles: LaneObstacles, body: int, obstacle: int) -> int:
-    """Where the separating axis of a body and an obstacle is kept."""
+    """Return where the separating axis of a body and an obstacle is kept."""
     return AXIS_AND_REACH * (body * obstacles.size + obstacle)
 
 

@@ -36,7 +36,7 @@ EXACT = 1e-3
 
 @lane_step(boolean(WORLD, types.float64, FLOAT_POINTER, FLOAT_POINTER, types.float64))
 def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, resolution: float) -> bool:
-    """Whether no sample of the straight motion from z0 to z1 touches; the first is not looked at, the last is.
+    """Tell if no sample of the straight motion from z0 to z1 touches; the first is not looked at, the last is.
 
     With b blocks of sixteen, block k looks at the places (b i - k) / (16 b), i = 1 .. 16: the first spreads over the
     whole motion and holds its end.
@@ -76,7 +76,7 @@ def forget(world: LaneWorld) -> None:
 def touching_configurations(
     words: Words, clearance: float, configurations: np.ndarray, touching_out: np.ndarray
 ) -> None:
-    """Which of some chart points touch, one after another.
+    """Return which of some chart points touch, one after another.
 
     Args:
         words: Robot and obstacles, a packed `LaneWorld`.
@@ -93,7 +93,7 @@ def touching_configurations(
 
 @lane_kernel(int64(INDICES, types.float64, types.Array(types.float32, 2, "C"), types.float64))
 def path_free_until(words: Words, clearance: float, path: np.ndarray, resolution: float) -> int:
-    """How many of the straight motions along a path are free before the first that is not.
+    """Return how many of the straight motions along a path are free before the first that is not.
 
     Args:
         words: Robot and obstacles, a packed `LaneWorld`.

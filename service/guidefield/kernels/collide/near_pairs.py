@@ -1,4 +1,4 @@
-"""Which pairs of bodies may touch where a robot stands: by balls about its bodies and their parts, and boxes."""
+"""Pairs of bodies that may touch where a robot stands: by balls about its bodies and their parts, and boxes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from guidefield.kernels.jit.signatures import (
 )
 
 WIDER = 1e-9
-"""What boxes about balls are wider by, for rounding, of a metre and of each metre that they are from the origin [m]."""
+"""Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]."""
 
 
 class BalledRobot(NamedTuple):
@@ -112,7 +112,7 @@ def _gap(obstacles: BoxedObstacles, o: int, point: Floats) -> float:
 def _are_own_near(
     robot: BalledRobot, a: int, b: int, margin: float, placements: Floats, centres: Floats, parts: Floats
 ) -> bool:
-    """Whether balls can't tell two of the robot's bodies to be farther apart than a margin."""
+    """Tell if balls can't tell two of the robot's bodies to be farther apart than a margin."""
     if _distance(centres[a], centres[b]) - robot.radii[a] - robot.radii[b] > margin:
         return False
     _place_parts(robot, a, placements, parts[0])

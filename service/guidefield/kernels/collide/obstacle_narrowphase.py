@@ -89,7 +89,7 @@ def _near_piece(
 
 @lane_step(boolean(POINTED_PARTS, int64, DOUBLE_POINTER, OBSTACLES, int64, types.float64))
 def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacles, o: int, reach: float) -> bool:
-    """Whether any of the points of a part, of a body that is placed so (12), are nearer to a primitive than `reach`."""
+    """Tell if any of the points of a part, of a body that is placed so (12), are nearer to a primitive than `reach`."""
     vertices, first = parts.vertices, parts.shapes[SHAPE * part + FIRST_BLOCK]
     for block in range(first, first + parts.shapes[SHAPE * part + BLOCKS]):
         x, y, z = points_at(vertices, block * BLOCK)
@@ -101,7 +101,7 @@ def _surface_meets(parts: Parts, part: int, pose: Floats, obstacles: LaneObstacl
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
-    """Whether a point of a body's surface is in an obstacle, which is a primitive, in any lane of a mask."""
+    """Tell if a point of a body's surface is in an obstacle, which is a primitive, in any lane of a mask."""
     bodies, parts, obstacles, scratch = world.bodies, world.parts, world.obstacles, world.scratch
     joint = bodies.joints[body]
     for piece in range(bodies.pieces[body], bodies.pieces[body + 1]):
@@ -120,7 +120,7 @@ def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: floa
 
 @lane_step(boolean(WORLD, int64, int64, types.float64))
 def _piece_meets(world: LaneWorld, root: int, o: int, margin: float) -> bool:
-    """Whether what is below a node, of a body placed so (12), comes closer to a primitive than a margin.
+    """Tell if what is below a node, of a body placed so (12), comes closer to a primitive than a margin.
 
     A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
     """
@@ -153,7 +153,7 @@ def _piece_meets(world: LaneWorld, root: int, o: int, margin: float) -> bool:
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float) -> bool:
-    """Whether any piece of a body touches an obstacle, no cloud, in any lane of a mask; shapes as in `block_touches`.
+    """Tell if any piece of a body touches an obstacle, no cloud, in any lane of a mask; shapes as in `block_touches`.
 
     The scratch's `pose_b` has to be the identity.
     """
@@ -213,7 +213,7 @@ def left_of_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clea
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def meets_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
-    """Whether a body touches an obstacle in any lane of a mask.
+    """Tell if a body touches an obstacle in any lane of a mask.
 
     Each lane that is judged leaves an axis behind, which mostly separates the others too.
     """
@@ -294,7 +294,7 @@ def _in_cover(
 
 @lane_step(boolean(WORLD, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64))
 def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, root: int, clearance: float) -> bool:
-    """Whether a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
+    """Tell if a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
     bodies, parts, scene, scratch = world.bodies, world.parts, world.scene, world.scratch
     work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
     grown = cloud.numbers[RADIUS] + clearance + BAND
@@ -330,7 +330,7 @@ def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, roo
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
 def meets_cloud(world: LaneWorld, body: int, obstacle: int, mask: int, clearance: float) -> bool:
-    """Whether a body touches a cloud in any lane of a mask.
+    """Tell if a body touches a cloud in any lane of a mask.
 
     The axis that kept a ball apart last is where the next decision about body and cloud begins.
     """

@@ -41,7 +41,7 @@ DISC, HALF_LENGTH, ROUND, PART = 12, 14, 15, 16
 cylinder's or capsule's length, and the radius of what rounds it; then how many numbers there are."""
 
 PLANE_OFFSET = 3
-"""Where among them a half-space's offset along its normal is, which is the first three."""
+"""Place among them of a half-space's offset along its normal, which is the first three."""
 
 
 class Parts(NamedTuple):
@@ -81,13 +81,13 @@ def child_of(parts: Parts, node: int, side: int) -> int:
 
 @lane_part
 def is_leaf(parts: Parts, node: int) -> bool:
-    """Whether a node has no children."""
+    """Tell if a node has no children."""
     return child_of(parts, node, LEFT) < 0
 
 
 @lane_part
 def splits_first(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
-    """Whether of two nodes, not both leaves, the first is the one to divide: of two that can be divided the larger."""
+    """Tell if of two nodes, not both leaves, the first is the one to divide: of two that can be divided the larger."""
     larger = ball_radius(a.balls, node_a) >= ball_radius(b.balls, node_b)
     return is_leaf(b, node_b) or (not is_leaf(a, node_a) and bool(larger))
 
@@ -100,7 +100,7 @@ def kind_of(parts: Parts, part: int) -> int:
 
 @lane_part
 def is_flat_sided(parts: Parts, part: int) -> bool:
-    """Whether a part is given by corners in its body's frame, so that it has no placement of its own."""
+    """Tell if a part is given by corners in its body's frame, so that it has no placement of its own."""
     return kind_of(parts, part) in (POLYTOPE, TRIANGLE)
 
 

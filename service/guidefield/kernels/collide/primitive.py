@@ -17,7 +17,7 @@ radius; of a half-space the third axis is the normal, and the centre is a point 
 """
 
 HALF_LENGTH = HALVES + 2
-"""Where the half length of a cylinder or a capsule is."""
+"""Place of the half length of a cylinder or a capsule."""
 
 
 @lane_part

@@ -59,13 +59,13 @@ LINE = 64
 """Bytes of a line of the cache: sixteen floats that lie across two of them take twice as long to get."""
 
 SCENE_WORDS = len(LaneObstacles._fields) + len(Parts._fields)
-"""How many words obstacles and their shapes are."""
+"""Number of words of obstacles and their shapes."""
 
 _MAY_TOUCH = LaneObstacles._fields.index("may_touch")
 
 
 MEMORY_WORDS = len(Scratch._fields) + 1
-"""How many words there are behind those: of the scratch and the block."""
+"""Number of words behind those: of the scratch and the block."""
 
 _HITS = 1 + Scratch._fields.index("hits")
 
@@ -146,7 +146,7 @@ PLACED = struct.Struct("12d")
 _PLACED = PLACED.size // 8
 
 NORMAL = AXES + 6
-"""Where the third axis of a primitive is; of a half-space it is the normal."""
+"""Place of the third axis of a primitive; of a half-space it is the normal."""
 
 
 class _Scene(NamedTuple):

@@ -67,7 +67,7 @@ from guidefield.kernels.simd.packing import Words, pointers
 from guidefield.kernels.simd.vector import LANES, below, first_lane, largest_of, load, rint, smallest_of, splat, store
 
 UNJUDGED, APART, UNKNOWN, TOUCHING = range(4)
-"""What is known of a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
+"""Verdicts on a cell: bodies keep apart wherever in it, they touch wherever in it, or neither is known.
 
 A larger number says that neither is known of the cell as a whole, and where its children are.
 """
@@ -87,7 +87,7 @@ def _between(
 def _balls_apart(
     balls: Floats32, a: int, pose_a: Floats, others: Floats32, b: int, pose_b: Floats, margin: float
 ) -> bool:
-    """Whether two balls of bodies that are placed so (12) are farther apart than a margin."""
+    """Tell if two balls of bodies that are placed so (12) are farther apart than a margin."""
     x, y, z = _between(balls, a, pose_a, others, b, pose_b)
     reach = ball_radius(balls, a) + ball_radius(others, b) + margin
     return bool(x * x + y * y + z * z > reach * reach)
@@ -102,7 +102,7 @@ def _begin_between(balls: Floats32, a: int, pose_a: Floats, b: int, pose_b: Floa
 
 @lane_step(boolean(BODIES, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
 def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Floats, margin: float) -> bool:
-    """Whether a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
+    """Tell if a ball inside a body has its middle farther than a margin from another body, by that one's cover."""
     first, last = bodies.covers[bodies.groups[b]], bodies.covers[bodies.groups[b + 1]]
     for ball in range(bodies.inners[a], bodies.inners[a + 1]):
         outside = True
@@ -118,7 +118,7 @@ def _reaches_out(bodies: LaneBodies, a: int, pose_a: Floats, b: int, pose_b: Flo
 
 @lane_step(boolean(ALONE, int64, int64, types.float64))
 def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool:
-    """Whether a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
+    """Tell if a ball inside each of two bodies, placed by the scratch's poses, lie that deep in each other.
 
     Neither body may be inside the other: a mesh that swallows another doesn't touch it.
     """
@@ -138,7 +138,7 @@ def _inner_meet(robot: LaneAlone, first: int, second: int, depth: float) -> bool
 
 @lane_step(boolean(ALONE, int64, int64, types.float64))
 def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> bool:
-    """Whether two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
+    """Tell if two bodies, placed by the scratch's poses, are farther apart than a margin, by what contains them.
 
     GJK begins with the axis that the scratch's `work` holds, unless that is 0.
     """
@@ -165,7 +165,7 @@ def _pair_apart(robot: LaneAlone, first: int, second: int, margin: float) -> boo
 
 @lane_step(int64(ALONE, int64, int64, int64, int64, int64, types.float64))
 def judged(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int, besides: float) -> int:
-    """What is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
+    """Return what is known of the bodies of a meeting wherever in a cell of its grid the coordinates are.
 
     Args:
         robot: The robot.
@@ -206,7 +206,7 @@ _TURN = 6.283185307179586
 
 @lane_step(int64(ALONE, int64, int64, int64, int64, int64))
 def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift: int) -> int:
-    """What is known of one of a grid's largest cells when it is met first: by as many of them together, or by itself.
+    """Judge one of a grid's largest cells when it is met first: as many of them together, or by itself.
 
     Most of what searches meet is far from contact, and many of the largest cells are judged at once there. Arguments
     as for `judged`.
@@ -226,7 +226,7 @@ def _judged_first(robot: LaneAlone, meeting: int, a: int, b: int, c: int, shift:
 
 @lane_part
 def _known(robot: LaneAlone, meeting: int, chosen: int) -> int:
-    """What is known of a meeting's bodies at the configuration of a lane, by the smallest cell that has to be asked."""
+    """Return the verdict on a meeting's bodies at a lane's configuration, by the smallest cell that has to be asked."""
     bodies, scratch = robot.bodies, robot.scratch
     grids, cells, places, place = bodies.grids, bodies.cells, scratch.places, GRID_PLACES * meeting
     a, b, c = int(places[chosen]), int(places[LANES + chosen]), int(places[2 * LANES + chosen])
@@ -297,7 +297,7 @@ def left_of_cells(robot: LaneAlone, meeting: int, mask: int, coordinates: Floats
 
 
 BEYOND = 1e-3
-"""What bodies keep besides [m]: configurations may be a little beyond the limits of their joints."""
+"""Margin that bodies keep besides [m]: configurations may be a little beyond the limits of their joints."""
 
 CELL = GRID_SIDES + 1
 """Numbers of a cell that waits to be judged: the indices of its first smallest cell, the logarithm of its sides."""
@@ -305,7 +305,7 @@ CELL = GRID_SIDES + 1
 
 @lane_step(boolean(ALONE, int64, int64, INTEGER_POINTER))
 def _never(robot: LaneAlone, meeting: int, most: int, stack: Integers) -> bool:
-    """Whether a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
+    """Tell if a meeting's bodies keep apart in all of its grid, as far as so many cells tell; others are halved."""
     grids, place = robot.bodies.grids, GRID_PLACES * meeting
     largest, longest = grids[place + LEVELS] * grids[place + DIVIDED], 0
     for side in range(GRID_SIDES):

@@ -52,7 +52,7 @@ def _left_of_axis(robot: LaneAlone, joint_a: int, joint_b: int, body_b: int, par
 def _nodes_meet(
     robot: LaneAlone, root_a: int, joint_a: int, root_b: int, joint_b: int, body_b: int, at: int, mask: int
 ) -> bool:
-    """Whether what is below two nodes touches in any lane of a mask; as `meets_obstacle`."""
+    """Tell if what is below two nodes touches in any lane of a mask; as `meets_obstacle`."""
     parts, scratch = robot.parts, robot.scratch
     work, pose_a, pose_b, axes = scratch.work, scratch.pose_a, scratch.pose_b, scratch.pair_axes
     part_b = polytope_of(parts, root_b)
@@ -96,7 +96,7 @@ def _left_of_hulls(robot: LaneAlone, first: int, second: int, at: int, mask: int
 
 @lane_step(boolean(ALONE, int64, int64))
 def pair_meets(robot: LaneAlone, pair: int, mask: int) -> bool:
-    """Whether the bodies of a pair touch in any lane of a mask: the hulls first, then piece by piece."""
+    """Tell if the bodies of a pair touch in any lane of a mask: the hulls first, then piece by piece."""
     bodies, scratch = robot.bodies, robot.scratch
     poses, bounds, pieces, roots = scratch.poses, bodies.piece_bounds, bodies.pieces, bodies.piece_roots
     first, second = pair_of(bodies, pair)

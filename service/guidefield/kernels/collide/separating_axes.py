@@ -69,7 +69,7 @@ def lowest_ball(bodies: LaneBodies, body: int, x: Vector, y: Vector, z: Vector) 
 
 @lane_part
 def no_axis(axes: Floats, at: int) -> bool:
-    """Whether there is no axis at a place among numbers, shape (n,): all three are 0."""
+    """Tell if there is no axis at a place among numbers, shape (n,): all three are 0."""
     return bool(axes[at] == 0.0 and axes[at + 1] == 0.0 and axes[at + 2] == 0.0)
 
 

@@ -1,1 +1,1 @@
-"""How far points are from bodies."""
+"""Distances of points from bodies."""

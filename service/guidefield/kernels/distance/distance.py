@@ -176,7 +176,7 @@ def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cu
 
 @uncounted
 def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
-    """Whether a point in the frame of a solid, and not on its surface, is certain to be outside."""
+    """Tell if a point in the frame of a solid, and not on its surface, is certain to be outside."""
     span, row = _span(tables, body), tables.spans[body, 4]
     if tables.kinds[body] == SOLID:
         outside: bool = surely_outside(p[0], p[1], p[2], tables.surfaces, span)
@@ -186,14 +186,14 @@ def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
 
 @uncounted
 def _span(tables: DistanceTables, body: int) -> Span:
-    """Where the tree of a surface stands."""
+    """Return where the tree of a surface stands."""
     spans = tables.spans
     return spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3]
 
 
 @uncounted
 def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Whether the box about a body, in its own frame, is within reach of a point.
+    """Tell if the box about a body, in its own frame, is within reach of a point.
 
     Args:
         x: Point in the world [m], with y and z.
@@ -209,7 +209,7 @@ def bounds_near(x: float, y: float, z: float, body: int, tables: DistanceTables,
 
 @uncounted
 def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, reach: float) -> bool:
-    """Whether a body may be within reach of a point; the box about it in the world costs the least to look at."""
+    """Tell if a body may be within reach of a point; the box about it in the world costs the least to look at."""
     if box_gap_squared(x, y, z, tables.boxes, body) >= reach * reach:
         return False
     if not bounds_near(x, y, z, body, tables, reach):

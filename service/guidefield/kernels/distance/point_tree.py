@@ -41,7 +41,7 @@ NUMBERS = 12
 radius."""
 
 CELL, PER_LENGTH, LOW, HIGH, RADIUS = 3, 4, 5, 8, 11
-"""Where they stand."""
+"""Their places."""
 
 MOST_LEVELS = 4
 """Levels of boxes: enough for 16^5 points."""
@@ -231,7 +231,7 @@ def nearest_distance(cloud: LaneCloud, x: float, y: float, z: float) -> float:
 
 @lane_step(boolean(CLOUD_TABLES, float64, float64, float64, float64))
 def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> bool:
-    """Whether the grid tells that a point is farther than a reach from all points of a cloud."""
+    """Tell if the grid tells that a point is farther than a reach from all points of a cloud."""
     n = cloud.numbers
     size, per = float(n[CELL]), float(n[PER_LENGTH])
     i = min(max(int((x - n[0]) * per + 0.5), 0), cloud.columns - 1)
@@ -249,7 +249,7 @@ def _beyond(cloud: LaneCloud, x: float, y: float, z: float, reach: float) -> boo
 
 @lane_step(boolean(int64, float64, float64, float64, float64))
 def cloud_beyond(address: int, x: float, y: float, z: float, reach: float) -> bool:
-    """Whether a point is certain to be farther than a reach from all balls of a cloud.
+    """Tell if a point is certain to be farther than a reach from all balls of a cloud.
 
     Args:
         address: Where the words of the cloud are.

@@ -37,7 +37,7 @@ Lanes3 = tuple[Vector, Vector, Vector]
 """Points or axes, by coordinate."""
 
 Away = tuple[Vector, Vector, Vector, Vector]
-"""How far away points are: the square of the distance, negative inside [m²], and a vector (3) along which the distance
+"""Distances of points: the square of the distance, negative inside [m²], and a vector (3) along which the distance
 grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
 
 Signed = tuple[Vector, Vector, Vector, Vector]

@@ -1,4 +1,4 @@
-"""How often a closed surface of triangles winds around a point: its crossings with a ray, counted with their sign.
+"""Winding number of a closed surface of triangles about a point: its crossings with a ray, counted with their sign.
 
 Where only that part of it is there that meets a ball, the way to another place in the ball serves, around which it is
 known how often it winds.
@@ -49,7 +49,7 @@ def ray_direction(k: int) -> Vector3:
 
 @inlined
 def _meets_box(p: Vector3, inverse: Vector3, length: float, boxes: Floats, i: int) -> bool:
-    """Whether the way from p meets a box; `inverse` is one over its direction."""
+    """Tell if the way from p meets a box; `inverse` is one over its direction."""
     x0, x1 = (boxes[i, 0] - p[0]) * inverse[0], (boxes[i, 3] - p[0]) * inverse[0]
     y0, y1 = (boxes[i, 1] - p[1]) * inverse[1], (boxes[i, 4] - p[1]) * inverse[1]
     z0, z1 = (boxes[i, 2] - p[2]) * inverse[2], (boxes[i, 5] - p[2]) * inverse[2]
@@ -159,7 +159,7 @@ def ray_winding(x: float, y: float, z: float, surfaces: SurfaceTables, span: Spa
 
 @compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN))
 def surely_outside(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span) -> bool:
-    """Whether a closed surface is certain not to wind around a point that is not on it.
+    """Tell if a closed surface is certain not to wind around a point that is not on it.
 
     Args:
         x: Point in the frame of the surface [m], with y and z.

@@ -52,7 +52,7 @@ class SurfaceTables(NamedTuple):
 
 SURFACES = numba_type(SurfaceTables)
 SPAN = types.UniTuple(types.int64, 4)
-"""Where a tree stands: its first node, its number of leaves, its first triangle, its number of triangles."""
+"""Place of a tree: its first node, its number of leaves, its first triangle, its number of triangles."""
 
 Span = tuple[int, int, int, int]
 
@@ -197,7 +197,7 @@ def nearest_triangle(x: float, y: float, z: float, surfaces: SurfaceTables, span
 
 @compiled(types.boolean(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, SCALAR))
 def some_triangle_near(x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, reach: float) -> bool:
-    """Whether any triangle of a tree is nearer to a point than a reach: sooner told than which is nearest.
+    """Tell if any triangle of a tree is nearer to a point than a reach: sooner told than which is nearest.
 
     Args:
         x: Point in the frame of the surface [m], with y and z.

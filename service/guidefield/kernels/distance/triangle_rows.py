@@ -149,7 +149,7 @@ def _turn(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> f
 
 @inlined
 def _touch(corners: Floats, i: int, j: int, gap: float) -> bool:
-    """Whether edges i and j cross or come that near."""
+    """Tell if edges i and j cross or come that near."""
     count = corners.shape[0]
     ax, ay = corners[i]
     bx, by = corners[(i + 1) % count]

@@ -1,4 +1,4 @@
-"""What is charged, as the kernels read it."""
+"""Tables of charges, as the kernels read them."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ _MOST_TRIALS = 80
 
 
 class Searching(NamedTuple):
-    """How searches go.
+    """Settings of searches.
 
     Attributes:
         first_turn, last_turn: A search for an angle begins with the one and ends below the other [rad].
@@ -68,7 +68,7 @@ SEARCHING = numba_type(Searching)
 
 @inlined
 def _within(limits: Any, q: Floats) -> bool:
-    """Whether no value is beyond its limits: where values stand, the lower limits, the upper ones."""
+    """Tell if no value is beyond its limits: where values stand, the lower limits, the upper ones."""
     values, lower, upper = limits
     for k in range(values.shape[0]):
         at = values[k]
@@ -125,7 +125,7 @@ def _free(
     chain: Any, joints: Any, leads: int, swept: Any, bodies: Any, guard: Any, searching: Any, limits: Any, here: Any,
     there: Any, z0: Floats, z1: Floats, counts_out: Any,
 ) -> bool:  # fmt: skip
-    """Whether a step may be taken: the guard allows the tip, the joints can stand there, and the way is free."""
+    """Tell if a step may be taken: the guard allows the tip, the joints can stand there, and the way is free."""
     tip = there.places[0 if leads == 1 else there.rotations.shape[0]]
     if not allows(guard, (tip[0], tip[1], tip[2])):
         return False

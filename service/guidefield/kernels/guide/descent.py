@@ -36,7 +36,7 @@ from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SWEPT
 
 ENDED, UNDECIDED, OUT_OF_STEPS = range(3)
-"""How a descent comes back: at its end; for the caller to judge a motion; after all the steps it may take."""
+"""Ends of a call of the descent: at its end; for the caller to judge a motion; after all the steps it may take."""
 
 _REFUSED, _TAKEN, _TO_JUDGE = range(3)
 
@@ -46,7 +46,7 @@ _SUFFICIENT_DECREASE = 1e-4
 
 
 class Settings(NamedTuple):
-    """How a descent goes.
+    """Settings of a descent.
 
     Attributes:
         regularization: Share of the metric's mean diagonal added to it.
@@ -115,7 +115,7 @@ def _taken(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any, settings: Any, z0: Floats, z1: Floats,
     U: float, alpha: float, slope: float, there: Any, counts_out: Any,
 ) -> tuple[int, float]:  # fmt: skip
-    """Whether a trial is refused, taken, or to be taken if its motion is free; and its potential [m].
+    """Tell if a trial is refused, taken, or to be taken if its motion is free; and its potential [m].
 
     Of one that is taken `there` has all that the next step needs: full steps are nearly always taken.
     """
@@ -145,7 +145,7 @@ def _taken(
 
 @inlined
 def _is_close(swept: Any, bodies: Any, settings: Any, z: Floats) -> bool:
-    """Whether the capsules at chart coordinates are nearer to obstacles than `settings.close`, or can't tell."""
+    """Tell if the capsules at chart coordinates are nearer to obstacles than `settings.close`, or can't tell."""
     return not motion_apart(swept, bodies, z, z, settings.close, settings.self_margin, settings.floor)
 
 

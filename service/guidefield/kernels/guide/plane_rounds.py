@@ -40,7 +40,7 @@ from guidefield.kernels.sweep.swept import motion_apart
 from guidefield.kernels.sweep.swept_bounds import SWEPT
 
 NEARER, ARRIVED, BLOCKED = range(3)
-"""How the last round ended."""
+"""Ends of the last round."""
 
 ADVANCED, DESCENDED = range(2)
 """Kinds of steps."""
@@ -53,7 +53,7 @@ _STRAIGHT, _ALL, _NONE = -1, -2, -3
 
 
 class Rounds(NamedTuple):
-    """How rounds go; lengths in m.
+    """Settings of rounds; lengths in m.
 
     Attributes:
         step: Of an advance, at most.
@@ -79,7 +79,7 @@ class Rounds(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What rounds leave; rows of steps in the order in which they were taken.
+    """Results of rounds; rows of steps in the order in which they were taken.
 
     Attributes:
         steps: Configurations of the model, shape (rows, nq).
@@ -122,7 +122,7 @@ def _gap(aim: Any, tip: Vector3) -> tuple[float, Vector3]:
 
 @compiled(types.boolean(SWEPT, BODIES, VECTOR, VECTOR, SCALAR, SETTINGS, COUNTS_OUT))
 def _keeps(swept: Any, bodies: Any, q0: Floats, q1: Floats, margin: float, settings: Any, counts: Any) -> bool:
-    """Whether the straight joint motion between two configurations keeps a margin."""
+    """Tell if the straight joint motion between two configurations keeps a margin."""
     m = 0
     for i in range(swept.joints.parents.shape[0]):
         m = max(m, swept.joints.idx_v[i] + swept.joints.nv[i])
@@ -164,7 +164,7 @@ def _advanced(
 def _way_keeps(
     swept: Any, bodies: Any, q: Floats, steps: Floats, through: int, margin: float, settings: Any, counts: Any
 ) -> bool:
-    """Whether the way from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
+    """Tell if the way from q to the last of some steps keeps a margin: straight, by one of them, or by all."""
     last, before = steps.shape[0] - 1, q
     for row in range(steps.shape[0]):
         if row in (last, through) or through == _ALL:

@@ -18,7 +18,7 @@ from guidefield.kernels.kinematics.forward_kinematics import motion_subspaces
 from guidefield.kernels.linalg.small_systems import invert
 
 _AT_LIMIT = 1e-9
-"""How near a limit counts as there [rad or m]."""
+"""A value this close to a limit is at it [rad or m]."""
 
 
 class State(NamedTuple):

@@ -56,7 +56,7 @@ CONSTRAINT = numba_type(TipConstraint)
 
 @inlined
 def constraint_error(constraint: TipConstraint, mover: Mover, world: Floats, origin: Floats, error_out: Floats) -> None:
-    """How far a constraint's numbers are from zero.
+    """Return how far a constraint's numbers are from zero.
 
     Args:
         constraint: The constraint.
@@ -198,7 +198,7 @@ def closest(guard: TipGuard, p: Vector3) -> Vector3:
 
 @inlined
 def allows(guard: TipGuard, p: Vector3) -> bool:
-    """Whether the tip may be at a point."""
+    """Tell if the tip may be at a point."""
     if guard.depth > -math.inf:
         u, v = _foot(guard, p)
         if _depth(guard, u, v) < guard.depth:

@@ -1,4 +1,4 @@
-"""What the seed's searches follow, and where their steps lead: forces and torques on a chain, places of its joints.
+"""Forces and torques on a chain that the seed's searches follow, and the places of its joints after their steps.
 
 service/docs/algorithm.md, "Univariate". Only the links whose forces a search needs are evaluated: those that it moves,
 of a chain that nothing holds the one that turns.

@@ -1,4 +1,4 @@
-"""What is free in a plane about a point: rays in all directions until they hit, and the polygon that they leave."""
+"""The free part of a plane about a point: rays in all directions until they hit, and the polygon that they leave."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _ray_length(
     tables: DistanceTables, centre: Floats, u: Floats, v: Floats, angle: float, longest: float, candidates: Integers,
     count: int,
 ) -> float:  # fmt: skip
-    """How far a ray in a plane gets before it hits one of some obstacles [m]."""
+    """Return the length of a ray in a plane before it hits one of some obstacles [m]."""
     c, s = math.cos(angle), math.sin(angle)
     dx, dy, dz = c * u[0] + s * v[0], c * u[1] + s * v[1], c * u[2] + s * v[2]
     t = 0.0
@@ -47,7 +47,7 @@ def _ray_length(
 def _ray_lengths(
     tables: DistanceTables, centre: Floats, u: Floats, v: Floats, longest: float, candidates: Integers, lengths: Floats
 ) -> None:
-    """How far evenly spread rays in a plane get before they hit an obstacle [m]."""
+    """Return how far evenly spread rays in a plane get before they hit an obstacle [m]."""
     count = bodies_near(centre[0], centre[1], centre[2], longest, tables, candidates)  # nothing else can be hit
     rays = lengths.shape[0]
     for k in range(rays):
@@ -56,7 +56,7 @@ def _ray_lengths(
 
 @compiled(types.boolean(TABLES, VECTOR, BLOCKS, SCALAR, types.int64))
 def is_enclosed(tables: DistanceTables, centre: Floats, axes: Floats, longest: float, rays: int) -> bool:
-    """Whether in one of some planes through a point every ray hits an obstacle.
+    """Tell if in one of some planes through a point every ray hits an obstacle.
 
     Args:
         tables: The obstacles.
@@ -83,7 +83,7 @@ def is_enclosed(tables: DistanceTables, centre: Floats, axes: Floats, longest: f
 def open_areas(
     tables: DistanceTables, centres: Floats, axes: Floats, longest: float, rays: int, areas_out: Floats
 ) -> None:
-    """How much of planes about points is seen from there [m^2].
+    """Return how much of planes about points is seen from there [m^2].
 
     Args:
         tables: The obstacles.
@@ -104,7 +104,7 @@ def open_areas(
 
 @inlined
 def _cut(corners: Floats, count: int, nx: float, ny: float, offset: float, cut: Floats) -> int:
-    """What a half-plane ``n . x <= offset`` leaves of a convex polygon that it reaches into: its count of corners."""
+    """Cut a convex polygon by a half-plane ``n . x <= offset`` that reaches into it; return its count of corners."""
     kept = 0
     bx, by = corners[count - 1, 0], corners[count - 1, 1]
     before = nx * bx + ny * by - offset

@@ -1,1 +1,1 @@
-"""Where joints, links and tips are at configurations, how they move, and configurations that bring a tip to a place."""
+"""Kinematics: placements of joints, links and tips, their motion, and configurations that bring a tip to a place."""

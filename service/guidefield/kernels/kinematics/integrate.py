@@ -193,7 +193,7 @@ def clamp(mover: Mover, q: Floats, scratch: Floats) -> bool:
 
 @inlined
 def tip_position(mover: Mover, world: Floats) -> Vector3:
-    """Where the tip is [m], from placements of joints, shape (n, 3, 4), and in their frame."""
+    """Return where the tip is [m], from placements of joints, shape (n, 3, 4), and in their frame."""
     p = mover.tip
     return moved_by(world[mover.tip_joint], p[0, 3], p[1, 3], p[2, 3])
 
@@ -224,7 +224,7 @@ def tip_jacobian(mover: Mover, subspaces: Floats, tip: Vector3, jacobian_out: Fl
 
 _STEPS = 30
 _ARRIVED = 1e-6
-"""How exactly the point is reached [m]."""
+"""Accuracy with which the point is reached [m]."""
 _LONGEST = 0.4
 """No joint moves more than this in a step [rad or m]."""
 _OWN = 0.05

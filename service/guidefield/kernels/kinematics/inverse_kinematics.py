@@ -46,7 +46,7 @@ IDLE = -1
 
 
 class Tolerances(NamedTuple):
-    """How far the tip may be from its target: translation, rotation vector.
+    """Tolerances of the tip's offset from its target: translation, rotation vector.
 
     Attributes:
         allowed: Shape (6,) [m, rad], maybe infinite.
@@ -268,7 +268,7 @@ _INDICES_OUT = types.Array(types.int64, 1, "C")
 
 
 class Measure(NamedTuple):
-    """How far two chart points are from each other.
+    """A measure of the distance of two chart points.
 
     Attributes:
         periods: By how much a coordinate may differ without any difference, 0 for none, shape (nv,) [rad or m].

@@ -32,7 +32,7 @@ BALL, FREE, UNIVERSAL = range(3)
 """Kinds of joints of a chain; FREE is the first of a chain that nothing holds."""
 
 _CLOSED = 1e-7
-"""How exactly a chain is closed [m]."""
+"""Accuracy with which a chain is closed [m]."""
 _CLOSING_ROUNDS = 12
 _LARGEST_TURN = 0.4
 """No link turns more than this in a round of closing [rad]."""
@@ -75,7 +75,7 @@ def rotated(R: Floats, v: Floats, out: Floats) -> None:
 
 @inlined
 def _ridge(N: Floats) -> float:
-    """What keeps N regular where the chain is straight."""
+    """Return what keeps N regular where the chain is straight."""
     return float(1e-12 * (N[0, 0] + N[1, 1] + N[2, 2]))
 
 

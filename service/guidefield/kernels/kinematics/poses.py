@@ -20,7 +20,7 @@ ROW = 4 * LANES
 
 @inlined
 def moved_by(T: Floats, x: float, y: float, z: float) -> Vector3:
-    """Where a point of a placed frame is, by its placement, shape (3, 4) [m]."""
+    """Return where a point of a placed frame is, by its placement, shape (3, 4) [m]."""
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
@@ -51,7 +51,7 @@ def moved_back_by(T: Floats, x: float, y: float, z: float) -> Vector3:
 
 @lane_part
 def placed(pose: Floats, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
-    """Where a pose (12,) has a point, or sixteen of them [m]."""
+    """Return where a pose (12,) has a point, or sixteen of them [m]."""
     return (
         x * pose[0] + y * pose[1] + z * pose[2] + pose[3],
         x * pose[4] + y * pose[5] + z * pose[6] + pose[7],
@@ -120,7 +120,7 @@ def moved_row(poses: Floats32, row: int, x: Any, y: Any, z: Any) -> Vector:
 
 @lane_part
 def moved(poses: Floats32, joint: int, x: float, y: float, z: float) -> tuple[Vector, Vector, Vector]:
-    """Where a point of a joint's moved frame is in the world, at each of sixteen configurations [m].
+    """Return where a point of a joint's moved frame is in the world, at each of sixteen configurations [m].
 
     Args:
         poses: Of the configurations, shape (joints * POSE,).

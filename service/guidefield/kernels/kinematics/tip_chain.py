@@ -71,7 +71,7 @@ def _store_turn(columns: Floats, at: int, ax: Any, ay: Any, az: Any, x: Any, y: 
 
 @inlined
 def tip_pose(chain: TipChain, zs: Floats, columns_out: Floats) -> Any:
-    """Where the tip is, and how each part moves it.
+    """Return where the tip is, and how each part moves it.
 
     Args:
         chain: The chain.
@@ -135,7 +135,7 @@ def tip_offset(pose: Any) -> Any:
 
 @inlined
 def offset_rates(chain: TipChain, offset: Any, columns: Floats, rates_out: Floats) -> None:
-    """How an offset changes by each chart coordinate, rotation vectors of balls by turns in the moved frame.
+    """Return how an offset changes by each chart coordinate, rotation vectors of balls by turns in the moved frame.
 
     The rotation vector v changes by J_l(v)^-1 w, J_l^-1 = 1 - [v]/2 + rate [v]^2.
 

@@ -72,7 +72,7 @@ def inner_product(first: Floats, second: Floats) -> float:
 
 @counted
 def _of_group(factor: BorderedFactor, n: int, first: int, size: int) -> tuple[Floats, Integers, Floats]:
-    """Where a group's strips, their spans and the inverses are kept: behind what those before it can take."""
+    """Return where a group's strips, their spans and the inverses are kept: behind what those before it can take."""
     before, tiles, whole = first // TILE, -(-size // TILE), factor.groups.shape[0] - 1
     count, strip = (COUPLED + 1) * tiles, tiles * TILE * TILE
     at = n * (COUPLED + 1) * before * whole * TILE * TILE

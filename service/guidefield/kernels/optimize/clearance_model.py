@@ -42,7 +42,7 @@ from guidefield.kernels.jit.signatures import (
 
 
 class MotionSamples(NamedTuple):
-    """Where on a motion the clearance is looked at.
+    """Places on a motion where the clearance is measured.
 
     Attributes:
         pieces: (s,) piece of each.
@@ -264,7 +264,7 @@ def add_hessians(model: ClearanceModel, scratch: Floats, blocks_out: Floats) -> 
 
 @uncounted
 def _moved_at(model: ClearanceModel, s: int, points: Floats, move_out: Floats) -> None:
-    """How far a motion has moved at a place of a model, shape (nv,)."""
+    """Return how far a motion has moved at a place of a model, shape (nv,)."""
     k, basis = model.pieces[s], model.basis[s]
     move_out[:] = 0.0
     for a in range(4):
@@ -275,7 +275,7 @@ def _moved_at(model: ClearanceModel, s: int, points: Floats, move_out: Floats) -
 
 @uncounted
 def _by_times(model: ClearanceModel, points: Floats, step: float, begin: float) -> tuple[float, float, float]:
-    """What a model's value and its derivatives by (u, t0) have of times elsewhere, but for these derivatives there."""
+    """Share of a model's value and its derivatives by (u, t0) of times elsewhere, but for these derivatives there."""
     longer, later = math.log(step / model.step), begin - model.begin
     by_u, by_begin = 0.0, 0.0
     for i in range(points.shape[0]):

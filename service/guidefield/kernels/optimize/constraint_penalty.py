@@ -27,7 +27,7 @@ from guidefield.kernels.tree.path_constraints import KeptFrames, Measured, numbe
 
 
 class KeptSamples(NamedTuple):
-    """Where on a motion path constraints are looked at.
+    """Places on a motion where path constraints are measured.
 
     Attributes:
         frames: The constraints; none: nothing is looked at.
@@ -76,7 +76,7 @@ def _beyond(kept: KeptSamples, c: int, measured: Measured, lane: int) -> float:
 
 @inlined
 def _cheapest(kept: KeptSamples, at: int, measured: Measured, lane: int) -> tuple[float, int]:
-    """What is beyond at a sample, squared, and the group of alternatives that costs least, the first of several."""
+    """Sum squared violations at a sample, and find the group of alternatives that costs least, the first of several."""
     always, least, chosen, cost, before = 0.0, math.inf, -1, 0.0, -1
     for c in range(kept.groups.shape[0]):
         if kept.asked[at, c] == 0:

@@ -162,7 +162,7 @@ def add_limit_barrier(
 
 
 class TimeLimits(NamedTuple):
-    """When a motion may depart and arrive.
+    """Limits of a motion's times of departure and arrival.
 
     Attributes:
         departs: How many departures there are to choose from: 1, or 0 where it is given.

@@ -62,7 +62,7 @@ def coupled_groups(model: ClearanceModel, constrained: bool, groups_out: Integer
 
 
 class DescentRules(NamedTuple):
-    """When steps are taken.
+    """Settings of the steps.
 
     Attributes:
         steps: At most so many.

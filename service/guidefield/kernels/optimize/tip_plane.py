@@ -46,7 +46,7 @@ TIP_PLANE = numba_type(TipPlane)
 
 @inlined
 def _missed(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
-    """What a tip misses the plane and its edges by, shape (k,); the sum of the squares."""
+    """Return what a tip misses the plane and its edges by, shape (k,); the sum of the squares."""
     square = 0.0
     for r in range(place.heights.shape[0]):
         height = -place.heights[r]
@@ -61,7 +61,7 @@ def _missed(place: TipPlane, tip: Floats, missed_out: Floats) -> float:
 def nearest_crossing(
     place: TipPlane, points: Floats, about: float, spacing: float, closer: float, shifts: int
 ) -> float:
-    """Where a spline comes nearest to a plane, in pieces from the start: as `nearest` of passages has it.
+    """Return where a spline comes nearest to a plane, in pieces from the start: as `nearest` of passages has it.
 
     Args:
         place: The plane.

@@ -25,7 +25,7 @@ def _added(typing: Any, numbers: Any, amount: Any) -> Any:
 
 @lane_part
 def claimed(numbers: Any, amount: int, size: int) -> int:
-    """Where the next numbers are that nobody has; -1 if there aren't so many left.
+    """Return where the next numbers are that nobody has; -1 if there aren't so many left.
 
     Args:
         numbers: int32, shape (size,); the first says from where on they are free.

@@ -1,4 +1,4 @@
-"""How sixteen points and sixteen boxes lie in memory: each number of all sixteen, then the next."""
+"""Layout of sixteen points and of sixteen boxes in memory: each number of all sixteen, then the next."""
 
 from __future__ import annotations
 

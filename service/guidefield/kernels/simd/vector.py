@@ -127,13 +127,13 @@ register(inverse_root, _same, _EITHER, _inverse_root)
 
 
 def _is_memory(kind: Any) -> bool:
-    """Whether a type is a 1-D array's or a pointer's, of floating-point numbers."""
+    """Tell if a type is a 1-D array's or a pointer's, of floating-point numbers."""
     flat = isinstance(kind, types.CPointer) or (isinstance(kind, types.Array) and kind.ndim == 1)
     return flat and isinstance(kind.dtype, types.Float)
 
 
 def _address(context: Any, builder: Any, kind: Any, memory: Any, at: Any) -> Any:
-    """Where a vector begins."""
+    """Return where a vector begins."""
     data = memory if isinstance(kind, types.CPointer) else context.make_array(kind)(context, builder, memory).data
     vector = context.get_value_type(VectorType(kind.dtype))
     return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())

@@ -1,4 +1,4 @@
-"""What kernels ask of the lanes of one vector: one of them, the sum, the largest, and bit masks that choose some."""
+"""Operations on the lanes of one vector: one of them, the sum, the largest, and bit masks that choose some."""
 
 # ruff: noqa: ARG001, ARG005 - numba hands the same arguments to every rule
 

@@ -29,14 +29,14 @@ class VectorType(types.Type):  # type: ignore[misc]  # numba is untyped
 
     @property
     def key(self) -> Any:
-        """What tells one from another."""
+        """Return what tells one from another."""
         return self.element
 
 
 f32x16 = VectorType(types.float32)
 
 Vector = Any
-"""What an annotation says of a value that is an `f32x16` inside a kernel."""
+"""The annotation of a value that is an `f32x16` inside a kernel."""
 
 
 class Mask(types.Type):  # type: ignore[misc]
@@ -48,7 +48,7 @@ class Mask(types.Type):  # type: ignore[misc]
 
     @property
     def key(self) -> Any:
-        """What tells one from another."""
+        """Return what tells one from another."""
         return self.count
 
 
@@ -69,7 +69,7 @@ class _MaskModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def lanes_of(array: Any) -> int:
-    """How many lanes a vector of an array's precision has."""
+    """Return how many lanes a vector of an array's precision has."""
     return LANES_64 if array.dtype == np.float64 else LANES
 
 
@@ -149,12 +149,12 @@ def lane(lanes: Any, index: int) -> Any:
 
 
 def is_double(lanes: Any) -> bool:
-    """Whether the lanes are in double precision; known when a kernel is compiled."""
+    """Tell if the lanes are in double precision; known when a kernel is compiled."""
     return bool(lanes.dtype == np.float64)
 
 
 def every(mask: Any) -> bool:
-    """Whether it is true of all lanes."""
+    """Tell if it is true of all lanes."""
     return bool(np.all(mask))
 
 

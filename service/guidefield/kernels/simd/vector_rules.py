@@ -1,4 +1,4 @@
-"""How numba learns of operations on vectors: what type they have, and what a number is beside a vector."""
+"""Typing rules of operations on vectors for numba, and of a number beside a vector."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAIRS = (
 
 
 def is_number(kind: Any) -> bool:
-    """Whether a type is one of plain numbers."""
+    """Tell if a type is one of plain numbers."""
     return isinstance(kind, (types.Float, types.Integer))
 
 

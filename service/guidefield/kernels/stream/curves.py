@@ -15,12 +15,12 @@ PHASE = 5
 """Numbers of a phase: its columns."""
 
 EXACT = 1e-9
-"""What rounding may cost, of a limit or of continuity, as a share of the limit or in [rad or m, s]."""
+"""Tolerance for rounding, of a limit or of continuity, as a share of the limit or in [rad or m, s]."""
 
 
 @lane_part
 def phase_at(phases: Floats, count: int, time: float) -> int:
-    """Which phase, of rows (k, `PHASE`), is on at a time [s]."""
+    """Return which phase, of rows (k, `PHASE`), is on at a time [s]."""
     k = 0
     while k + 1 < count and phases[k + 1, BEGIN] <= time:
         k += 1
@@ -87,7 +87,7 @@ def keeps_limits(  # noqa: PLR0911 - one for each thing that may be wrong
     acceleration: float,
     jerk: float,
 ) -> bool:
-    """Whether a coordinate goes on from a state without a jump, keeps its limits, and stands still in the end.
+    """Tell if a coordinate goes on from a state without a jump, keeps its limits, and stands still in the end.
 
     Args:
         phases: Its phases in rows, shape (k, `PHASE`), times from 0.

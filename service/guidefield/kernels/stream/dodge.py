@@ -1,4 +1,4 @@
-"""What a way costs among what drifts, and where to be when: going on, waiting, turning back or stepping aside.
+"""The cost of a path among drifting obstacles, and its timing: going on, waiting, turning back or stepping aside.
 
 Dynamic programming over time, step by step, in a tube about the way: its places, and some steps beside them to some
 sides. On the way alone everything is looked at; beside it what is the most promising at each step.
@@ -24,13 +24,13 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.stream.room import ROOM_ROBOT, RoomRobot, distances
 
 FADING = 1.0
-"""What is foreseen for this time from now on counts half [s]: what drifts may turn."""
+"""A prediction this far ahead counts half [s]: what drifts may turn."""
 
 ASIDE = 0.05
-"""What a step beside the way costs more, as a share of it: of ways that are as quick the one nearby is taken."""
+"""Additional cost of a step beside the path, as a share of it: of paths that are as quick the one nearby is taken."""
 
 STRETCHED = 1.25
-"""What goes on and aside at once is one step where it is longer than one at full speed by this at most."""
+"""A move on and aside at once is one step if it is longer than one at full speed by this factor at most."""
 
 
 class Tube(NamedTuple):
@@ -60,7 +60,7 @@ TUBE = numba_type(Tube)
 
 
 class Wanted(NamedTuple):
-    """What is wanted of a way among what moves.
+    """Requirements on a path among moving obstacles.
 
     Attributes:
         kept: What to keep from each on the move, where the robot waits, and at the way's end at least; shape (3, k)
@@ -80,13 +80,13 @@ WANTED = numba_type(Wanted)
 
 @inlined
 def _aside(column: int, levels: int) -> int:
-    """How many steps beside the way a column is."""
+    """Return how many steps beside the way a column is."""
     return 0 if column == 0 else (column - 1) % levels + 1
 
 
 @inlined
 def _left(tube: Tube, state: int, columns: int, levels: int) -> float:
-    """How long it is at least from a state to the end [s]."""
+    """Return how long it is at least from a state to the end [s]."""
     places = tube.places.shape[0] - 1 - state // columns
     return float(tube.step * max(places, _aside(state % columns, levels)))
 
@@ -124,7 +124,7 @@ def _column_beside(column: int, which: int, reach: int, levels: int) -> int:
 
 @inlined
 def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Floats, y: Floats) -> bool:
-    """Whether one step leads to a column beside and the same place or the next; z, y (nv,) are memory."""
+    """Tell if one step leads to a column beside and the same place or the next; z, y (nv,) are memory."""
     if old % columns == new % columns or old // columns == new // columns:
         return True
     _put(tube, old, columns, levels, z)
@@ -137,7 +137,7 @@ def _is_a_step(tube: Tube, old: int, new: int, columns: int, levels: int, z: Flo
 
 @inlined
 def _waits(tube: Tube, old: int, new: int, columns: int) -> bool:
-    """Whether a step stays where it is: at a state, or at the end."""
+    """Tell if a step stays where it is: at a state, or at the end."""
     if old == new:
         return True
     end = tube.places.shape[0] - 1 - tube.stays
@@ -182,7 +182,7 @@ def _kept_at_the_end(
 def _lacks(
     robot: RoomRobot, moved: Floats, wanted: Wanted, z: Floats, enough: Floats, more: float, least: Floats
 ) -> tuple[float, float]:
-    """What lacks at coordinates z (nv,), on the move and where the robot waits [m].
+    """Return what lacks at coordinates z (nv,), on the move and where the robot waits [m].
 
     Args:
         robot: The robot.
@@ -247,7 +247,7 @@ def _come(
     tube: Tube, active: Integers, size: int, costs: Floats, reach: int, best: float, values: Floats, origins: Integers,
     coming: Integers, z: Floats, y: Floats,
 ) -> int:  # fmt: skip
-    """Where one can be a step later, and what that costs at least; how many states that are.
+    """Write the states that can be reached a step later, and their least costs; return their count.
 
     Args:
         tube: The tube.
@@ -300,7 +300,7 @@ def dodged(
     timed: Floats,
     reached: Integers,
 ) -> tuple[int, float]:
-    """Where to be at each step so that arriving costs least.
+    """Return where to be at each step so that arriving costs least.
 
     Args:
         robot: The robot.

@@ -99,7 +99,7 @@ class JudgedShapes(NamedTuple):
 
 
 class JudgedPlaces(NamedTuple):
-    """Where obstacles were observed, and what they may have done since.
+    """Observed placements of obstacles, and what they may have done since.
 
     Attributes:
         poses: Rotation by rows and translation, shape (o, 12) [m, world].
@@ -119,7 +119,7 @@ class JudgedPlaces(NamedTuple):
 
 
 class JudgeMemory(NamedTuple):
-    """What a judgement works in.
+    """Memory of a judgement.
 
     Attributes:
         places: Placements and twists of the joints.
@@ -158,7 +158,7 @@ MOST_NODES = 128
 """Nodes of a tree that wait at once at most: a tree is at most as deep as half of that."""
 
 LEAST = 1e-9
-"""What distances must exceed their bounds by, for rounding [m]."""
+"""Margin by which distances must exceed their bounds, for rounding [m]."""
 
 FREE, LIMITS, OWN, OBSTACLE, UNDECIDED = range(5)
 """Verdicts: free; limits aren't kept; the robot meets itself, or an obstacle; nothing was found that proves either."""
@@ -214,7 +214,7 @@ def _moved(pose: Floats, ball: Floats, k: int) -> float:
 
 @lane_uncounted
 def _reach(robot: JudgedRobot, body: int, joint: int, memory: JudgeMemory) -> float:
-    """How far a joint moves a point of a body it moves at most, within the half widths there are [m]."""
+    """Return how far a joint moves a point of a body it moves at most, within the half widths there are [m]."""
     table, ball, pose = robot.joints.table, robot.balls[body], memory.joints[robot.carriers[body]]
     if table.kinds[joint] == PRISMATIC:
         return float(memory.chords[joint])
@@ -225,7 +225,7 @@ def _reach(robot: JudgedRobot, body: int, joint: int, memory: JudgeMemory) -> fl
 
 @lane_uncounted
 def _swept_by(robot: JudgedRobot, body: int, memory: JudgeMemory) -> float:
-    """How far any point of a body can be from where it is at the middle [m]."""
+    """Return how far any point of a body can be from where it is at the middle [m]."""
     if memory.swept[body] < 0.0:
         joint, whole = robot.carriers[body], 0.0
         while joint > 0:
@@ -237,7 +237,7 @@ def _swept_by(robot: JudgedRobot, body: int, memory: JudgeMemory) -> float:
 
 @lane_uncounted
 def _moves(robot: JudgedRobot, joint: int, body: int) -> bool:
-    """Whether a joint moves a body."""
+    """Tell if a joint moves a body."""
     at = robot.carriers[body]
     while at > joint:
         at = robot.joints.table.parents[at]
@@ -246,7 +246,7 @@ def _moves(robot: JudgedRobot, joint: int, body: int) -> bool:
 
 @lane_uncounted
 def _between(robot: JudgedRobot, body: int, other: int, memory: JudgeMemory) -> float:
-    """How far the joints that move a body and not another can move it [m]."""
+    """Return how far the joints that move a body and not another can move it [m]."""
     joint, whole = robot.carriers[body], 0.0
     while joint > 0:
         if not _moves(robot, joint, other):
@@ -303,7 +303,7 @@ def _solid_apart(
 
 @lane_uncounted
 def _winding(shapes: JudgedShapes, obstacle: int, x: float, y: float, z: float) -> float:
-    """How often the triangles of an obstacle wind around a point in its frame: van Oosterom and Strackee's angles."""
+    """Winding number of an obstacle's triangles about a point in its frame: van Oosterom and Strackee's angles."""
     whole, points = 0.0, shapes.solids.points
     for k in range(shapes.closed[obstacle, 0], shapes.closed[obstacle, 1]):
         i = shapes.solids.first[k]
@@ -374,7 +374,7 @@ def _obstacle_apart(
 
 @lane_uncounted
 def _inside(robot: JudgedRobot, body: int, shapes: JudgedShapes, obstacle: int, memory: JudgeMemory) -> bool:
-    """Whether a point of a body is inside of a closed surface."""
+    """Tell if a point of a body is inside of a closed surface."""
     here, there = memory.joints[robot.carriers[body]], memory.pose
     corner = robot.solids.points[robot.solids.first[robot.first[body + 1] - 1]]
     x = here[0] * corner[0] + here[1] * corner[1] + here[2] * corner[2] + here[3] - there[3]
@@ -431,7 +431,7 @@ def _decided(
     half: float,
     memory: JudgeMemory,
 ) -> int:
-    """Whether a pair is `FREE` in a stretch of time, meets at its middle, or is `UNDECIDED`.
+    """Tell if a pair is `FREE` in a stretch of time, meets at its middle, or is `UNDECIDED`.
 
     Args:
         robot: As in `judged`.

@@ -71,7 +71,7 @@ def _along(q: float, v: float, a: float, j: float, s: float) -> tuple[float, flo
 
 @lane_part
 def _end_of(q: float, v: float, a: float, u: float, piece: float, most: float, jerk: float) -> float:
-    """Where a coordinate stands after a piece towards a velocity u and the hardest braking [rad or m].
+    """Return where a coordinate stands after a piece towards a velocity u and the hardest braking [rad or m].
 
     Args:
         q: Its value.
@@ -134,7 +134,7 @@ def _ending_at(q: float, v: float, a: float, u: float, goal: float, piece: float
 
 @lane_part
 def _lasts(v: float, a: float, u: float, most: float, jerk: float) -> float:
-    """How long the quickest change of velocity lasts [s]; see `_change`."""
+    """Return how long the quickest change of velocity lasts [s]; see `_change`."""
     _, first, hold, last = _change(v, a, u, most, jerk)
     return first + hold + last
 

@@ -1,4 +1,4 @@
-"""How much room a robot has among what moves, for planning alone: balls about its links, rounded boxes for obstacles.
+"""Distances of a robot from moving obstacles, for planning alone: balls about its links, rounded boxes for obstacles.
 
 What this says is quick, errs to the safe side and proves nothing: the judge, which shares none of it, has the word.
 """
@@ -87,7 +87,7 @@ def _distance(box: Floats, x: float, y: float, z: float) -> tuple[float, float, 
 
 @compiled(types.void(ROOM_ROBOT, MATRIX, VECTOR, SCALAR, VECTOR_OUT))
 def distances(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, least: Floats) -> None:
-    """How far the robot is from each of some boxes, at most by what its balls leave it further than this says.
+    """Return how far the robot is from each of some boxes, at most by what its balls leave it further than this says.
 
     Args:
         robot: The robot.
@@ -115,7 +115,7 @@ def distances(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, least: Flo
 
 @compiled(float64(ROOM_ROBOT, MATRIX, VECTOR, SCALAR, VECTOR_OUT))
 def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: Floats) -> float:
-    """How closely boxes surround a robot: the sum of (cut - d)^2 / 2 over balls and boxes that are closer than `cut`.
+    """Measure how close boxes are to a robot: the sum of (cut - d)^2 / 2 over balls and boxes closer than `cut`.
 
     Args:
         robot: The robot.
@@ -161,7 +161,7 @@ def pressure(robot: RoomRobot, boxes: Floats, z: Floats, cut: float, gradient: F
 
 @lane_step(boolean(ROOM_ROBOT, MATRIX, VECTOR, VECTOR))
 def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
-    """Whether the robot comes closer to any box than it is to keep.
+    """Tell if the robot comes closer to any box than it is to keep.
 
     Args:
         robot: The robot.
@@ -189,7 +189,7 @@ def blocked(robot: RoomRobot, boxes: Floats, grown: Floats, z: Floats) -> bool:
 
 @compiled(float64(ROOM_ROBOT, VECTOR, SCALAR))
 def swept(robot: RoomRobot, z: Floats, tolerance: float) -> float:
-    """How far the point of the robot that moves furthest is moved where each coordinate is off by a tolerance [m].
+    """Bound the motion of the robot's points where each coordinate is off by a tolerance [m].
 
     Args:
         robot: The robot.

@@ -46,7 +46,7 @@ ROUNDS = 24
 """Directions that are tried."""
 
 CONVERGED = 1e-6
-"""Where the bounds from both sides are as close, no direction is much better [m]."""
+"""If the bounds from both sides are this close, no direction is much better [m]."""
 
 PARALLEL = 2e-15
 """A direction whose part across an axis is no larger than this share of it is parallel to the axis."""

@@ -66,7 +66,7 @@ SURROUNDINGS = numba_type(Surroundings)
 
 @inlined
 def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats) -> bool:
-    """Whether a box will be too close to coordinates z, shape (nv,), when the robot could be there at the soonest.
+    """Tell if a box will be too close to coordinates z, shape (nv,), when the robot could be there at the soonest.
 
     Args:
         among: What it is to be free of.
@@ -89,7 +89,7 @@ def _taken(among: Surroundings, z: Floats, moved: Floats, grown: Floats) -> bool
 
 @compiled(boolean(SURROUNDINGS, VECTOR, VECTOR))
 def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
-    """Whether the straight way between two points is free, by samples; the first point itself isn't looked at.
+    """Tell if the straight way between two points is free, by samples; the first point itself isn't looked at.
 
     Args:
         among: What it is to be free of.
@@ -125,7 +125,7 @@ def straight_free(among: Surroundings, z0: Floats, z1: Floats) -> bool:
 
 @inlined
 def _closest(nodes: Floats, count: int, z: Floats) -> int:
-    """Which of some nodes, rows of shape (n, nv), is closest to z, shape (nv,)."""
+    """Return which of some nodes, rows of shape (n, nv), is closest to z, shape (nv,)."""
     best, least = 0, np.inf
     for i in range(count):
         square = 0.0

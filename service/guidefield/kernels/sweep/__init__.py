@@ -1,1 +1,1 @@
-"""Whether capsules about links stay apart from everything along a motion."""
+"""Capsules about links along a motion: a test that they stay apart from everything."""

@@ -1,4 +1,4 @@
-"""Whether capsules about a robot's links stay apart from obstacles and each other along a straight motion of its chart.
+"""A test that capsules about links keep from obstacles and each other along a straight motion in local coordinates.
 
 A yes is rigorous: parts of the motion are judged at their middles, where every capsule has to keep more than it can
 lose within the part: the smaller of the sum of what the joints do (collision/motion_bound.py has its proof) and of
@@ -60,7 +60,7 @@ def _segment_distance(ends: Floats, a: int, b: int) -> float:
 
 @uncounted
 def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates: Integers, stack: Floats) -> bool:
-    """Whether the axis of capsule c is farther than `keep` from all obstacles: halved until every part tells."""
+    """Tell if the axis of capsule c is farther than `keep` from all obstacles: halved until every part tells."""
     dx, dy, dz = ends[c, 3] - ends[c, 0], ends[c, 4] - ends[c, 1], ends[c, 5] - ends[c, 2]
     length = math.sqrt(dx * dx + dy * dy + dz * dz)
     mx, my, mz = ends[c, 0] + 0.5 * dx, ends[c, 1] + 0.5 * dy, ends[c, 2] + 0.5 * dz
@@ -87,7 +87,7 @@ def _keeps(ends: Floats, c: int, keep: float, tables: DistanceTables, candidates
 
 @uncounted
 def _far(robot: SweptRobot, item: int, balls: Floats, bound: float, self_margin: float) -> bool:
-    """Whether a pair of capsules keeps more than its margin and a bound, as the balls about them tell."""
+    """Tell if a pair of capsules keeps more than its margin and a bound, as the balls about them tell."""
     count = robot.capsules.shape[0]
     if item < count:
         return False
@@ -101,7 +101,7 @@ def _item_apart(
     robot: SweptRobot, tables: DistanceTables, item: int, ends: Floats, bound: float, margin: float,
     self_margin: float, candidates: Integers, parts: Floats,
 ) -> bool:  # fmt: skip
-    """Whether a capsule, or a pair of them, keeps more than its margin and a bound."""
+    """Tell if a capsule, or a pair of them, keeps more than its margin and a bound."""
     count = robot.capsules.shape[0]
     if item < count:
         keep = robot.capsules[item, RADIUS] + margin + bound
@@ -131,7 +131,7 @@ def _at(robot: SweptRobot, z: Floats, q: Floats, world: Floats, ends: Floats, ba
 def motion_apart(
     robot: SweptRobot, tables: DistanceTables, z0: Floats, z1: Floats, margin: float, self_margin: float, floor: float
 ) -> bool:
-    """Whether the capsules stay apart all along the straight motion from z0 to z1.
+    """Tell if the capsules stay apart all along the straight motion from z0 to z1.
 
     Args:
         robot: The capsules.

@@ -1,4 +1,4 @@
-"""How far capsules that a robot's joints carry move along a straight motion of its chart, at most.
+"""Bounds on the motion of capsules that a robot's joints carry, along a straight motion in local coordinates.
 
 Two bounds, both rigorous: the sum of what the joints do (collision/motion_bound.py has its proof), and a capsule's
 speed at the middle of the motion with its largest acceleration, which counts what joints undo of each other.
@@ -54,7 +54,7 @@ SWEPT = numba_type(SweptRobot)
 
 @uncounted
 def spreads(robot: SweptRobot, z0: Floats, z1: Floats, turns_out: Floats, slides_out: Floats) -> None:
-    """How far each joint turns and slides along the whole motion.
+    """Return how far each joint turns and slides along the whole motion.
 
     Args:
         robot: The capsules.
@@ -121,7 +121,7 @@ def joint_shares(
     chords: Floats,
     shares_out: Floats,
 ) -> None:
-    """How far the joints between each capsule and the root move it at most within a part of the motion.
+    """Return how far the joints between each capsule and the root move it at most within a part of the motion.
 
     Args:
         robot: The capsules.
@@ -186,7 +186,7 @@ def capsule_speeds(
     robot: SweptRobot, world: Floats, z: Floats, q: Floats, dz: Floats, ends: Floats, subspaces: Floats, twists: Floats,
     speeds_out: Floats,
 ) -> None:  # fmt: skip
-    """How fast the fastest point of each capsule moves at a configuration, time running from 0 to 1.
+    """Write the speed of the fastest point of each capsule at a configuration, time running from 0 to 1.
 
     Args:
         robot: The capsules.
@@ -224,7 +224,7 @@ def capsule_speeds(
 def largest_move(
     robot: SweptRobot, item: int, shares: Floats, speeds: Floats, accelerations: Floats, half: float
 ) -> float:
-    """How far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m].
+    """Return how far a capsule moves, or how much closer a pair comes, within `half` of the motion on either side [m].
 
     Args:
         robot: The capsules.

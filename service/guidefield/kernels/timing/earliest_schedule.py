@@ -34,7 +34,7 @@ SLOW = 1
 def _is_free(
     cells: Integers, free: NDArray[np.uint8], row: int, per_step: int, place: int, rate: int, change: int
 ) -> bool:
-    """Whether a step from a place at a rate that changes meets nothing; `row` is its first row of `free`."""
+    """Tell if a step from a place at a rate that changes meets nothing; `row` is its first row of `free`."""
     last = cells.shape[0] - 1
     begin = float(place)
     for part in range(per_step):
@@ -51,7 +51,7 @@ def _is_free(
 
 @inlined
 def _may_be_there(lowest: Integers, highest: Integers, place: int, rate: int, change: int) -> bool:
-    """Whether a step that changes the rate so may end at a place at a rate."""
+    """Tell if a step that changes the rate so may end at a place at a rate."""
     places, rates = lowest.shape
     if place >= places or rate < 0 or rate >= rates:
         return False
@@ -60,7 +60,7 @@ def _may_be_there(lowest: Integers, highest: Integers, place: int, rate: int, ch
 
 @inlined
 def _cost_of_step(place: int, rate: int, change: int, rates: int) -> int:
-    """What a step costs: smooth and quick motions are cheap, and so is waiting at the start."""
+    """Return what a step costs: smooth and quick motions are cheap, and so is waiting at the start."""
     if change != 0:
         return CHANGING
     return SLOW if place > 0 and rate < rates - 1 else 0

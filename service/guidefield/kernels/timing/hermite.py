@@ -140,7 +140,7 @@ def states_at(
 
 @compiled(void(MATRIX, VECTOR, MATRIX_OUT))
 def spline_points(points: Floats, places: Floats, points_out: Floats) -> None:
-    """Where a spline is.
+    """Return where a spline is.
 
     Args:
         points: Control points of m pieces, shape (m + 3, nv) [rad or m].

@@ -1,4 +1,4 @@
-"""How far a motion of Bezier curves has travelled in its chart, when it has travelled so far, and how much it turns."""
+"""Travelled length of a motion of Bezier curves in local coordinates, the time at a length, and the turning."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def travelled(pieces: Floats, times: Floats, asked: Floats, lengths_out: Floats)
 def when_travelled(
     pieces: Floats, times: Floats, known: Floats, lengths: Floats, steps: int, whens_out: Floats
 ) -> None:
-    """When a motion has travelled some lengths.
+    """Return when a motion has travelled some lengths.
 
     Args:
         pieces: See `travelled`.

@@ -66,7 +66,7 @@ def chord_lengths(points: Floats, at: int, look_out: Floats) -> None:
 
 @uncounted
 def against_chords(points: Floats, rates: Floats, step: float) -> float:
-    """How far a motion may go back and forth within its chords: each that it goes against at an end counts.
+    """Return how far a motion may go back and forth within its chords: each that it goes against at an end counts.
 
     Args:
         points: Ends of chords, shape (k, nv) [rad or m].
@@ -143,7 +143,7 @@ def _asked_length(looks: Floats, asked: Floats, way: int) -> float:
 
 @uncounted
 def _is_asked(asked: Floats, k: int) -> bool:
-    """Whether some way of a part is asked, of (k, WAYS)."""
+    """Tell if some way of a part is asked, of (k, WAYS)."""
     return bool(asked[k, IN_CHART] > 0.0 or asked[k, OF_FRAME] > 0.0)
 
 

@@ -51,7 +51,7 @@ from guidefield.kernels.tree.rrt_connect import FULL, GOING_ON, MET, begin, choo
 
 
 class Strides(NamedTuple):
-    """How trees walk within path constraints.
+    """Settings of trees within path constraints.
 
     Attributes:
         length: Of a stride, by the metric [rad].
@@ -73,7 +73,7 @@ class Strides(NamedTuple):
 
 
 class Walk(NamedTuple):
-    """What a walk of a tree needs.
+    """Tables and memory that a step of a tree needs.
 
     Attributes:
         world: Robot and obstacles.
@@ -98,7 +98,7 @@ WALK = types.BaseTuple.from_types((WORLD, SAMPLING, SEARCH, FRAMES, STRIDES, VEC
 
 @lane_step(types.float64(FLOAT_POINTER, FLOAT_POINTER, int64, SAMPLING))
 def _apart(a: Floats32, b: Floats32, nv: int, sampling: Sampling) -> float:
-    """How far two points, shape (nv,), are apart, the short way round."""
+    """Return how far two points, shape (nv,), are apart, the short way round."""
     square = 0.0
     for j in range(nv):
         way = a[j] - b[j]
@@ -125,7 +125,7 @@ def _corrected(walk: Walk, left: float) -> bool:
 
 @lane_step(boolean(WALK))
 def _kept(walk: Walk) -> bool:
-    """Whether the constraints hold where a stride ends, and in its middle."""
+    """Tell if the constraints hold where a stride ends, and in its middle."""
     search, z = walk.search, walk.z
     for share in (1.0, 0.5):
         for j in range(search.nv):

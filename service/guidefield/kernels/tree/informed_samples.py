@@ -48,7 +48,7 @@ WHOLE = 0.9999
 
 
 class Way(NamedTuple):
-    """What most samples are near: the straight way between two chart points.
+    """The straight way between two chart points that most samples are near.
 
     Attributes:
         nodes: Chart points, coordinate by coordinate.
@@ -65,7 +65,7 @@ class Way(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """Where samples come from.
+    """Sources of samples.
 
     Attributes:
         steps: (nv + 1,) by which each coordinate's place in the box goes on from sample to sample, modulo 1; by the
@@ -125,7 +125,7 @@ def turn_evenly(first: Vector, second: Vector, third: Vector, samples_out: Float
 
 @lane_part
 def _shares(sampling: Sampling, places: Floats, j: int) -> Vector:
-    """How far along a side of the box the next sixteen samples are, from 0 to 1."""
+    """Return how far along a side of the box the next sixteen samples are, from 0 to 1."""
     along = load(pointers(_AHEAD), 0) * sampling.steps[j] + places[j]
     return along - rint(along - 0.5)
 

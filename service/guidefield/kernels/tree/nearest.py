@@ -1,4 +1,4 @@
-"""Which node of a tree is nearest: to one point, or to each of sixteen samples."""
+"""The node of a tree that is nearest to one point, or to each of sixteen samples."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _put_in_buckets(search: TreeSearch, tree: int, sampling: Sampling) -> int:
 
 @lane_part
 def _known(search: TreeSearch, tree: int, sampling: Sampling) -> int:
-    """How many nodes of a tree are in buckets; fewer than `LATE` are left."""
+    """Return how many nodes of a tree are in buckets; fewer than `LATE` are left."""
     known = search.buckets.state[tree * STATE + KNOWN]
     if search.counters[SIZE + tree] - known >= LATE:
         known = _put_in_buckets(search, tree, sampling)

@@ -50,11 +50,11 @@ DOMAIN = 1.1
 far apart are points that differ by as much in each coordinate."""
 
 NARROW, WIDER, HALFWAY = 1.5, 1.5, 64
-"""How far from the ways between roots most samples are at first [rad or m], by how much more in the end, and after how
+"""Distance of most samples from the ways between roots at first [rad or m], by how much more in the end, and after how
 many motions it is half of that: easy problems end near the way, hard ones lead further round."""
 
 LEAST_DOMAIN, DOMAIN_STEP = 1.0, 1e-4
-"""How small that radius gets [rad or m], and by which fraction it grows when an extension succeeds, and shrinks when it
+"""Least value of that radius [rad or m], and by which fraction it grows when an extension succeeds, and shrinks when it
 fails."""
 
 PATIENCE = 16
@@ -71,12 +71,12 @@ ALONE = 64
 """So many motions are judged one by one before sixteen extensions are chosen at a time: easy searches end before."""
 
 MET, FULL, GOING_ON = range(3)
-"""How a call ended: the trees met; a tree is full; its iterations were done."""
+"""Ends of a call: the trees met; a tree is full; its iterations were done."""
 
 
 @lane_part
 def is_free(world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float) -> bool:
-    """Whether the straight motion from the origin to what is reached is free."""
+    """Tell if the straight motion from the origin to what is reached is free."""
     for j in range(search.nv):
         search.first[j] = search.origin[j] * sampling.units[j]
         search.last[j] = search.reached[j] * sampling.units[j]
@@ -122,7 +122,7 @@ def _taken(search: TreeSearch, tree: int) -> int:
 
 @lane_part
 def way_of(search: TreeSearch, drawn: int) -> Way:
-    """What the next samples are near: the way between a start and a goal, every pair of which has its turns."""
+    """Return what the next samples are near: the way between a start and a goal, every pair of which has its turns."""
     counters, capacity, motions = search.counters, search.capacity, search.counters[MOTIONS]
     turn = counters[ITERATION] + drawn
     share, other = turn * (math.sqrt(5.0) - 1.0) / 2.0, turn * (math.sqrt(2.0) - 1.0)
@@ -170,7 +170,7 @@ def choose(sampling: Sampling, search: TreeSearch, batch: int) -> int:
 def _extension_free(
     world: LaneWorld, sampling: Sampling, search: TreeSearch, clearance: float, resolution: float, slot: int
 ) -> bool:
-    """Whether an extension of the batch is free; what it reaches is then what is reached."""
+    """Tell if an extension of the batch is free; what it reaches is then what is reached."""
     for j in range(search.nv):
         search.origin[j] = search.origins[j * LANES + slot]
         search.reached[j] = search.ends[j * LANES + slot]

@@ -1,4 +1,4 @@
-"""Which of sixteen configurations touch an obstacle for certain: balls inside the bodies tell, nothing else is asked.
+"""Configurations of sixteen that certainly touch an obstacle, by inscribed spheres of the bodies alone.
 
 What is hit here touches for `block_touches`, too, so to ask first changes no answer. The sixteen may have nothing to do
 with each other, and each has its own verdict.
@@ -24,10 +24,10 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import lane_placemen
 from guidefield.kernels.simd.vector import ALL_LANES, LANES, first_lane
 
 SIEVE = 32
-"""How many of the inner balls that met an obstacle are tried before any other."""
+"""Number of inner balls that met an obstacle and are tried before any other."""
 
 FEW = 4
-"""Where they leave at most so many configurations open, all else costs more than it tells."""
+"""If they leave at most this many configurations open, all else costs more than it tells."""
 
 
 @lane_step(int64(WORLD, types.float64, INTEGER_POINTER))
@@ -72,7 +72,7 @@ def _hits_of(world: LaneWorld, body: int, o: int, near: int, clearance: float, h
 
 @lane_part
 def _few(lanes: int) -> bool:
-    """Whether a mask has at most `FEW` lanes."""
+    """Tell if a mask has at most `FEW` lanes."""
     for _ in range(FEW):
         lanes &= lanes - 1
     return bool(lanes == 0)
