@@ -15,7 +15,7 @@ import pytest
 from guidefield.engine import Engine
 from guidefield.messages.certify_reply import Place
 from guidefield.messages.replies import CertifyReply, PlanReply
-from guidefield.messages.requests import CertifyRequest, JointsGoal, PlanRequest, UrdfText
+from guidefield.messages.requests import CertifyRequest, GivenTrajectory, JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Box, ObstacleTrajectory, Scene, Sphere
 from guidefield.messages.values import Placement
 from tests.doubt_units import two_plans
@@ -230,6 +230,51 @@ def test_the_referee_contradicts_what_is_false_alone(tmp_path: Path, change: Any
     reply = change(ENGINE.answer(slide(until)))
     outcome, found = refereed(loaded(tmp_path), slide(until), reply)
     assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))
+
+
+@pytest.mark.parametrize(("change", "until"), [(certified, 0.9), (refused, 0.3), (lambda reply: reply, 0.9)])
+def test_hpp_contradicts_what_is_false_alone(tmp_path: Path, change: Any, until: float) -> None:
+    from doubting import hpp
+    from doubting.refereed import Outcome, validated
+
+    if not hpp.installed():
+        pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
+    reply = change(ENGINE.answer(slide(until)))
+    outcome, found = validated(loaded(tmp_path), slide(until), reply)
+    assert (outcome, len(found)) == ((Outcome.DISAGREES, 1) if change in (certified, refused) else (Outcome.AGREES, 0))
+
+
+def test_hpp_finds_contacts_along_cubics_of_an_arm(tmp_path: Path) -> None:
+    """Random motions of a Panda through a box: the verdicts are the certificate's, first contacts no earlier."""
+    from doubting import hpp
+
+    if not hpp.installed():
+        pytest.skip("HPP isn't installed; `tools/doubt --hpp` does it")
+    known, rng = loaded(tmp_path, catalog="panda"), np.random.default_rng(2)
+    names = [f"panda_joint{k}" for k in range(1, 8)]
+    scene = Scene(name="s", obstacles=[Box(name="box", size=(0.2, 0.2, 0.2), position=(0.6, 0.3, 0.3))])
+    asked, replies = [], []
+    while len(asked) < 12:
+        ends = rng.uniform(-0.5, 0.5, (2, 7)) + np.array([0.0, 0.2, 0.0, -1.8, 0.0, 1.8, 0.0])
+        motion = GivenTrajectory(times=[0.0, 1.0], positions=ends.tolist(), velocities=rng.normal(size=(2, 7)).tolist())
+        one = CertifyRequest(known.reference, scene, trajectory=motion, position_names=names, velocity_names=names)
+        reply = ENGINE.answer(replace(one, recording="off"))
+        if reply.certificate.reason in ("free", "contact"):
+            asked.append(one)
+            replies.append(reply.certificate)
+    assert {reply.reason for reply in replies} == {"free", "contact"}, replies
+    for said, reply in zip(hpp.heard([hpp.case(known.model, one) for one in asked], 120.0), replies, strict=True):
+        assert said.answer == reply.reason
+        assert said.answer == "free" or said.at >= reply.free_until.time
+
+
+def test_where_hpp_cant_be_installed_it_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from doubting import hpp
+
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(hpp, "VENV", tmp_path / "file" / "venv")
+    assert not hpp.installed()
+    assert "hpp-python>=9,<10 can't be installed: " in hpp.install()
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,11 +1,13 @@
-"""Other planners' paths, judged by `certify` and by dense samples on the exact meshes: where the two differ, and why.
+"""Other planners' paths, judged by `certify`, HPP and dense samples on the exact meshes: where they differ, and why.
 
-Usage: tools/bench judged <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--seconds S]
+Usage: tools/bench judged <folder> [--robots panda,ur5,fetch,baxter] [--every N] [--seconds S] [--hpp]
 
 The folder is described in problems.py; the planners are those of peers.py that are installed. Samples are
 `JUDGED_STEP` apart, on the meshes as they are in their files, through Pinocchio and Coal alone. The certificate judges
 hulls that stand off from their meshes: a path that it alone refuses is told with the distance of the exact meshes where
-it was refused, and with how far the hulls of the two bodies stand off together. Times are CPU times of one thread.
+it was refused, and with how far the hulls of the two bodies stand off together. Times are CPU times of one thread. With
+--hpp the continuous validation of HPP judges them too, on the exact meshes, and is installed for it in `.venv-hpp`.
+Straight ways from start to goal are judged beside the planners'.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ import pinocchio as pin
 from benchmarks import peers
 from benchmarks.connect_peers import print_times
 from benchmarks.problems import ROBOTS, Problems, scene_message
+from doubting import hpp
 from guidefield.collision.world import World
 from guidefield.engine import Engine
 from guidefield.messages.replies import CertifyReply
@@ -92,11 +95,15 @@ class ExactMeshes:
 
 @dataclass(frozen=True)
 class Row:
-    """One path: whether the certificate and samples find it free, its CPU time [ms], and how a difference is told."""
+    """One path: whether the certificate and samples find it free, its CPU time [ms], and how a difference is told.
+
+    `case` is the path as the referee's file has it.
+    """
 
     certified: bool
     sampled: bool
     milliseconds: float
+    case: dict[str, Any]
     difference: str = ""
     known: bool = False
 
@@ -108,15 +115,24 @@ def run(arguments: list[str]) -> None:
     parser.add_argument("--robots", default=",".join(ROBOTS), help="which, between commas")
     parser.add_argument("--every", type=int, default=1, help="take every n-th problem only")
     parser.add_argument("--seconds", type=float, default=5.0, help="what planning may take")
+    parser.add_argument("--hpp", action="store_true", help="install HPP, and ask it too")
     options = parser.parse_args(arguments)
-    planners = peers.installed()
-    if not planners:
-        print("no other planner is installed; peers.py says how")
+    if options.hpp and (why := hpp.install()):
+        print(f"HPP isn't asked: {why}")
+    planners = {"straight": _straight, **peers.installed()}
     for robot in options.robots.split(","):
         given, engine = Problems.load(options.folder, robot, options.every), Engine()
         for name, solve in planners.items():
             rows = [_row(given, engine, problem, solve, options.seconds) for problem in given.problems]
-            _print(robot, name, [row for row in rows if row is not None], len(rows))
+            paths = [row for row in rows if row is not None]
+            _print(robot, name, paths, len(rows))
+            if options.hpp and hpp.installed():
+                _print_hpp(paths)
+
+
+def _straight(task: peers.Task) -> peers.Answer:
+    """The straight way from start to goal."""
+    return peers.Answer(np.array([task.start, task.goal]), 0.0, 0.0, 0.0)
 
 
 def _row(given: Problems, engine: Engine, problem: dict[str, Any], solve: Any, seconds: float) -> Row | None:
@@ -148,7 +164,7 @@ def _row(given: Problems, engine: Engine, problem: dict[str, Any], solve: Any, s
     certified = reply.certificate.collision_free
     difference, known = _difference(given, reply, exact, touched, names)
     where = f"{problem['set']} {problem['index']}: {difference}" if difference else ""
-    return Row(certified, touched is None, milliseconds, where, known)
+    return Row(certified, touched is None, milliseconds, hpp.case(given.group.robot, request), where, known)
 
 
 def _standing(given: Problems) -> dict[str, float]:
@@ -202,3 +218,15 @@ def _print(robot: str, planner: str, rows: list[Row], asked: int) -> None:
     print_times("  certify, ms", np.array([row.milliseconds for row in rows]))
     for row in alone:
         print(f"   {'known' if row.known else 'UNKNOWN'} {row.difference}")
+
+
+def _print_hpp(rows: list[Row]) -> None:
+    """What HPP says of the same paths; that it finds no contact between two moving links is no proof in 9.0.2."""
+    heard = hpp.heard([row.case for row in rows], 60.0 + 10.0 * len(rows))
+    for answer, certified in itertools.product(sorted({one.answer for one in heard}), (True, False)):
+        count = sum((one.answer, row.certified) == (answer, certified) for one, row in zip(heard, rows, strict=True))
+        print(f"  HPP: {answer}, {'free' if certified else 'refused'} for the certificate: {count}")
+    print_times("  HPP, ms", np.array([1e3 * one.seconds for one in heard if one.answer != "not judged"]))
+    for one, row in zip(heard, rows, strict=True):
+        if one.reason or (one.answer == "contact" and row.certified):
+            print(f"   {'ALARM' if row.certified and not one.reason else 'not judged'} {one}")

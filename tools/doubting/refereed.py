@@ -1,34 +1,34 @@
-"""The referee's judgement of a motion held against the certificate's."""
+"""The certificate held against two others' judgement of a motion: the referee's and HPP's."""
 
 from __future__ import annotations
 
 import enum
-import json
-import time
+from typing import Any
 
+import coal
+
+from doubting import hpp
 from doubting.compare import BEYOND, CLOSER, OFF, Disagreement, Kind
 from doubting.limits import RATES
 from doubting.loaded import Loaded
-from guidefield import case_file
-from guidefield.deadline import Deadline
-from guidefield.handlers.certify_problem import certify_problem
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
-from guidefield.messages.scene import Obstacle
+from guidefield.messages.scene import Mesh, Obstacle, PointCloud
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer, Finding
-from guidefield.scene.scene import build
 
 SECONDS = 3.0
 """How long the referee may look at a motion [s]."""
+HPP_SECONDS = 20.0
+"""The same of HPP, with the start of its process [s]."""
 MOVING = 2.2e-3
 """A motion among obstacles that move may be refused if it has less room than this beyond what is required [m]."""
 CLOSE = (Answer.CONTACT, Answer.TOO_CLOSE)
 
 
 class Outcome(enum.StrEnum):
-    """How the referee stands to the certificate."""
+    """How another judge stands to the certificate."""
 
     AGREES = "agrees"
     UNDECIDED = "undecided"
@@ -39,6 +39,13 @@ class Outcome(enum.StrEnum):
 
 SILENT = {Answer.UNDECIDED: Outcome.UNDECIDED, Answer.NOT_JUDGED: Outcome.NOT_JUDGED}
 """Answers that say nothing."""
+SAID_BY_HPP = {
+    "contact": Outcome.AGREES,
+    "free": Outcome.AGREES,
+    "grazes": Outcome.UNDECIDED,
+    "not judged": Outcome.NOT_JUDGED,
+}
+"""How what HPP says stands to the certificate, where nothing contradicts it."""
 
 
 def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
@@ -47,10 +54,10 @@ def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tu
     refused = not verdict.collision_free
     if " after " in verdict.covers or (refused and verdict.reason not in ("contact", "too close", "undecided")):
         return Outcome.NOT_ASKED, []
-    told, extra = _told(loaded, request, reply), 0.0
+    case, extra = _told(loaded, request, reply), 0.0
     if refused:
         extra = MOVING if any(one.trajectory for one in _obstacles(request)) else OFF
-    found = judge(case_of(told), extra, extra, SECONDS).finding
+    found = judge(case_of(case), extra, extra, SECONDS).finding
     if found.answer in SILENT:
         return SILENT[found.answer], []
     if refused and found.answer is Answer.FREE:
@@ -62,34 +69,48 @@ def refereed(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tu
     return Outcome.DISAGREES, [Disagreement(Kind.FALSE_CERTIFICATE, said)]
 
 
+def validated(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> tuple[Outcome, list[Disagreement]]:
+    """Ask HPP the same; that it finds no contact counts for primitive links against primitive obstacles."""
+    verdict = reply.certificate
+    free = verdict.collision_free
+    if not hpp.installed() or " after " in verdict.covers or not (free or verdict.reason == "contact"):
+        return Outcome.NOT_ASKED, []
+    (heard,) = hpp.heard([hpp.case(loaded.model, request)], HPP_SECONDS)
+    until = verdict.free_until.row if verdict.free_until.time is None else verdict.free_until.time
+    if heard.answer == "contact" and (free or heard.at < until - BEYOND):
+        said = f"free until {until:.9g}, but HPP finds {heard.pair} in contact at {heard.at:.9g}"
+        return Outcome.DISAGREES, [Disagreement(Kind.FALSE_CERTIFICATE, said)]
+    if heard.answer != "free" or free:
+        return SAID_BY_HPP[heard.answer], []
+    least = reply.clearance and reply.clearance.minimum
+    if least is None or abs(least) < OFF or not _primitive(loaded, request, verdict.pair or []):
+        return Outcome.UNDECIDED, []
+    said = f"contact of {verdict.pair}, least distance {least:.6g} m, but HPP finds none"
+    return Outcome.DISAGREES, [Disagreement(Kind.FALSE_REFUSAL, said)]
+
+
+def _primitive(loaded: Loaded, request: CertifyRequest, pair: list[str]) -> bool:
+    """Whether a pair is a link and an obstacle, both of primitives, which have no hull and no inside of their own."""
+    obstacles = {one.name for one in _obstacles(request) if not isinstance(one, Mesh | PointCloud)}
+    links, shapes = loaded.subject.links, loaded.subject.formula.geometry.geometryObjects
+    meshes = {link for link, one in zip(links, shapes, strict=True) if isinstance(one.geometry, coal.BVHModelBase)}
+    return bool(obstacles & set(pair)) and bool((set(links) - meshes) & set(pair))
+
+
 def _obstacles(request: CertifyRequest) -> list[Obstacle]:
     assert not isinstance(request.scene, str), "scenes are sent"
     return request.scene.obstacles
 
 
-def _told(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> dict[str, object]:
+def _told(loaded: Loaded, request: CertifyRequest, reply: CertifyReply) -> dict[str, Any]:
     """The motion as the referee's file has it, without limits of rates that the reply says are exceeded."""
-    assert not isinstance(request.scene, str), "scenes are sent"
-    problem, _ = certify_problem(request, loaded.model, build(request.scene), Deadline(time.monotonic() + 60.0))
-    motion = case_file.Motion(
-        world=problem.world,
-        placement=request.robot_placement,
-        held=request.attached_objects,
-        times=problem.motion.times,
-        positions=problem.motion.positions,
-        velocities=problem.motion.velocities,
-        jerk_limits=problem.jerk_limits,
-        min_clearance=request.min_clearance,
-        path_constraints=request.path_constraints,
-    )
-    (told,) = json.loads(json.dumps(case_file.cases(motion)))
+    case = hpp.case(loaded.model, request)
     for rate in RATES:
         use = getattr(reply.limits, rate)
         if use.steps or (use.share is not None and use.share > 1.0):
-            for joint in told["limits"].values():
+            for joint in case["limits"].values():
                 joint[rate] = None
-    plain: dict[str, object] = told
-    return plain
+    return case
 
 
 def _counts(found: Finding, request: CertifyRequest) -> bool:

@@ -11,7 +11,7 @@ from doubting.case import Request
 from doubting.compare import Disagreement, Kind
 from doubting.doubted import doubted
 from doubting.loaded import Loaded
-from doubting.refereed import refereed
+from doubting.refereed import refereed, validated
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 
@@ -36,11 +36,11 @@ def shrunk(loaded: Loaded, request: Request, kind: Kind) -> Request:
 
 
 def contradicted(loaded: Loaded, request: Request) -> tuple[Disagreement, ...]:
-    """What contradicts the answer to a request: samples, and the referee where these say nothing."""
+    """What contradicts the answer to a request: samples, and the referee or HPP where these say nothing."""
     came = doubted(loaded, request)
     if came.found or not isinstance(came.reply, CertifyReply) or not isinstance(request, CertifyRequest):
         return came.found
-    return tuple(refereed(loaded, request, came.reply)[1])
+    return tuple(refereed(loaded, request, came.reply)[1] or validated(loaded, request, came.reply)[1])
 
 
 def _smaller(request: Request) -> Iterator[Request]:

@@ -17,7 +17,7 @@ from doubting.case import Case, Request
 from doubting.doubted import Doubted, doubted
 from doubting.judge import Sampled
 from doubting.loaded import Loaded
-from doubting.refereed import Outcome, refereed
+from doubting.refereed import Outcome, refereed, validated
 from doubting.shrink import contradicted, shrunk
 from doubting.tally import Unit, commit
 from guidefield.engine import Engine
@@ -150,14 +150,16 @@ class Work:
         self._mutant(changed, "geared", request, f"{origin}, geared", asked_too=True)
 
     def _refereed(self, loaded: Loaded, kind: str, request: CertifyRequest, came: Doubted) -> Doubted:
-        """The same with what the referee says."""
+        """The same with what the referee and HPP say."""
         assert isinstance(came.reply, CertifyReply), "it was judged"
         outcome, found = refereed(loaded, request, came.reply)
         if outcome is not Outcome.NOT_ASKED:
             self.counts["referee plans" if kind == "same" else "referee mutants"] += 1
             self.counts[f"referee:{outcome}"] += 1
             self.counts[f"referee {outcome}"] += outcome in (Outcome.UNDECIDED, Outcome.NOT_JUDGED)
-        return dataclasses.replace(came, found=(*came.found, *found))
+        heard, more = validated(loaded, request, came.reply)
+        self.counts[f"hpp:{heard}"] += heard is not Outcome.NOT_ASKED
+        return dataclasses.replace(came, found=(*came.found, *found, *more))
 
     def _count_plan(self, loaded: Loaded, kind: str, request: PlanRequest, came: Doubted) -> None:
         assert isinstance(came.reply, PlanReply), "a plan was asked for"
