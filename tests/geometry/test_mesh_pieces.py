@@ -55,7 +55,7 @@ def test_a_sliver_of_a_hull_takes_no_triangle_from_a_part() -> None:
             np.vstack([box.vertices, 0.5 * (a + b) + 1e-14 * side]),
             np.vstack([[[0, 7, 8]], [[7, 0, 8]], box.triangles]),
         )
-        part = Part(thin, 0.0, np.arange(len(box.triangles)))
+        part = Part(thin, 0.0)
         alone = pieces_tree(box.vertices, box.triangles, Decomposition((part,), part))
         whole = pieces_tree(box.vertices, box.triangles)
         assert {row.tobytes() for row in alone.corners} == {row.tobytes() for row in whole.corners}

@@ -57,7 +57,7 @@ def test_threads_that_ask_at_once_get_one_solid_and_what_fails_is_tried_again() 
 
 def test_those_used_longest_ago_go_first() -> None:
     made = solid(*solids.torus())
-    cache = SolidCache(2 * len(made.given))
+    cache = SolidCache(2 * len(made.owners))
     for key in (("a",), ("b",), ("a",), ("c",)):
         cache.find(key, lambda: made)
     assert cache.peek(("b",)) is None

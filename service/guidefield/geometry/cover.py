@@ -46,6 +46,9 @@ That begins at 1125 squares of delta. Covers of the 43 links of five large arms 
 took, and have 9 % more balls; with 30,000 they take 0.72 of that again, and have 6 % more still.
 """
 
+LEAST_REACHES = 5.0
+"""Delta has to be this many times as far as a body is from the mesh that it stands for."""
+
 MOST_BALLS = 200_000
 """A cover that may need more is refused."""
 
@@ -97,23 +100,28 @@ def cover(body: Solid, delta: float) -> Cover:
     The same body gives the same balls.
 
     Args:
-        body: The body. Where gaps of its surface were closed, the overhang is that over the closed surface.
+        body: The body. Where gaps of its surface were closed, the overhang is that over the closed surface. Where it
+            stands for a finer mesh, balls contain that, and leave it by no more.
         delta: Largest overhang [m].
 
     Raises:
-        ValueError: if `delta` is not positive, or so small for the body that there might be very many balls.
+        ValueError: if `delta` is not positive, or so small for the body that there might be very many balls, or for
+            how far it is from the mesh that it stands for.
     """
     if not (delta > 0.0 and np.isfinite(delta)):
         raise ValueError(f"`delta` must be positive, got {delta} m")
+    if delta < LEAST_REACHES * body.reach:
+        raise ValueError(f"an overhang of {delta} m is too little for a body that stands for one {body.reach} m off")
     if body.area > MOST_BALLS * delta * delta:
         raise ValueError(f"an overhang of {delta} m takes too many balls for a surface of {body.area} m^2")
-    delta *= _ROUNDING
-    margin = MARGIN * delta
+    delta = _ROUNDING * delta - body.reach
+    margin = MARGIN * delta + body.reach
     balls, elements = _chosen(body, delta, margin)
     balls = shrunk(body, balls, elements, delta, margin)
     if body.closed:
         balls = contain_interior(body, balls, delta, margin)
-    return assembled(balls, body.depths(balls[:, :3]), enclosing_ball(body.surface.vertices))
+    bound = enclosing_ball(body.surface.vertices) + np.array([0.0, 0.0, 0.0, body.reach])
+    return assembled(balls, body.depths(balls[:, :3]) - body.reach, bound)
 
 
 def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:

@@ -73,12 +73,10 @@ class Part:
     Attributes:
         hull: The part itself, in the body's frame.
         stand_off: How far its surface leaves the body, at most [m].
-        triangles: Which of the triangles that were given it holds, or pieces of them; ascending, shape (k,).
     """
 
     hull: Surface
     stand_off: float
-    triangles: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +122,7 @@ def decompose(body: Solid, tight: float, most: int) -> Decomposition:
     The same body gives the same parts.
 
     Args:
-        body: The body; of an open one the surface is contained.
+        body: The body; of an open one the surface is contained. Where it stands for a finer mesh, that is contained.
         tight: Parts that stand off by no more than this are not halved [m].
         most: How many there may be, before those are joined that can be.
 
@@ -186,10 +184,10 @@ def _small_hull(points: Floats) -> Surface | None:
 
 def _part(body: Solid, cell: _Cell) -> Part:
     """A part that contains all that a cell holds of a body."""
-    hull, held = _hull_about(cell), np.zeros(len(body.given), bool)
-    held[cell.pieces.sources] = True
-    given = np.sort(body.given[held])
-    return Part(hull, stand_off(hull, body, tolerance=TOLERANCE, share=SHARE), given[given >= 0])
+    hull = _hull_about(cell)
+    if body.reach > 0.0:
+        hull = convex_hull((hull.vertices[:, None] + body.reach * _CUBE).reshape(-1, 3))
+    return Part(hull, body.reach + stand_off(hull, body, tolerance=TOLERANCE, share=SHARE))
 
 
 def _hull_about(cell: _Cell) -> Surface:
@@ -319,6 +317,9 @@ _DIRECTIONS, _FACES = convex_hull(spread_directions(DIRECTIONS))
 """Directions over the sphere, about evenly, and the triangles between neighbours."""
 
 _ALL_AROUND = spread_directions(ALL_AROUND)
+
+_CUBE = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+"""Corners of a cube that contains the ball of radius 1."""
 
 _THINNEST, _LEAST = 1e-9, 1e-12
 """Extents that directions are scaled by: at least this share of the largest one, and this [m]."""

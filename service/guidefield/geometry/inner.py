@@ -43,6 +43,8 @@ _MOST_ALONG = 64
 def inner_balls(body: Solid) -> Floats:
     """Balls inside a body: centre and radius, shape (n, 4) [m], the one that fills most first.
 
+    They are inside the finer mesh, too, that the body may stand for.
+
     There are none in an open surface, not even if it was closed by lids: what is inside may not touch it. Nor are there
     any in a body that is flat. The same body gives the same balls.
     """
@@ -54,7 +56,7 @@ def inner_balls(body: Solid) -> Floats:
     elements = gathered(bisected(Pieces(corners, np.arange(len(corners))), size), size)
     extent = float((high - low).max())
     balls = medial_balls(body, elements, CANDIDATES, RESOLUTION * extent, SLACK * extent)
-    balls[:, 3] -= SAFETY
+    balls[:, 3] -= SAFETY + body.reach
     samples = _grid(low, high)
     samples = samples[body.depths(samples) > 0.0]
     balls = balls[balls[:, 3] >= LEAST_RADIUS]
@@ -94,7 +96,7 @@ def _deeper(body: Solid, ball: Floats, step: float) -> Floats:
     centre, radius = ball[:3], float(ball[3])
     for _ in range(STEPS):
         trials = centre + step * _WAYS
-        radii = body.depths(trials) - SAFETY
+        radii = body.depths(trials) - SAFETY - body.reach
         best = int(radii.argmax())
         if radii[best] > radius:
             centre, radius = trials[best], float(radii[best])

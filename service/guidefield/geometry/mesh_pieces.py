@@ -35,8 +35,7 @@ def pieces_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition | No
     pieces = bisected(whole, LONGEST * float(np.ptp(vertices, axis=0).max()))
     if cut is None:
         return mesh_tree(pieces.corners)
-    halved = np.bincount(pieces.sources, minlength=len(faces))[pieces.sources] > 1
-    own = [(_in_part(pieces, halved, part), part) for part in cut.parts]
+    own = [(_in_part(pieces.corners, part), part) for part in cut.parts]
     trees = [
         mesh_tree(corners, polytope_about(np.asarray(part.hull.vertices)))
         for corners, part in own
@@ -52,25 +51,17 @@ def remembered_tree(vertices: np.ndarray, faces: np.ndarray, cut: Decomposition)
         "vertices": vertices,
         "faces": faces,
         "hulls": np.concatenate([np.asarray(part.hull.vertices) for part in parts]),
-        "triangles": np.concatenate([np.asarray(part.triangles) for part in parts]),
-        "counts": np.array([[len(part.hull.vertices), len(part.triangles)] for part in parts]),
+        "counts": np.array([len(part.hull.vertices) for part in parts]),
     }
     return _restored(remembered("tree", inputs, lambda: _stored(pieces_tree(vertices, faces, cut))))
 
 
-def _in_part(pieces: Pieces, halved: np.ndarray, part: Part) -> np.ndarray:
-    """Those of a mesh's pieces that come into a part, shape (t, 3, 3).
-
-    All of its triangles; of halved ones those that aren't beyond one of its planes.
-    """
-    inside = np.isin(pieces.sources, part.triangles)
-    whole: np.ndarray = pieces.corners[inside & ~halved]
-    corners = np.ascontiguousarray(pieces.corners[inside & halved])
-    if not len(corners):
-        return whole
+def _in_part(corners: np.ndarray, part: Part) -> np.ndarray:
+    """Return the triangles, of some with corners (n, 3, 3), that aren't beyond one of a part's planes."""
     kept = np.empty(len(corners), np.bool_)
     not_beyond(corners.reshape(-1, 3), hull_planes(part.hull, MOST_PLANES), ROUNDING, kept)
-    return np.concatenate([whole, corners[kept]])
+    inside: np.ndarray = corners[kept]
+    return inside
 
 
 def _stored(tree: MeshTree) -> Arrays:

@@ -27,28 +27,25 @@ class Solid:
     Attributes:
         surface: Distinct vertices; the triangles, those of one solid together, counter-clockwise from outside.
         owners: For each triangle, which solid's it is, shape (t,).
-        given: For each triangle, which of those that were given it is, shape (t,); -1 for a lid, which closes a gap.
+        lids: How many triangles close gaps.
         closed: Whether it has an inside.
         tables: The triangles with an area as the distance kernels read them.
         spans: Where the tree of each solid stands in the tables, shape (k, 4).
+        reach: How far points of a finer mesh that it stands for are from it, and the other way round, at most [m].
     """
 
     surface: Surface
     owners: Integers
-    given: Integers
+    lids: int
     closed: bool
     tables: SurfaceTables
     spans: Integers
+    reach: float = 0.0
 
     @property
     def area(self) -> float:
         """Area of the surface [m^2]."""
         return self.surface.area
-
-    @property
-    def lids(self) -> int:
-        """How many triangles close gaps."""
-        return int((self.given < 0).sum())
 
     def depths(self, points: Floats) -> Floats:
         """Depths of points: radius of a ball about each within the body; minus the distance outside.
@@ -98,22 +95,19 @@ def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Sol
     Raises:
         ValueError: if there is no triangle with an area, or a vertex is not finite.
     """
-    vertices, triangles, given = compact(vertices, triangles)
+    vertices, triangles, _ = compact(vertices, triangles)
     if not are_wide(vertices, triangles).any():
         raise ValueError("a surface needs a triangle with an area")
     lids, widest = _lids(vertices, triangles, widest_gap)
     closed = widest <= widest_gap
     owners = np.zeros(len(triangles), np.int64)
     if closed:
-        triangles = np.concatenate([triangles, lids])
-        given = np.concatenate([given, np.full(len(lids), -1)])
-        triangles, owners = _solids(vertices, triangles)
+        triangles, owners = _solids(vertices, np.concatenate([triangles, lids]))
         order = np.argsort(owners, kind="stable")
-        triangles, given, owners = triangles[order], given[order], owners[order]
-    for array in (owners, given):
-        array.setflags(write=False)
+        triangles, owners = triangles[order], owners[order]
+    owners.setflags(write=False)
     tables, spans = surface_tables(vertices, triangles, owners)
-    return Solid(surface(vertices, triangles), owners, given, closed, tables, spans)
+    return Solid(surface(vertices, triangles), owners, len(lids) if closed else 0, closed, tables, spans)
 
 
 def _lids(vertices: Floats, triangles: Integers, widest_gap: float) -> tuple[Integers, float]:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from guidefield.geometry.coarse import coarse_solid
 from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import Solid, solid
 from guidefield.geometry.surfaces import Floats, Integers
@@ -20,11 +21,20 @@ def solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> S
     return _CACHE.find((_digest(vertices, triangles), widest_gap), lambda: _solid(vertices, triangles, widest_gap))
 
 
+def near_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
+    """Return the `coarse_solid` of a mesh, from the cache if it is there; `solid_of_mesh` if it has none."""
+
+    def build() -> Solid:
+        return coarse_solid(vertices, triangles) or solid_of_mesh(vertices, triangles, widest_gap)
+
+    return _CACHE.find((_digest(vertices, triangles), widest_gap, "near"), build)
+
+
 def filled_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
-    """Return the `filled` solid of these arguments, from the cache if it is there."""
+    """Return the `filled` near solid of these arguments, from the cache if it is there."""
 
     def fill() -> Solid:
-        return filled(solid_of_mesh(vertices, triangles, widest_gap))
+        return filled(near_solid_of_mesh(vertices, triangles, widest_gap))
 
     return _CACHE.find((_digest(vertices, triangles), widest_gap, "filled"), fill)
 
@@ -96,7 +106,7 @@ class SolidCache:
         """Drop an entry that was not built, and the oldest that are too many."""
         if last.solid is None:
             self._entries.pop(key, None)
-        sizes = {key: len(entry.solid.given) for key, entry in self._entries.items() if entry.solid is not None}
+        sizes = {key: len(entry.solid.owners) for key, entry in self._entries.items() if entry.solid is not None}
         total = sum(sizes.values())
         for oldest in list(sizes)[:-1]:
             if total <= self._most:

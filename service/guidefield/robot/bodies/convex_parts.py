@@ -26,8 +26,7 @@ def convex_parts(robot: RobotModel, most: int = MOST, progress: Progress = logge
     """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
 
     They take some tenths of a second for each mesh, are found once, and kept on disk. None for a primitive or hull,
-    which is convex itself, and for a mesh that is flat. The parts' triangles are those of the mesh, by their place in
-    its list.
+    which is convex itself, and for a mesh that is flat.
 
     Args:
         robot: The robot.
@@ -65,17 +64,17 @@ def _found(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part
     return (found.hull, *found.parts)
 
 
-_FIELDS = ("vertices", "faces", "triangles")
+_FIELDS = ("vertices", "faces")
 
 
 def _stored(parts: tuple[Part, ...]) -> Arrays:
     """The parts' arrays one after the other, and how many rows of each are whose."""
-    rows = [(part.hull.vertices, part.hull.triangles, part.triangles) for part in parts]
-    empty = (np.empty((0, 3)), np.empty((0, 3), np.int64), np.empty(0, np.int64))
+    rows = [(part.hull.vertices, part.hull.triangles) for part in parts]
+    empty = (np.empty((0, 3)), np.empty((0, 3), np.int64))
     columns = zip(empty, *rows, strict=True)
     return {
         **{name: np.concatenate(column) for name, column in zip(_FIELDS, columns, strict=True)},
-        "counts": np.array([[len(array) for array in row] for row in rows], np.int64).reshape(-1, 3),
+        "counts": np.array([[len(array) for array in row] for row in rows], np.int64).reshape(-1, 2),
         "stand_offs": np.array([part.stand_off for part in parts]),
     }
 
@@ -86,8 +85,8 @@ def _restored(arrays: Arrays) -> Decomposition | None:
     first = np.cumsum(arrays["counts"], axis=0)[:-1]
     columns = [np.split(arrays[name], first[:, k]) for k, name in enumerate(_FIELDS)]
     hull, *parts = (
-        Part(Surface(vertices, faces), float(distance), triangles)
-        for distance, vertices, faces, triangles in zip(arrays["stand_offs"], *columns, strict=True)
+        Part(Surface(vertices, faces), float(distance))
+        for distance, vertices, faces in zip(arrays["stand_offs"], *columns, strict=True)
     )
     return Decomposition(tuple(parts), hull)
 

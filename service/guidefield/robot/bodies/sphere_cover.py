@@ -9,12 +9,13 @@ from typing import Any, cast
 import coal
 import numpy as np
 
-from guidefield.geometry.cover import Cover, cover
+from guidefield.geometry.cover import LEAST_REACHES, Cover, cover
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.inner import inner_balls
+from guidefield.geometry.nested import filled
 from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
 from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
-from guidefield.geometry.solid_cache import filled_solid_of_mesh, solid_of_mesh
+from guidefield.geometry.solid_cache import filled_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
@@ -122,9 +123,11 @@ def _allowed(area: float, delta: float) -> float:
 
 def _mesh(arrays: Arrays, delta: float) -> ShapeCoverage:
     mesh = arrays["vertices"], arrays["triangles"], WIDEST_GAP
-    body = solid_of_mesh(*mesh)
-    covering = cover(filled_solid_of_mesh(*mesh), _allowed(body.area, delta))
-    return ShapeCoverage(covering, inner_balls(body).reshape(-1, 4))
+    body, outer = near_solid_of_mesh(*mesh), filled_solid_of_mesh(*mesh)
+    if _allowed(body.area, delta) < LEAST_REACHES * body.reach:
+        body = solid_of_mesh(*mesh)
+        outer = filled(body)
+    return ShapeCoverage(cover(outer, _allowed(body.area, delta)), inner_balls(body).reshape(-1, 4))
 
 
 def _mesh_arrays(shape: Any) -> Arrays:

@@ -19,7 +19,7 @@ from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.geometry.nested import nested
 from guidefield.geometry.solid import Solid
-from guidefield.geometry.solid_cache import solid_of_mesh
+from guidefield.geometry.solid_cache import near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.kernels.jit.compilers import load_imported
@@ -215,11 +215,11 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
     Beyond `HULL_STAND_OFF` it is only said that it stands off further; where there is no hull, infinitely far.
     """
     try:
-        around = convex_hull(vertices)
-        body, filled = solid_of_mesh(vertices, triangles, 0.0), 0.0
-        distance = stand_off(around, body, HULL_STAND_OFF, ROUGHLY)
-        if distance > HULL_STAND_OFF:
-            distance = stand_off(around, body, HULL_STAND_OFF)
+        around, filled = convex_hull(vertices), 0.0
+        near = near_solid_of_mesh(vertices, triangles, 0.0)
+        distance = _hull_stand_off(around, near)
+        if near.reach > 0.0 and distance <= HULL_STAND_OFF:
+            distance = _hull_stand_off(around, solid_of_mesh(vertices, triangles, 0.0))
         if distance <= HULL_STAND_OFF:
             filled = _filled(around, distance, solid_of_mesh(vertices, triangles, WIDEST_GAP))
     except ValueError:  # the mesh is flat, or too fine for Coal
@@ -231,6 +231,13 @@ def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
         "filled": np.array([filled]),
         "wall": np.frombuffer(_wall(vertices, triangles).encode() if distance > HULL_STAND_OFF else b"", np.uint8),
     }
+
+
+def _hull_stand_off(around: Surface, body: Solid) -> float:
+    """How far a hull stands off a body, at most [m]; off a mesh that the body stands for, at least."""
+    enough = HULL_STAND_OFF + body.reach
+    distance = stand_off(around, body, enough, ROUGHLY)
+    return (stand_off(around, body, enough) if distance > enough else distance) - body.reach
 
 
 def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
