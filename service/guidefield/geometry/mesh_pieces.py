@@ -12,8 +12,11 @@ from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_tree import CLUSTERS, MeshTree, joined, mesh_tree, polytope_about
 from guidefield.kernels.cover.beyond_planes import not_beyond
 
-LONGEST = 0.08
-"""Longest edge of a mesh's triangles, as a share of its extent."""
+LONGEST = 0.16
+"""Longest edge of a mesh's triangles, as a share of its extent.
+
+With half of it a UR5 has three times the triangles, and connections take as long.
+"""
 
 ROUNDING = 1e-6
 """By how much a triangle has to be beyond a part's plane to be left out [m]."""
