@@ -37,8 +37,6 @@ BEYOND = 1e-9
 """A joint may be beyond its limit by this [rad or m], a share of a limit off by it."""
 FLOOR = 3e-5
 """What can't be told apart is that close at least [m]."""
-MOVING_FLOOR = 1.1e-3
-"""The same of obstacles that move [m]."""
 LEFT = 1.1e-3
 """What is left at the start has been left from there on [m]."""
 REACHED = 1e-6
@@ -276,12 +274,13 @@ def _refused(
     ):
         when = time_of(curve, verdict.place.row)
         mine = judge.between(verdict.pair)
+        if not len(mine):  # a held object and a link that can't move against it touch wherever the robot is
+            return []
         distances = judge.along(curve, np.full(len(mine), when), mine)
         required = 0.0 if verdict.reason == "contact" else judge.required[mine].max(initial=0.0)
         room = float((distances - required - judge.slacks[mine]).min(initial=np.inf))
-        floor = MOVING_FLOOR if judge.moves else FLOOR
         rough = verdict.reason == "undecided" or judge.of_points(verdict.pair)
-        allowed = floor if rough else CLOSER * (1.0 + 2.0 * abs(room + required))
+        allowed = FLOOR if rough else CLOSER * (1.0 + 2.0 * abs(room + required))
         if request.leave_start_contact:  # what touched at the start must not come closer until it is that far away
             allowed = max(allowed, LEFT)
         within = judge.enclosed(curve, when) is not None if verdict.reason == "contact" and room > allowed else False
@@ -476,6 +475,9 @@ def _about_ends(request: PlanRequest, reply: PlanReply, judge: Judge) -> list[Di
         ends["GOAL_IN_COLLISION"] = {**request.start, **request.goal.positions}
     if reply.status.name not in ends:
         return []
+    named = reply.status.details.get("pair")
+    if named is not None and not len(judge.between(named)):
+        return []  # a held object and a link that can't move against it touch wherever the robot is
     values = as_values(ends[reply.status.name])
     time = judge.ends if reply.status.name == "GOAL_IN_COLLISION" else 0.0
     room = float((judge.distances_at(values, time) - judge.required - judge.slacks).min(initial=np.inf))
