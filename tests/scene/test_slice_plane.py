@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.scene.slice_plane import LEAST_MARGIN, SlicePlane, horizontal, planes_along
+from guidefield.scene.slice_plane import LEAST_MARGIN, SlicePlane, planes_along
+from tests.scene.slices import horizontal
 
 LAWS = settings(deadline=None, max_examples=50)
 paths = st.integers(0, 2**32 - 1).map(
