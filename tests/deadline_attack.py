@@ -15,9 +15,14 @@ import msgspec
 import numpy as np
 
 from guidefield.endpoint.endpoint import Endpoint
+from guidefield.endpoint.monitoring import Condition, no_trace
+from guidefield.endpoint.streams import Streams
 from guidefield.errors import GuidefieldError
+from guidefield.handlers.info import Rules
 from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import Query
+from guidefield.messages.quotas import DEFAULT_QUOTAS
+from guidefield.messages.service_replies import Health
 from guidefield.pool.pool import Pool
 from guidefield.stores.runs import RunDatabase
 from guidefield.worker import EngineSetup
@@ -46,7 +51,23 @@ def service(workers: int = 1) -> Iterator[Ask]:
         runs = RunDatabase(Path(folder))
         runs.writer.submit = _written_at_once  # type: ignore[method-assign]
         pool = Pool(setup, workers=workers)
-        endpoint = Endpoint("attacked", setup.engines(runs), runs, pool, lambda _key, _told: None)
+        condition = Condition()
+        condition.now = Health(state="ready")
+        endpoint = Endpoint(
+            "attacked",
+            setup.engines(runs),
+            runs,
+            pool,
+            Streams("attacked", setup, 0, 0, DEFAULT_QUOTAS, _publish),
+            _publish,
+            no_trace,
+            condition,
+            Path(folder),
+            Rules(),
+            DEFAULT_QUOTAS,
+            False,
+            lambda: 0,
+        )
         pool.start()
         assert pool.ready(PATIENCE)
 
@@ -73,6 +94,10 @@ def service(workers: int = 1) -> Iterator[Ask]:
             pool.close(0.0)
             endpoint.close()
             runs.close()
+
+
+def _publish(*_told: Any) -> None:
+    pass
 
 
 def _written_at_once(*_write: Any, **_options: Any) -> Future[Any]:

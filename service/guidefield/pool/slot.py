@@ -78,7 +78,7 @@ class Worker:
         self.reason: WorkerCrashed | str | None = None
         self._held = bytearray()
         self._room = bytearray(SENDING_ROOM)
-        self._rest = memoryview(b"")
+        self._rest: list[memoryview] = []
         self._sending = threading.Lock()
         self.awaits_room = False
 
@@ -176,21 +176,25 @@ class Worker:
             Whether all of it went; `send_rest` sends what is left.
         """
         job = pickle.dumps(current.task.job, pickle.HIGHEST_PROTOCOL)
-        head = JOB.pack(current.number, len(job))
         with self._sending:  # several threads may hand something over; each frame goes whole
-            sent = 0 if self._rest else self._send([head, job])
-            if sent < len(head) + len(job):
-                self._rest = memoryview(b"".join([self._rest, memoryview(head + job)[sent:]]))
-            return not self._rest
+            is_first = not self._rest
+            self._rest += map(memoryview, (JOB.pack(current.number, len(job)), job))  # the socket alone copies it
+            return is_first and self._send_some()
 
     def send_rest(self) -> bool:
-        """Send more of what is left; whether that was all."""
+        """Send more of what is left; return whether that was all."""
         with self._sending:
-            if self._rest:
-                self._rest = self._rest[self._send([self._rest]) :]
-            return not self._rest
+            return self._send_some()
 
-    def _send(self, parts: list[Any]) -> int:
+    def _send_some(self) -> bool:
+        sent = self._send(self._rest) if self._rest else 0
+        while self._rest and sent >= len(self._rest[0]):
+            sent -= len(self._rest.pop(0))
+        if sent:
+            self._rest[0] = self._rest[0][sent:]
+        return not self._rest
+
+    def _send(self, parts: list[memoryview]) -> int:
         try:
             return self.socket.sendmsg(parts)
         except BlockingIOError:
