@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -114,7 +115,7 @@ def lane_grids(
         places.append([*place, *[0, 1 << divided * levels, 0] * unused, cells, levels, divided, together])
         values.append([*row, *[0.0] * 3 * unused, moved])
         cells = together + math.prod(-(-count >> divided) for count in counts)
-    known = np.zeros(cells + ROOM, np.int32)
+    known = np.frombuffer(mmap.mmap(-1, 4 * (cells + ROOM)), np.int32)  # pages that nobody writes take no memory
     known[0] = cells
     return Grids(
         np.array(places, np.int64).reshape(-1, GRID_PLACES).ravel(),
