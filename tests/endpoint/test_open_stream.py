@@ -75,6 +75,8 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
         assert (read.updates, read.pieces, read.executing, read.stops, read.last) == (1, 1, 7, 1.5, None)
         aimed = stream.ask(partial(Aim, payload=b"{}", encoding=Encoding.JSON), 2)
         over = stream.end(Preempted("it was asked to end"))
+        with pytest.raises(StreamUnknown):
+            stream.ask(partial(Halt, encoding=Encoding.JSON), 0)
         over.result(SO_WITHIN)
         with pytest.raises(Preempted, match="asked to end"):
             aimed.result(SO_WITHIN)

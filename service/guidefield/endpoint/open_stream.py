@@ -128,7 +128,7 @@ class OpenStream:
         """
         answer: Future[Answer] = Future()
         with self._lock:
-            if self._open is None or self._gone:
+            if self._open is None or self._gone or self._end is not None:
                 raise StreamUnknown(f"stream {self.name[1]!r} isn't open", stream=self.name[1])
             number = next(self._numbers)
             self._queries[number] = answer
