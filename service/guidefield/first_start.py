@@ -43,6 +43,9 @@ CHOSEN = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
 PLAIN = "GUIDEFIELD_PLAIN_NUMBA"
 """The variable of the environment that has kernels compiled without changes to what is inside numba."""
 
+KNOWN = ("0.68.0", "0.68.1")
+"""Versions of numba with which the changes to what is inside it were tried; any other stays as it is."""
+
 
 def compile_kernels(told: Callable[[str], None], is_cancelled: Callable[[], bool] = lambda: False) -> None:
     """Compile what has no machine code yet, on all processors; at once if that was done for this version before.
@@ -111,8 +114,8 @@ def cache_parent() -> Path:
 
 
 def plain_numba() -> bool:
-    """Return whether kernels are compiled by what numba offers to everybody: `PLAIN` is set, and not to 0."""
-    return os.environ.get(PLAIN, "") not in ("", "0")
+    """Return whether kernels are compiled by what numba offers to everybody: its version isn't known, or by `PLAIN`."""
+    return version("numba") not in KNOWN or os.environ.get(PLAIN, "") not in ("", "0")
 
 
 def kernel_compiler() -> str:

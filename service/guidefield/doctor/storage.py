@@ -9,7 +9,7 @@ from pathlib import Path
 
 from guidefield.doctor.finding import Finding, fine, remark, wrong
 from guidefield.errors import DiskRefused
-from guidefield.first_start import PLAIN, cache_parent, compiled_mark, plain_numba, processor
+from guidefield.first_start import KNOWN, PLAIN, cache_parent, compiled_mark, plain_numba, processor
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
 
@@ -91,7 +91,9 @@ def kernels() -> Finding:
         )
     if plain_numba():
         return remark(
-            "kernels", f"compiled by plain numba, because {PLAIN} is set", f"unset {PLAIN}: plans take longer"
+            "kernels",
+            f"compiled by plain numba, as {PLAIN} is set or its version is none of {', '.join(KNOWN)}",
+            f"unset {PLAIN}, or install one of these: the first start and plans take longer",
         )
     return fine("kernels", f"compiled for this processor ({processor()}), in {folder}")
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from guidefield import first_start, kernels
-from guidefield.first_start import PLAIN, kernel_compiler, kernels_fingerprint, plain_numba
+from guidefield.first_start import KNOWN, PLAIN, kernel_compiler, kernels_fingerprint, plain_numba
 from tests.kernels.jit.plain_slice import results
 
 KERNELS = Path(kernels.__file__).parent
@@ -20,6 +20,9 @@ HOUSE = Path(__file__).parents[3]
 
 CHANGES = {f"guidefield.kernels.jit.{name}" for name in ("interned_types", "patched_compiler", "typing_cache")}
 """The files that change numba."""
+
+MAKERS = {"compiled", "exact_kernel", "lane_kernel", "lane_step", "kernel"}
+"""Decorators of kernels."""
 
 OFFERED = {
     "numba", "numba.extending", "llvmlite.ir",
@@ -85,14 +88,53 @@ def _taken(node: ast.AST) -> list[str]:
     return [name for name in names if name.partition(".")[0] in ("numba", "llvmlite")]
 
 
-@pytest.mark.parametrize(("said", "plain"), [("", False), ("0", False), ("1", True), ("yes", True)])
-def test_the_variable_says_whether_and_keeps_machine_code_apart(
-    monkeypatch: pytest.MonkeyPatch, said: str, plain: bool
+@pytest.mark.parametrize(
+    ("said", "numba", "plain"),
+    [
+        ("", KNOWN[-1], False),
+        ("0", KNOWN[0], False),
+        ("1", KNOWN[-1], True),
+        ("yes", KNOWN[0], True),
+        ("", "1.2", True),
+    ],
+)
+def test_variable_and_version_say_whether_and_keep_machine_code_apart(
+    monkeypatch: pytest.MonkeyPatch, said: str, numba: str, plain: bool
 ) -> None:
-    monkeypatch.setattr(first_start, "version", lambda _: "1.2.3")
+    monkeypatch.setattr(first_start, "version", lambda _: numba)
     monkeypatch.setenv(PLAIN, said)
     assert plain_numba() is plain
-    assert kernel_compiler().startswith("plain numba 1.2.3 for " if plain else "numba 1.2.3 for ")
+    assert kernel_compiler().startswith(f"plain numba {numba} for " if plain else f"numba {numba} for ")
     whole = kernels_fingerprint.__wrapped__()
+    monkeypatch.setattr(first_start, "version", lambda _: KNOWN[0])
     monkeypatch.setenv(PLAIN, "" if plain else "1")
     assert kernels_fingerprint.__wrapped__() != whole
+
+
+OTHER_VERSION = """
+import importlib.metadata as metadata
+known = metadata.version
+metadata.version = lambda name: "0.99.0" if name == "numba" else known(name)
+"""
+
+
+def test_the_changes_are_left_out_by_themselves_with_another_version() -> None:
+    loaded = set(run("-c", OTHER_VERSION + LOADED, plain=False).split())
+    assert "guidefield.kernels.jit.plain_compiler" in loaded
+    assert not loaded & CHANGES
+
+
+@pytest.mark.parametrize("source", sorted(KERNELS.rglob("*.py")), ids=lambda path: path.stem)
+def test_kernels_stand_below_what_they_call(source: Path) -> None:
+    """Plain numba compiles a kernel where it stands, and knows no function of the file that stands below it."""
+    functions = {node.name: node for node in ast.parse(source.read_text()).body if isinstance(node, ast.FunctionDef)}
+    for name, function in functions.items():
+        if not any(isinstance(one, ast.Call) and ast.unparse(one.func) in MAKERS for one in function.decorator_list):
+            continue
+        found, waiting = set[str](), [name]
+        while waiting:
+            nodes = ast.walk(functions[waiting.pop()])
+            called = {node.func.id for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
+            waiting += sorted((called & set(functions)) - found)
+            found |= called & set(functions)
+        assert all(functions[one].lineno <= function.lineno for one in found), f"{name} calls what is below it"

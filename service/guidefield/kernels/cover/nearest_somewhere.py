@@ -111,36 +111,6 @@ def _is_beyond(low: Floats, high: Floats, corner: Floats, box: Floats, slack: fl
     return margin > slack
 
 
-@compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
-def nearest_somewhere(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
-    """Choose those parts of a surface or cloud that may be the nearest of all to a place in a ball.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        corners: Vertices of each part, shape (n, k): of triangles three, of points one; at least one part.
-        centre: Of the ball, shape (3,) [m].
-        radius: Of the ball [m].
-        chosen_out: Gets whether each may be, shape (n,).
-    """
-    n, box, low, high = corners.shape[0], np.empty(6), np.full(3, math.inf), np.full(3, -math.inf)
-    least = _from_corners(vertices, corners, centre)
-    slack = ROUNDING * (1.0 + least + radius + abs(centre[0]) + abs(centre[1]) + abs(centre[2]))
-    # what is nearest to a place in the ball is no farther from the centre than some corner and twice the radius
-    within = least + 2.0 * radius + slack
-    for i in range(n):
-        _box_of(vertices, corners, i, box)
-        chosen_out[i] = not _is_outside(box[:3], box[3:], centre, within)
-        if chosen_out[i]:
-            for k in range(3):
-                low[k] = min(low[k], 0.5 * (box[k] + box[3 + k]))
-                high[k] = max(high[k], 0.5 * (box[k] + box[3 + k]))
-    voxel_of = np.empty(n, np.int64)
-    boxes, ends = _voxels(vertices, corners, low, high, chosen_out, voxel_of)
-    needed = _needed(boxes, ends, centre, radius, slack)
-    for i in range(n):
-        chosen_out[i] = chosen_out[i] and needed[voxel_of[i]]
-
-
 @compiled(SCALAR(MATRIX, INDEX_MATRIX, VECTOR))
 def _from_corners(vertices: Floats, corners: Integers, centre: Floats) -> float:
     """Distance of a place from the nearest of some corners [m]."""
@@ -240,3 +210,33 @@ def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: f
                     continue
                 needed[some[at]] = not _is_beyond(a, b, nearest, box, slack * reach)
     return needed
+
+
+@compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
+def nearest_somewhere(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
+    """Choose those parts of a surface or cloud that may be the nearest of all to a place in a ball.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        corners: Vertices of each part, shape (n, k): of triangles three, of points one; at least one part.
+        centre: Of the ball, shape (3,) [m].
+        radius: Of the ball [m].
+        chosen_out: Gets whether each may be, shape (n,).
+    """
+    n, box, low, high = corners.shape[0], np.empty(6), np.full(3, math.inf), np.full(3, -math.inf)
+    least = _from_corners(vertices, corners, centre)
+    slack = ROUNDING * (1.0 + least + radius + abs(centre[0]) + abs(centre[1]) + abs(centre[2]))
+    # what is nearest to a place in the ball is no farther from the centre than some corner and twice the radius
+    within = least + 2.0 * radius + slack
+    for i in range(n):
+        _box_of(vertices, corners, i, box)
+        chosen_out[i] = not _is_outside(box[:3], box[3:], centre, within)
+        if chosen_out[i]:
+            for k in range(3):
+                low[k] = min(low[k], 0.5 * (box[k] + box[3 + k]))
+                high[k] = max(high[k], 0.5 * (box[k] + box[3 + k]))
+    voxel_of = np.empty(n, np.int64)
+    boxes, ends = _voxels(vertices, corners, low, high, chosen_out, voxel_of)
+    needed = _needed(boxes, ends, centre, radius, slack)
+    for i in range(n):
+        chosen_out[i] = chosen_out[i] and needed[voxel_of[i]]

@@ -1,8 +1,9 @@
 """How kernels and their parts are compiled: with changes to what is inside numba, or plainly.
 
-The changes (`patched_compiler`, `quick_typing`) fit one version of numba, and save time only. With
-``GUIDEFIELD_PLAIN_NUMBA=1`` in the environment none of them is as much as imported (`plain_compiler`): compiling takes
-several times as long, and what kernels return is the same up to rounding. The machine code of both is kept apart.
+The changes (`patched_compiler`, `typing_cache`) fit the versions of numba that `first_start` knows, and save time only.
+With other versions, and with ``GUIDEFIELD_PLAIN_NUMBA=1`` in the environment, none of them is as much as imported
+(`plain_compiler`): compiling takes several times as long, and what kernels return is the same up to rounding. The
+machine code of both is kept apart.
 """
 
 from __future__ import annotations

@@ -130,6 +130,29 @@ def add_hessian(k: int, basis: Floats, weight: float, hessian: Floats, row: Floa
                 into[q] += share * row[q]
 
 
+@uncounted
+def _add_sample_by_times(
+    k: int,
+    basis: Floats,
+    weight: float,
+    since: float,
+    across: Floats,
+    by_time: Floats,
+    border_out: Floats,
+    by_times_out: Floats,
+    corner_out: Floats,
+) -> None:
+    """Add a sample's weighted derivatives by its time, `since` after the departure [s], to those by u and t0."""
+    for e in range(2):
+        of_e = since if e == 0 else 1.0
+        by_times_out[e] += weight * of_e * by_time[0]
+        corner_out[e, 0] += weight * of_e * since * by_time[1]
+        corner_out[e, 1] += weight * of_e * by_time[1]
+        for a in range(4):
+            for p in range(across.shape[0]):
+                border_out[e, k + a, p] += weight * of_e * basis[a] * across[p]
+
+
 @compiled(
     types.Tuple((types.float64, types.int64))(
         ROBOT,
@@ -230,29 +253,6 @@ def clearance_along(
                     k, basis, weight, since, across, moved.by_time, border_out, by_times_out, corner_out
                 )
     return total, count
-
-
-@uncounted
-def _add_sample_by_times(
-    k: int,
-    basis: Floats,
-    weight: float,
-    since: float,
-    across: Floats,
-    by_time: Floats,
-    border_out: Floats,
-    by_times_out: Floats,
-    corner_out: Floats,
-) -> None:
-    """Add a sample's weighted derivatives by its time, `since` after the departure [s], to those by u and t0."""
-    for e in range(2):
-        of_e = since if e == 0 else 1.0
-        by_times_out[e] += weight * of_e * by_time[0]
-        corner_out[e, 0] += weight * of_e * since * by_time[1]
-        corner_out[e, 1] += weight * of_e * by_time[1]
-        for a in range(4):
-            for p in range(across.shape[0]):
-                border_out[e, k + a, p] += weight * of_e * basis[a] * across[p]
 
 
 @uncounted

@@ -143,6 +143,23 @@ def _distance(first: Floats, second: Floats) -> float:
     return most
 
 
+@uncounted
+def _stride(move: Floats, free: int, rules: DescentRules) -> float:
+    """Share of a step, in which times are behind what is free, that goes no further than is allowed."""
+    moves = max(_largest(move[:free]), _largest(move[free + 1 :]))
+    stretched: float = abs(move[free])
+    return min(1.0, rules.longest / max(moves, 1e-300), rules.most_stretched / max(stretched, 1e-300))
+
+
+@uncounted
+def _times(
+    step: float, begin: float, move: Floats, stride: float, free: int, longest_step: float
+) -> tuple[float, float]:
+    """Length of pieces and departure after a share of a step, in which they are behind what is free [s]."""
+    departure = begin + stride * move[free + 1] if move.shape[0] > free + 1 else begin
+    return min(step * math.exp(stride * move[free]), longest_step), departure
+
+
 @compiled(
     types.Tuple((types.float64, types.float64, types.int64))(
         CLEARANCE,
@@ -255,20 +272,3 @@ def newton_descent(
         if stride == 1.0 and abs(value - lower - 0.5 * promised) < rules.settled * abs(value):
             break
     return step, begin, taken
-
-
-@uncounted
-def _stride(move: Floats, free: int, rules: DescentRules) -> float:
-    """Share of a step, in which times are behind what is free, that goes no further than is allowed."""
-    moves = max(_largest(move[:free]), _largest(move[free + 1 :]))
-    stretched: float = abs(move[free])
-    return min(1.0, rules.longest / max(moves, 1e-300), rules.most_stretched / max(stretched, 1e-300))
-
-
-@uncounted
-def _times(
-    step: float, begin: float, move: Floats, stride: float, free: int, longest_step: float
-) -> tuple[float, float]:
-    """Length of pieces and departure after a share of a step, in which they are behind what is free [s]."""
-    departure = begin + stride * move[free + 1] if move.shape[0] > free + 1 else begin
-    return min(step * math.exp(stride * move[free]), longest_step), departure
