@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +86,26 @@ def test_a_recording_and_a_kept_run_bring_their_robot_and_scene(kept: Path, tmp_
     assert "judged as before: SUCCESS" in replayed.output
     compared = CliRunner().invoke(app, ["runs", "compare", str(record), str(kept / "run.rrd")])
     assert isinstance(compared.exception, MalformedRequest)
+
+
+def test_a_proof_is_written_and_replayed(kept: Path, tmp_path: Path) -> None:
+    proof = tmp_path / "proof.npz"
+    code, told = run(str(kept / "motion.csv"), *HERE, "--proof", str(proof))
+    assert code == 0, told
+    code, told = run("--replay", str(proof))
+    assert code == 0, told
+    assert told.startswith("referee: free\n")
+    assert " slabs; they keep " in told
+    alone = subprocess.run(
+        [sys.executable, "-m", "guidefield.referee", str(proof)], capture_output=True, text=True, check=True
+    )
+    assert alone.stdout == told
+    proof.write_bytes(proof.read_bytes()[:-100])
+    assert run("--replay", str(proof))[0] == 2
+    refused = tmp_path / "none.npz"
+    code, told = run(str(kept / "motion.csv"), *HERE, "--min-clearance", "0.5", "--proof", str(refused))
+    assert (code, refused.exists()) == (1, False)
+    assert "there is no proof" in told
 
 
 def test_a_refusal_is_exit_code_1_and_tells_the_place(kept: Path, tmp_path: Path) -> None:

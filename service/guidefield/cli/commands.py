@@ -25,7 +25,7 @@ from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_recording
-from guidefield.cli.refereeing import refereed
+from guidefield.cli.refereeing import refereed, replayed, write_proof_of
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas
@@ -154,6 +154,12 @@ def certify(
     case: Annotated[
         Path | None, typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=writable)
     ] = None,
+    proof: Annotated[
+        Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=writable)
+    ] = None,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="MOTION is a proof: the referee checks it, and nothing else is done.")
+    ] = False,
     data: Data = None,
     name: Service = "local",
 ) -> None:
@@ -163,6 +169,8 @@ def certify(
 
     Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
+    if replay:
+        raise typer.Exit(0 if replayed(Path(motion)) else 1)
     given = {
         "robot": None if robot is None else robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
         "scene": None if scene is None else scene_reference(scene),
@@ -175,6 +183,8 @@ def certify(
     compile_kernels(err.print)
     reply = answer(request, record_to=record)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
+    if proof is not None:
+        write_proof_of(request, reply, proof)
     if (referee or case is not None) and not refereed(request, reply, case, asked=referee):
         _show(reply, output)
         raise typer.Exit(1)

@@ -14,7 +14,7 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.kernels.prove.kept_distance import LOG_ROWS
+from guidefield.kernels.prove.kept_distance import LOG_CAPACITY, LOG_COUNT, LOG_ROW, LOG_ROWS
 from guidefield.kernels.prove.questions import (
     ANSWER,
     AT_REST,
@@ -127,6 +127,35 @@ class Goal(NamedTuple):
     samples: np.ndarray = np.empty(0)
 
 
+class SearchLog(NamedTuple):
+    """What a search writes down of how it closes pairs, see `kernels.prove.kept_distance`.
+
+    Attributes:
+        numbers: A header and rows, shape (n,).
+        segments: Begin, end and middle of each segment, not a number where there is none, shape (s, LOG_ENDS).
+    """
+
+    numbers: np.ndarray
+    segments: np.ndarray
+
+    @classmethod
+    def with_capacity(cls, rows: int) -> SearchLog:
+        """With room for some rows, and for as many segments."""
+        numbers = np.zeros(LOG_ROWS + LOG_ROW * rows)
+        numbers[LOG_CAPACITY] = rows
+        return cls(numbers, np.full((rows, LOG_ENDS), np.nan))
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether everything had room."""
+        return bool(self.numbers[LOG_COUNT] <= self.numbers[LOG_CAPACITY] and np.isnan(self.segments[-1:, 0]).all())
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The rows that were written, shape (k, LOG_ROW)."""
+        return self.numbers[LOG_ROWS:].reshape(-1, LOG_ROW)[: int(self.numbers[LOG_COUNT])]
+
+
 @dataclass(frozen=True, eq=False)
 class Found(ReadOnly):
     """What a search found.
@@ -149,7 +178,9 @@ def found_nothing(verdict: Verdict) -> Found:
     return Found(verdict, [], Smallest(), np.empty(0))
 
 
-def search(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:
+def search(
+    world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED, log: SearchLog | None = None
+) -> Found:
     """Search a motion.
 
     Args:
@@ -157,17 +188,19 @@ def search(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITE
         curve: The motion, of one piece at least.
         goal: What is asked.
         deadline: Ends the search: what is not certified by then is told.
+        log: Gets how pairs are closed; None: nobody asks.
 
     Raises:
         ContradictionError: if Coal doesn't confirm what the search found.
     """
-    return _Search(world, curve, goal, deadline).found()
+    return _Search(world, curve, goal, deadline, log or SearchLog.with_capacity(0)).found()
 
 
 class _Search:
     """One search."""
 
-    def __init__(self, world: World, curve: Curve, goal: Goal, deadline: Deadline) -> None:
+    def __init__(self, world: World, curve: Curve, goal: Goal, deadline: Deadline, log: SearchLog) -> None:
+        self._log = log
         self._world, self._curve, self._goal, self._deadline = world, curve, goal, deadline
         self._in_time = goal.in_time and world.scene.moves
         robot, obstacles, movers, pairs, error = world_tables(world, in_time=self._in_time)
@@ -196,7 +229,7 @@ class _Search:
         low, high = self._curve.box
         is_short = float((high - low).max(initial=0.0)) <= SHORT
         longest = self._whole if is_short else LOOKED * self._whole
-        count, looked, log, segments = int(self._whole > 0.0), parameters, np.zeros(LOG_ROWS), np.empty((0, LOG_ENDS))
+        count, looked = int(self._whole > 0.0), parameters
         while True:
             is_late = self._deadline.expired()
             if is_late and self._goal.min_clearance is not None:
@@ -204,7 +237,7 @@ class _Search:
             shortest = STOPPED * self._whole if is_late else 0.0
             count = prove_along(
                 self._moving, self._tolerance, looked, EVERY, SEGMENTS_AT_ONCE, longest, shortest, self._questions,
-                self._verdict, waiting, count, distances, log, segments,
+                self._verdict, waiting, count, distances, *self._log,
             )  # fmt: skip
             if count <= 0:
                 break

@@ -40,12 +40,12 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
     """
     if case.unknown:
         return Verdict(Finding(Answer.NOT_JUDGED, tuple(case.unknown)))
-    along = _Along(case, extra, own_extra, time.monotonic() + seconds)
-    found = _false_part(case) or _beyond_limit(case) or along.inside() or along.judged()
+    along = Along(case, extra, own_extra, time.monotonic() + seconds)
+    found = false_part(case) or beyond_limit(case) or along.inside() or along.judged()
     return Verdict(found, along.kept, len(along.pairs), tuple(along.left_out), along.evaluations)
 
 
-def _false_part(case: Case) -> Finding | None:
+def false_part(case: Case) -> Finding | None:
     """A triangle whose three corners are in a convex part is in it; a shell is closed and has all triangles."""
     for body in case.bodies:
         places, corner = np.unique(body.triangles.reshape(-1, 3), axis=0, return_inverse=True)
@@ -60,7 +60,7 @@ def _false_part(case: Case) -> Finding | None:
     return None
 
 
-def _pieces(case: Case) -> Iterator[Piece]:
+def pieces(case: Case) -> Iterator[Piece]:
     """The cubics with the positions and velocities of both knots (Hermite); straight lines, where there are none."""
     p, times = case.positions, np.arange(float(len(case.positions))) if case.times is None else case.times
     for k, h in enumerate(np.diff(times).tolist()):
@@ -75,10 +75,10 @@ def _at(piece: Piece, s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
     return p + s * (v + s * (a / 2 + s * j / 6)), v + s * (a + s * j / 2), a + s * j, j
 
 
-def _beyond_limit(case: Case) -> Finding | None:
+def beyond_limit(case: Case) -> Finding | None:
     """A limit that is exceeded where a position or a rate of any column is extreme, or a limited jerk without bound."""
-    names, before, shorter = [case.rows, *[case.columns] * 3], next(_pieces(case))[3], math.inf
-    for piece in _pieces(case):
+    names, before, shorter = [case.rows, *[case.columns] * 3], next(pieces(case))[3], math.inf
+    for piece in pieces(case):
         start, p, v, a, j, h = piece
         jump = np.abs(a - before) > SLACK * case.rates[1] + DIGITS * (1.0 + np.abs(p)) / min(h, shorter) ** 2
         with np.errstate(all="ignore"):  # where v + a s + j s^2 / 2 is 0, no digits cancelling, and a + j s
@@ -96,7 +96,7 @@ def _beyond_limit(case: Case) -> Finding | None:
     return None
 
 
-class _Along:
+class Along:
     """Every pair of bodies and every constraint, all along the motion."""
 
     def __init__(self, case: Case, extra: float, own_extra: float, until: float) -> None:
@@ -109,8 +109,9 @@ class _Along:
         self.moved = planned & [[i in case.model.supports[c.joint] for i in range(len(planned))] for c in self.carried]
         self.pairs: list[tuple[int, int, float]] = []  # two bodies, and the distance that they have to keep
         allowed = {frozenset(pair[:2]) for pair in case.left_out}
-        for (i, a), (j, b) in itertools.combinations(enumerate(case.bodies), 2):
-            if b.obstacle and not a.obstacle and not self.moved[i].any():
+        bodies = list(enumerate(case.bodies))
+        for (i, a), (j, b) in ((one, other) for one in bodies if not one[1].obstacle for other in bodies[one[0] + 1 :]):
+            if b.obstacle and not self.moved[i].any():
                 self.left_out.append((a.name, b.name, "the link never moves"))
             elif (self.moved[i] != self.moved[j]).any() and frozenset((a.name, b.name)) not in allowed:
                 self.pairs.append((i, j, case.clearance + extra if b.obstacle else own_extra))
@@ -119,7 +120,7 @@ class _Along:
 
     def inside(self) -> Finding | None:
         """A body in another's closed mesh at the start. One that starts outside it has to touch it to come inside."""
-        start, z, *_ = next(_pieces(self.case))
+        start, z, *_ = next(pieces(self.case))
         self._stand(z, start)
         for k, m in [both for i, j, _ in self.pairs for both in ((i, j), (j, i))]:
             a, b, seen = self.case.bodies[k], self.case.bodies[m], self.placed[k].actInv(self.placed[m])
@@ -134,7 +135,7 @@ class _Along:
         """Halve the motion until everything is told apart, or something is broken."""
         unsure, n = None, len(self.pairs)
         every = list(range(len(self.names)))
-        stack = [(p, low, high, every) for p in _pieces(self.case) for low, high in itertools.pairwise(self._cuts(p))]
+        stack = [(p, low, high, every) for p in pieces(self.case) for low, high in itertools.pairwise(self._cuts(p))]
         stack.reverse()
         while stack:
             piece, low, high, asked = stack.pop()

@@ -17,6 +17,7 @@ class Answer(enum.Enum):
     BEYOND_LIMIT = "beyond a limit"
     CONSTRAINT_BROKEN = "a path constraint is broken"
     FALSE_PART = "a convex part or closed shell is not that of its mesh"
+    NOT_PROVED = "the proof doesn't hold"
     UNDECIDED = "undecided"
     NOT_JUDGED = "not judged"
 
@@ -48,7 +49,7 @@ class Verdict:
         kept: What all pairs are proven to keep beyond what was asked for, as far as they were judged [m].
         pairs: How many pairs were judged.
         left_out: Two names and a reason: pairs about which nothing is said.
-        evaluations: How often Coal was asked.
+        evaluations: Distances that Coal was asked for, or slabs of a proof.
     """
 
     finding: Finding

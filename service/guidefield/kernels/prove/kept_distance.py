@@ -67,9 +67,9 @@ or twice of it a UR5 takes a tenth longer."""
 LATER = 1e30
 """What is told then is that share of this [m]: more than any distance."""
 
-LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_ROWS = range(6)
+LOG_COUNT, LOG_CAPACITY, LOG_SEGMENT, LOG_PAIR, LOG_PATIENT, LOG_SPHERES, LOG_ROWS = range(7)
 """Numbers of a log: rows written, rows there is room for, the segment and the pair of what is written next, 1 where a
-shorter segment is no way out, and where the rows begin."""
+shorter segment is no way out, 1 where spheres told the last two nodes apart, and where the rows begin."""
 
 ROW_SEGMENT, ROW_PAIR, ROW_A, ROW_B, ROW_AXIS, LOG_ROW = 0, 1, 2, 3, 4, 7
 """Columns of a row: segment, pair, a node of each body, and the direction across which they are told apart, 0 where
@@ -169,7 +169,11 @@ def _keep_along(
     return kept
 
 
-@lane_step(types.float64(*PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER))
+@lane_step(
+    types.float64(
+        *PLACED, *PLACED, DOUBLE_POINTER, types.float64, types.float64, types.float64, DOUBLE_POINTER, DOUBLE_POINTER
+    )
+)
 def _nodes_keep(
     a: Parts,
     node_a: int,
@@ -182,6 +186,7 @@ def _nodes_keep(
     asked: float,
     bent: float,
     work: Floats,
+    log: Floats,
 ) -> float:
     """Infinite where all that two nodes hold keeps what is asked; else the distance of two leaves, or less than any.
 
@@ -191,12 +196,13 @@ def _nodes_keep(
     radius_a, radius_b = ball_radius(a.balls, node_a), ball_radius(b.balls, node_b)
     place_ball(a, node_a, pose_a, work, POSE_A)
     place_ball(b, node_b, pose_b, work, POSE_B)
-    travel = math.inf
+    travel, log[LOG_SPHERES] = math.inf, 0.0
     if radius_b < math.inf:
         apart = math.sqrt(origins_apart(work)) - float(radius_a + radius_b)
         turning = twists[FIRST_TURNS] * radius_a + twists[SECOND_TURNS] * radius_b
         travel = share * float(_centres_move(twists, work) + turning)
         if apart >= asked + travel:
+            log[LOG_SPHERES] = 1.0
             return math.inf
         if part_a < 0 and part_b < 0:
             return -math.inf
@@ -220,15 +226,19 @@ def _nodes_keep(
 
 
 @lane_part
-def write_closed(log: Floats, node_a: int, node_b: int, x: float, y: float, z: float) -> None:
-    """Write to a log (n,) that two nodes are told apart across a direction, 0 where by spheres; rows are counted on."""
+def write_closed(log: Floats, node_a: int, node_b: int, work: Floats) -> None:
+    """Write to a log (n,) that two nodes are told apart across the axis, or by their spheres; rows are counted on."""
+    if log[LOG_CAPACITY] == 0.0:
+        return
     count = int(log[LOG_COUNT])
     log[LOG_COUNT] += 1.0
     if count < int(log[LOG_CAPACITY]):
         row = LOG_ROWS + LOG_ROW * count
+        x, y, z = axis_in(work)
+        told = 1.0 - log[LOG_SPHERES]
         log[row + ROW_SEGMENT], log[row + ROW_PAIR] = log[LOG_SEGMENT], log[LOG_PAIR]
         log[row + ROW_A], log[row + ROW_B] = node_a, node_b
-        log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = x, y, z
+        log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = told * x, told * y, told * z
 
 
 @lane_step(
@@ -275,24 +285,20 @@ def bodies_keep(
     work[STACK + NODE_A], work[STACK + NODE_B] = root_a, root_b
     if work[LEAF_A] > 0.0:
         node_a, node_b = int(work[LEAF_A]) - 1, int(work[LEAF_B]) - 1
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work, log)
         if kept < math.inf:
             return kept
         if node_a == root_a and node_b == root_b:
-            if log[LOG_CAPACITY] > 0.0:
-                x, y, z = axis_in(work)
-                write_closed(log, node_a, node_b, x, y, z)
+            write_closed(log, node_a, node_b, work)
             return math.inf
     visited = 0
     while top > STACK:
         top -= ENTRY
         visited += 1
         node_a, node_b = int(work[top + NODE_A]), int(work[top + NODE_B])
-        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work)
+        kept = _nodes_keep(a, node_a, pose_a, b, node_b, pose_b, twists, share, asked, bent, work, log)
         if kept == math.inf:
-            if log[LOG_CAPACITY] > 0.0:
-                x, y, z = axis_in(work)
-                write_closed(log, node_a, node_b, x, y, z)
+            write_closed(log, node_a, node_b, work)
             continue
         if kept >= LATER * RATE * visited and log[LOG_PATIENT] == 0.0:
             return kept

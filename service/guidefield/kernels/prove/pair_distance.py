@@ -11,7 +11,7 @@ from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.prove.body_distance import bodies_distance
-from guidefield.kernels.prove.kept_distance import LOG_PAIR, bodies_keep
+from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
 from guidefield.kernels.prove.pairs import first_body, obstacle_of
 from guidefield.kernels.prove.placement import Place, place_mover, seen_by_mover
 from guidefield.kernels.prove.tables import MovingRobot, RobotBodies
@@ -131,7 +131,7 @@ def pair_keeps(
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
     root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, ask)
     own, pose_a, pose_b = pointers(robot.parts), pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND])
-    twists, log = pointers(known), pointers(ask.log)
+    twists, log, begun = pointers(known), pointers(ask.log), ask.log[LOG_COUNT]
     log[LOG_PAIR] = float(pair)
     if pair < pairs.own.shape[0]:
         other = robot.roots[pairs.own[pair, 1]]
@@ -139,6 +139,8 @@ def pair_keeps(
     else:
         other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
         found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked, bent, scratch, log)
+    if found < np.inf:  # what is told of some of its nodes counts no longer
+        log[LOG_COUNT] = begun
     _remember(pair, ask)
     return float(found)
 

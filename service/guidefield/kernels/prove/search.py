@@ -23,7 +23,7 @@ from numba import types
 
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import SCALAR, VECTOR, VECTOR_OUT, Floats, Integers, compiled
-from guidefield.kernels.prove.kept_distance import LOG_PATIENT, LOG_SEGMENT
+from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PATIENT, LOG_SEGMENT
 from guidefield.kernels.prove.motion_bounds import BENT, TRAVEL, bound_body, bound_pair, find_moves, mover_reach
 from guidefield.kernels.prove.near import list_near
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance, pair_keeps, squared_gap
@@ -207,9 +207,10 @@ def _is_done(
         refuse(verdict, own, middle, found, pair)
     if verdict[RESOLUTION] >= 0.0 and since < verdict[END] and known[TRAVEL] <= verdict[RESOLUTION]:
         asked = margin_of(verdict, own) + verdict[STAND_OFF] + known[BENT] + error
-        search.ask.log[LOG_PATIENT] = 1.0
+        log = search.ask.log
+        log[LOG_PATIENT], begun = 1.0, log[LOG_COUNT]
         kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
-        search.ask.log[LOG_PATIENT] = 0.0
+        log[LOG_PATIENT], log[LOG_COUNT] = 0.0, begun  # it is judged again, in halves
         if kept < np.inf:
             _leave_undecided(verdict, since, until, pair)
     return _is_fine(verdict, since, known[TRAVEL])

@@ -1,0 +1,145 @@
+"""A proof in a file: the case that it is about, its segments, slabs and convex shapes (referee.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import lzma
+import zipfile
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from guidefield.referee.loading import UnusableFile
+
+FORMAT = "guidefield proofs 1"
+
+WIDTHS = {"claims": 4, "segments": 2, "slab_nodes": 2, "slab_axes": 3, "views": 3, "origins": 3, "centres": 3}
+WIDTHS |= {"node_children": 2, "node_shapes": 2, "shape_numbers": 5, "corners": 3}
+
+LENGTHS = [("slab_segments", "slab_nodes", "slab_axes"), ("bodies", "numbers", "origins", "centres")]
+LENGTHS += [("node_bodies", "node_children", "node_shapes")]
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What a proof tells; nothing of it is believed.
+
+    Attributes:
+        claims: Begin, end, 1 for own pairs and 0 for others, and what they keep at least, shape (c, 4) [s, s, -, m].
+        segments: Begin and end of each, shape (s, 2) [s, or knots].
+        slab_segments: The segment of each slab, shape (k,).
+        slab_nodes: The two nodes that it is between, shape (k, 2).
+        slab_axes: Its direction in the world, from the second to the first, shape (k, 3); where it is 0, that between
+            the middles of the spheres about both nodes, and these are meant.
+        joints: Names of joints.
+        views: Two bodies, and the joint that their motion is seen from, shape (p, 3).
+        bodies: Link, held object or obstacle of each body.
+        numbers: Which of the bodies of that name it is, shape (b,).
+        origins: From where its lengths are measured, shape (b, 3) [m]: in the shape's frame, of an obstacle where it is
+            at first, in the world.
+        centres: Middle of a sphere about it, from there, shape (b, 3) [m].
+        node_bodies: The body of each node, shape (n,).
+        node_children: The two nodes that it is divided into, -1 where it isn't, shape (n, 2).
+        node_shapes: A sphere, and another shape, that hold all of it; -1 where none is told, shape (n, 2).
+        shape_begins: Begin of each shape's corners, and the number of all, shape (h + 1,).
+        shape_numbers: Ball and disc that are added to their hull, and the disc's axis, shape (h, 5) [m]; a half-space
+            has an infinite ball, its offset and its normal.
+        corners: Shape (c, 3) [m].
+    """
+
+    claims: np.ndarray
+    segments: np.ndarray
+    slab_segments: np.ndarray
+    slab_nodes: np.ndarray
+    slab_axes: np.ndarray
+    joints: np.ndarray
+    views: np.ndarray
+    bodies: np.ndarray
+    numbers: np.ndarray
+    origins: np.ndarray
+    centres: np.ndarray
+    node_bodies: np.ndarray
+    node_children: np.ndarray
+    node_shapes: np.ndarray
+    shape_begins: np.ndarray
+    shape_numbers: np.ndarray
+    corners: np.ndarray
+
+
+def is_proof(path: Path) -> bool:
+    """Whether a file holds arrays, as a proof does, and not a case alone."""
+    return zipfile.is_zipfile(path)
+
+
+def load_proof(path: Path) -> tuple[dict[str, Any], Proof]:
+    """Read a proof, and the case that it is about, as JSON has it.
+
+    Raises:
+        UnusableFile: if it can't be used, with what is wrong.
+        OSError: if it can't be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        told, said = str(arrays.pop("format")), str(arrays.pop("digest"))
+        if told != FORMAT:
+            raise UnusableFile(f"{path.name} must have `format` {FORMAT!r}")
+        if said != digest(arrays):
+            raise UnusableFile(f"{path.name} has been changed: its digest is another one")
+        (case,) = json.loads(lzma.decompress(arrays.pop("cases").tobytes()))["cases"]
+        return case, proof_of(arrays)
+    except UnusableFile:
+        raise
+    except (KeyError, ValueError, TypeError, lzma.LZMAError, zipfile.BadZipFile, EOFError) as error:
+        raise UnusableFile(f"{path.name} is no proof: {error}") from None
+
+
+def digest(arrays: dict[str, np.ndarray]) -> str:
+    """SHA-256, in hexadecimal, of the names, types, shapes and bytes of arrays, in the order of their names."""
+    found = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        found.update(f"{name} {array.dtype.str} {array.shape};".encode() + array.tobytes())
+    return found.hexdigest()
+
+
+def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
+    """The proof that arrays tell, of the shapes that `Proof` has, whose indices are within what there is.
+
+    Raises:
+        UnusableFile: if they aren't, or a number isn't finite.
+    """
+    p = Proof(**{field.name: arrays[field.name] for field in fields(Proof)})
+    for name, array in vars(p).items():
+        if name in ("joints", "bodies"):
+            continue
+        if array.dtype.kind not in "if" or array.shape[1:] != ((WIDTHS[name],) if name in WIDTHS else ()):
+            raise UnusableFile(f"`{name}` has another shape")
+        if name != "shape_numbers" and not np.isfinite(array).all():
+            raise UnusableFile(f"`{name}` must have finite numbers")
+    nodes, shapes, child = len(p.node_bodies), len(p.shape_numbers), p.node_children
+    divided = child[:, 0] >= 0
+    once = np.bincount(child[divided].ravel(), minlength=nodes) if divided.any() else np.zeros(nodes, int)
+    balls = np.where(np.isinf(p.shape_numbers[:, 0]), 0.0, p.shape_numbers[:, 0])
+    right = [
+        *(len({len(getattr(p, name)) for name in names}) == 1 for names in LENGTHS),
+        len(p.shape_begins) == shapes + 1 and p.shape_begins[0] == 0 and p.shape_begins[-1] == len(p.corners),
+        (np.diff(p.shape_begins) > 0).all() or (np.isinf(p.shape_numbers[np.diff(p.shape_begins) <= 0, 0])).all(),
+        np.isfinite(p.shape_numbers[:, 1:]).all() and (balls >= 0.0).all(),
+        _within(p.slab_segments, len(p.segments)) and _within(p.slab_nodes, nodes),
+        _within(p.views[:, :2], len(p.bodies)) and _within(p.views[:, 2], len(p.joints)),
+        _within(p.node_bodies, len(p.bodies)) and _within(p.node_shapes + 1, shapes + 1),
+        (divided == (child[:, 1] >= 0)).all() and _within(child[divided], nodes) and (once <= 1).all(),
+        (child[divided] > np.flatnonzero(divided)[:, None]).all(),
+        (p.node_bodies[child[divided]] == p.node_bodies[divided, None]).all(),
+    ]
+    if not all(right):
+        raise UnusableFile(f"the proof contradicts itself ({right.index(False)})")
+    return p
+
+
+def _within(indices: np.ndarray, count: int) -> bool:
+    return bool(indices.dtype.kind == "i" and ((indices >= 0) & (indices < count)).all())

@@ -1,0 +1,69 @@
+"""Bodies are within shapes: how far they stand out is never said to be less than it is."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield.referee.containment import Declared, Shapes, radius_about, standing_out
+from guidefield.referee.shapes import hull
+
+WHOLE = np.array([[-1, -1]]), np.array([[-1, 0]])
+"""Children and shapes of a single node."""
+
+
+def declared_points(points: np.ndarray) -> Declared:
+    z = np.array([0.0, 0.0, 1.0])
+    return Declared(points, np.arange(len(points))[:, None], 0.0, 0.0, z, np.zeros(4))
+
+
+def hulls(*some: np.ndarray) -> Shapes:
+    count = len(some)
+    begins = np.cumsum([0, *map(len, some)])
+    return Shapes(begins, np.zeros(count), np.zeros(count), np.zeros((count, 3)), np.concatenate(some))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10**6))
+def test_points_stand_out_of_a_hull_by_no_more_than_is_said(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(int(rng.integers(4, 60)), 3)) * [0.2, 0.1, rng.choice([0.1, 0.01])]
+    weights = rng.dirichlet(np.full(len(corners), 0.2), 200)
+    inside = weights @ corners
+    assert standing_out(declared_points(inside), hulls(corners), *WHOLE) <= 1e-7
+    moved = inside + rng.normal(size=inside.shape) * 1e-7
+    said = standing_out(declared_points(moved), hulls(corners), *WHOLE)
+    convex, here = hull(corners), coal.Transform3s.Identity()
+    for point in moved[:40]:
+        at = coal.Transform3s(np.eye(3), point)
+        found = coal.distance(coal.Sphere(0.0), at, convex, here, coal.DistanceRequest(), coal.DistanceResult())
+        assert found <= said + 1e-6
+
+
+def test_a_corner_that_is_missing_is_found() -> None:
+    corners = np.indices((2, 2, 2)).reshape(3, 8).T * 0.1
+    assert standing_out(declared_points(corners), hulls(corners), *WHOLE) == 0.0
+    assert standing_out(declared_points(corners), hulls(corners[:-1]), *WHOLE) == np.inf
+
+
+def test_each_triangle_has_to_be_in_one_part_and_in_all_about_it() -> None:
+    corners = np.indices((2, 2, 2)).reshape(3, 8).T * 0.1
+    items = np.array([[0, 1, 2], [5, 6, 7]])
+    body = Declared(corners, items, 0.0, 0.0, np.array([0.0, 0.0, 1.0]), np.zeros(4))
+    children, of_node = np.array([[1, 2], [-1, -1], [-1, -1]]), np.array([[-1, 0], [-1, 1], [-1, 2]])
+    first, second = corners[items[0]], corners[items[1]]
+    assert standing_out(body, hulls(corners, first, second), children, of_node) == 0.0
+    assert standing_out(body, hulls(corners, first, first), children, of_node) == np.inf
+    assert standing_out(body, hulls(first, first, second), children, of_node) == np.inf
+
+
+@pytest.mark.parametrize("less", [0.0, 1e-7])
+def test_a_cylinder_is_in_one_that_is_as_large(less: float) -> None:
+    z = np.array([0.0, 0.0, 1.0])
+    ends = np.array([[0.0, 0.0, -0.2], [0.0, 0.0, 0.2]])
+    body = Declared(ends, np.arange(2)[None], 0.0, 0.1, z, np.zeros(4))
+    shapes = Shapes(np.array([0, 2]), np.zeros(1), np.array([0.1 - less]), z[None], ends)
+    assert standing_out(body, shapes, *WHOLE) == pytest.approx(less, abs=1e-15)
+    assert radius_about(body, np.zeros(3)) == pytest.approx(np.hypot(0.1, 0.2))

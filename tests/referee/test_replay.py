@@ -1,0 +1,256 @@
+"""Proofs that are replayed: certified motions of all kinds hold, planted faults and changed numbers don't."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from guidefield import case_file
+from guidefield.proof_file import arrays_of, curve_of, packed, write_proof
+from guidefield.prove.proof import Proof, prove
+from guidefield.prove.search import Goal
+from guidefield.referee import motion_bounds, slabs
+from guidefield.referee.__main__ import main
+from guidefield.referee.case import Case
+from guidefield.referee.loading import UnusableFile
+from guidefield.referee.motion_bounds import SegmentBounds
+from guidefield.referee.proof import load_proof, proof_of
+from guidefield.referee.replay import replay
+from guidefield.referee.verdict import Answer
+from tests.referee.cases import read
+from tests.referee.drawn import draw
+
+
+def proved(motion: case_file.Motion) -> Proof | None:
+    curve = curve_of(motion)
+    span = float(curve.times[0]), float(curve.times[-1])
+    return prove(motion.world, curve, Goal(motion.min_clearance, spans=[span], samples=np.linspace(*span, 20)))[1]
+
+
+def replayed(case: Case, proof: Proof, **changed: np.ndarray) -> Answer:
+    """Replay what the arrays of a proof tell, with some of them changed."""
+    return replay(case, proof_of({**arrays_of(proof), **changed})).answer
+
+
+def certain(moving: bool, count: int) -> list[tuple[Case, Proof]]:
+    """Cases that are proved, drawn one after the other."""
+    found: list[tuple[Case, Proof]] = []
+    seed = 0
+    while len(found) < count:
+        drawn, seed = draw(np.random.default_rng([seed, moving]), moving), seed + 1
+        proof = proved(drawn.motion)
+        if proof is not None:
+            case = read(drawn.motion, limits=False)
+            if replay(case, proof).answer is not Answer.INSIDE:
+                found.append((case, proof))
+    return found
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["at rest", "moving"])
+def cases(request: pytest.FixtureRequest) -> list[tuple[Case, Proof]]:
+    return certain(request.param, 12)
+
+
+def test_proofs_of_certified_motions_hold(cases: list[tuple[Case, Proof]]) -> None:
+    assert sum(len(proof.slab_segments) for _, proof in cases) > 100
+    for case, proof in cases:
+        verdict = replay(case, proof)
+        assert verdict.answer is Answer.FREE, verdict
+        assert verdict.kept > 0.0
+
+
+def test_a_larger_clearance_isnt_proved(cases: list[tuple[Case, Proof]]) -> None:
+    for case, proof in cases:
+        kept = replay(case, proof).kept
+        if np.isfinite(kept):
+            more = dataclasses.replace(case, clearance=case.clearance + kept + 1e-4)
+            claims = np.array([[-1e9, 1e9, 1.0, kept + 1e-4]])
+            assert Answer.NOT_PROVED in (replay(more, proof).answer, replayed(case, proof, claims=claims))
+
+
+def test_no_segment_can_be_left_out(cases: list[tuple[Case, Proof]]) -> None:
+    for case, proof in cases[:4]:
+        begins, count = proof.segments[:, 0], len(proof.segments)
+        leaves = [
+            k
+            for k in range(count)
+            if not ((begins >= begins[k]) & (proof.segments[:, 1] <= proof.segments[k, 1])).sum() > 1
+        ]
+        for k in leaves[:: max(1, len(leaves) // 6)]:
+            kept = proof.slab_segments != k
+            shifted = proof.slab_segments - (proof.slab_segments > k)
+            changed = {
+                "slab_segments": shifted[kept],
+                "slab_nodes": proof.slab_nodes[kept],
+                "slab_axes": proof.slab_axes[kept],
+            }
+            assert replayed(case, proof, segments=np.delete(proof.segments, k, axis=0), **changed) is Answer.NOT_PROVED
+
+
+def test_no_slab_that_a_pair_needs_can_be_left_out(cases: list[tuple[Case, Proof]]) -> None:
+    refused = tried = 0
+    for case, proof in cases:
+        for k in range(0, len(proof.slab_segments), max(1, len(proof.slab_segments) // 4)):
+            kept = np.arange(len(proof.slab_segments)) != k
+            names = ("slab_segments", "slab_nodes", "slab_axes")
+            answer = replayed(case, proof, **{name: getattr(proof, name)[kept] for name in names})
+            refused, tried = refused + (answer is Answer.NOT_PROVED), tried + 1
+    assert refused > 0.9 * tried  # else its pair is told apart in another way too
+
+
+def parents_of(segments: np.ndarray) -> list[int]:
+    """The shortest segment around each, -1 without one."""
+    found = []
+    for begin, end in segments.tolist():
+        around = np.flatnonzero(
+            (segments[:, 0] <= begin) & (segments[:, 1] >= end) & (np.ptp(segments, axis=1) > end - begin)
+        )
+        found.append(int(around[np.argmin(np.ptp(segments[around], axis=1))]) if len(around) else -1)
+    return found
+
+
+def leave_second_order_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = SegmentBounds._bound
+    monkeypatch.setattr(
+        SegmentBounds, "_bound", lambda *args: (bound := right(*args))._replace(bent=np.zeros_like(bound.bent))
+    )
+
+
+def halve_the_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    right = motion_bounds.bound_chords
+
+    def halved(*args: Any, **kwargs: Any) -> motion_bounds.ChordBounds:
+        found = right(*args, **kwargs)
+        return found._replace(shares=0.5 * found.shares, farthest=0.5 * found.farthest, aside=0.5 * found.aside)
+
+    monkeypatch.setattr(motion_bounds, "bound_chords", halved)
+
+
+def stop_climbing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the second corner for the farthest one, where there is one."""
+    right = slabs.Slabs._support
+
+    def stopped(self: slabs.Slabs, shape: np.ndarray, d: np.ndarray) -> np.ndarray:
+        begins = self._shapes.begins
+        found = right(self, shape, d)
+        near = self._shapes.corners[np.minimum(begins[shape] + 1, begins[shape + 1] - 1)]
+        return np.minimum(found, (near * d).sum(axis=1))
+
+    monkeypatch.setattr(slabs.Slabs, "_support", stopped)
+
+
+def look_at_one_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slabs, "ENDS", (1.0,))
+
+
+@pytest.mark.parametrize("plant", [leave_second_order_out, halve_the_sweep, stop_climbing, look_at_one_end])
+def test_slabs_of_a_search_with_a_fault_arent_true(
+    cases: list[tuple[Case, Proof]], plant: Callable[[pytest.MonkeyPatch], None]
+) -> None:
+    """A slab of one half of a segment is put into the whole, where the fault lets it pass; the referee refuses it."""
+    found = 0
+    for case, proof in cases:
+        above = parents_of(proof.segments)
+        for k, segment in enumerate(proof.slab_segments[:60].tolist()):
+            if above[segment] < 0:
+                continue
+            wrong = {
+                "slab_segments": np.append(proof.slab_segments, np.int32(above[segment])),
+                "slab_nodes": np.vstack([proof.slab_nodes, proof.slab_nodes[k]]),
+                "slab_axes": np.vstack([proof.slab_axes, proof.slab_axes[k]]),
+            }
+            if replayed(case, proof, **wrong) is Answer.NOT_PROVED:
+                with pytest.MonkeyPatch.context() as patched:
+                    plant(patched)
+                    found += replayed(case, proof, **wrong) is Answer.FREE
+            if found >= 3:
+                return
+    pytest.fail(f"{found} slabs pass with that fault")
+
+
+def _between_bodies(proof: Proof) -> np.ndarray:
+    """Slabs across directions that are told; a half-space has one of its own."""
+    shapes = proof.node_shapes[proof.slab_nodes[:, 1], 1]
+    found: np.ndarray = np.flatnonzero(proof.slab_axes.any(axis=1) & np.isfinite(proof.shape_numbers[shapes, 0]))
+    return found
+
+
+def _reversed_axis(arrays: dict[str, np.ndarray], row: int) -> None:
+    arrays["slab_axes"][row] *= -1.0
+
+
+def _claimed_more(arrays: dict[str, np.ndarray], _: int) -> None:
+    arrays["claims"] = np.array([[-1e9, 1e9, 0.0, 10.0], [-1e9, 1e9, 1.0, 10.0]])
+
+
+def _smaller_shape(arrays: dict[str, np.ndarray], row: int) -> None:
+    shape = arrays["node_shapes"][arrays["slab_nodes"][row, 0]].max()
+    some = slice(*arrays["shape_begins"][shape : shape + 2])
+    middle = arrays["corners"][some].mean(axis=0)
+    arrays["corners"][some] = middle + 0.9 * (arrays["corners"][some] - middle)
+    arrays["shape_numbers"][shape, :2] *= 0.9
+
+
+def _moved_origin(arrays: dict[str, np.ndarray], row: int) -> None:
+    arrays["origins"][arrays["node_bodies"][arrays["slab_nodes"][row, 0]]] += 0.01
+
+
+def _other_body(arrays: dict[str, np.ndarray], row: int) -> None:
+    arrays["numbers"][arrays["node_bodies"][arrays["slab_nodes"][row, 1]]] += 1
+
+
+def _gap(arrays: dict[str, np.ndarray], row: int) -> None:
+    arrays["segments"][arrays["slab_segments"][row], 1] -= 1e-9
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.integers(0, 10**6),
+    st.integers(0, 10**6),
+    st.sampled_from([_reversed_axis, _claimed_more, _smaller_shape, _moved_origin, _other_body, _gap]),
+)
+def test_a_changed_number_is_refused(
+    cases: list[tuple[Case, Proof]], which: int, row: int, change: Callable[[dict[str, np.ndarray], int], None]
+) -> None:
+    """Whoever seals a changed proof anew has to keep every slab true, all bodies held, and no gap."""
+    some = [(case, proof) for case, proof in cases if len(_between_bodies(proof))]
+    case, proof = some[which % len(some)]
+    rows = _between_bodies(proof)
+    arrays = {name: array.copy() for name, array in arrays_of(proof).items()}
+    change(arrays, int(rows[row % len(rows)]))
+    assert replay(case, proof_of(arrays)).answer is Answer.NOT_PROVED
+
+
+def test_a_file_in_which_a_bit_is_another_is_refused(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
+    motion = next(m for m in (draw(np.random.default_rng([s, 0]), False).motion for s in range(99)) if proved(m))
+    file = tmp_path / "proof.npz"
+    assert write_proof(file, motion).free
+    monkeypatch.setattr("sys.argv", ["referee", str(file)])
+    assert main() in (0, 1)
+    assert capsys.readouterr().out.startswith("referee: ")
+    with np.load(file) as read_back:
+        arrays = {name: read_back[name] for name in read_back.files}
+    for name in set(arrays) - {"digest", "format"}:
+        content = bytearray(arrays[name].tobytes())
+        if content:
+            content[len(content) // 2] ^= 1
+            other = np.frombuffer(bytes(content), arrays[name].dtype).reshape(arrays[name].shape)
+            np.savez(file, **{**arrays, name: other})
+            with pytest.raises(UnusableFile, match="has been changed"):
+                load_proof(file)
+    file.write_bytes(packed({"cases": arrays["cases"]}))
+    assert main() == 2
+    assert "is no proof" in capsys.readouterr().err
+
+
+def test_a_proof_of_another_motion_is_refused(cases: list[tuple[Case, Proof]]) -> None:
+    for case, proof in cases[:6]:
+        assert case.times is not None
+        later = case.times + 1e-3
+        assert replay(dataclasses.replace(case, times=later), proof).answer is Answer.NOT_PROVED
