@@ -9,7 +9,7 @@ import lzma
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -67,7 +67,8 @@ def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
 def packed(arrays: Mapping[str, np.ndarray]) -> bytes:
     """The content of a file of arrays of any shape, with a digest of them all."""
     content = io.BytesIO()
-    np.savez_compressed(content, format=np.array(FORMAT), digest=np.array(digest(arrays)), **arrays)
+    named: dict[str, Any] = {"format": np.array(FORMAT), "digest": np.array(digest(arrays)), **arrays}
+    np.savez_compressed(content, **named)
     return content.getvalue()
 
 

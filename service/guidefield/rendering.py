@@ -10,10 +10,10 @@ import tempfile
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from guidefield.bounded_map import RENDERED_SCENES
 from guidefield.errors import GuidefieldError
-from guidefield.handlers.recording import RecordedMotion
 from guidefield.messages.requests import PlanRequest, UrdfFile
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotModel
@@ -21,6 +21,9 @@ from guidefield.run import draw, whole_recording
 from guidefield.run_log import RunLog, UnreadableLog, read_log
 from guidefield.scene.built import BuiltScenes
 from guidefield.stores.recordings import LOG, NEEDED, Recordings
+
+if TYPE_CHECKING:  # a command that renders nothing loads no planner
+    from guidefield.handlers.recording import RecordedMotion
 
 _log = logging.getLogger(__name__)
 

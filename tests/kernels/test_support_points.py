@@ -139,9 +139,7 @@ def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
         rounding=np.array([ball]),
         balls=np.zeros((1, 4)),
     )
-    found = np.empty(3)
-    _FURTHEST(solids, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), *direction, found)
-    return found
+    return np.array(_FURTHEST(solids, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), *direction))
 
 
 @settings(deadline=None, max_examples=200)

@@ -12,9 +12,9 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
-from guidefield.batch.local import CannotWork, answered
+from guidefield.batch.local import answered
 from guidefield.batch.request_file import Item
-from guidefield.batch.results import Outcome, crashed
+from guidefield.batch.results import CannotWork, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import WorkerCrashed
 from guidefield.whole_file import write_whole

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from guidefield.batch.request_file import Item
-from guidefield.batch.results import Outcome, crashed
+from guidefield.batch.results import CannotWork, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, without_path
 from guidefield.messages import codec
@@ -22,10 +22,6 @@ from guidefield.pool.process import Call, Setup
 from guidefield.pool.waiting import BACKSTOP, LONGEST_WORK, Answer, Limits, Task
 from guidefield.rendering import Renderings
 from guidefield.stores.recordings import Recordings
-
-
-class CannotWork(RuntimeError):
-    """There is nobody to work on a batch; says why in one sentence."""
 
 
 def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred: bool = False) -> tuple[bool, bytes]:

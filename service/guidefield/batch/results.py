@@ -22,6 +22,10 @@ READ_AT_ONCE = 1 << 20
 """Buffer for the file that is read [bytes]."""
 
 
+class CannotWork(RuntimeError):
+    """There is nobody to work on a batch; says why in one sentence."""
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What came of one request: JSON of its reply, or else of its error."""

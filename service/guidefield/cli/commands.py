@@ -17,7 +17,7 @@ import msgspec
 import typer
 from rich.console import Console
 
-from guidefield.batch.local import CannotWork
+from guidefield.batch.results import CannotWork
 from guidefield.cli import demonstration, doctoring, ending, serving
 from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
 from guidefield.cli.documentation import pages_table, show_page
