@@ -20,7 +20,7 @@ from guidefield.messages import codec, scene as messages
 from guidefield.messages.own_scenes import make_own
 from guidefield.messages.scene_changes import SceneDiff, changed
 from guidefield.messages.values import Placement
-from guidefield.prove.tables import obstacles_at_first
+from guidefield.prove.tables import obstacle_bodies
 from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY, Rows, carried
@@ -109,7 +109,7 @@ def tables(scene: Scene) -> dict[str, Any]:
         "moving": moving_tables(scene),
         "field": scene.tables,
     }
-    return made if scene.moves else made | {"proved": obstacles_at_first(scene)}
+    return made if scene.moves else made | {"proved": obstacle_bodies(scene, timed=False)}
 
 
 def bits(value: Any) -> Any:

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from guidefield.collision.clearance import ClearanceAt, clearance_at
-from guidefield.collision.enclosure import closed_bodies, enclosed_each, enclosed_pairs
+from guidefield.collision.enclosure import enclosed_each
 from guidefield.collision.world import World
 from guidefield.kernels.prove.body_distance import SLACK
 from guidefield.kernels.prove.closest import CANDIDATES, closest_pairs, first_contacts
 from guidefield.kernels.prove.gjk_distance import ACCURACY
 from guidefield.kernels.prove.questions import NEARLY
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
+from guidefield.prove.enclosures import at_time, enclosed_pairs_at
 from guidefield.prove.tables import index_of_pair, world_tables
 from guidefield.read_only import read_only
 from guidefield.robot.model.spaces import ModelConfigurations
@@ -45,7 +46,7 @@ class ClosestPairs:
         moving = self._tables(in_time=in_time)
         if moving is None:
             for q, time in zip(configurations, clock.tolist(), strict=True):
-                yield clearance_at(self._at(time) if in_time else self.world, q)
+                yield clearance_at(at_time(self.world, time) if in_time else self.world, q)
             return
         count = len(configurations)
         distances, pairs = np.empty((count, 2)), np.empty((count, 2, CANDIDATES), np.int64)
@@ -56,7 +57,8 @@ class ClosestPairs:
         apart: np.ndarray = np.any(distances > 0.0, axis=1)  # where own bodies touch, obstacles' distance is told too
         alone: np.ndarray = np.any(pairs[:, :, 0] < -1, axis=1)
         if in_time:
-            enclosed = [self._is_enclosed(q, time) for q, time in zip(configurations[apart], clock[apart], strict=True)]
+            touched = zip(configurations[apart], clock[apart].tolist(), strict=True)
+            enclosed = [bool(enclosed_pairs_at(self.world, q, time)) for q, time in touched]
         else:
             enclosed = [pair is not None for pair in enclosed_each(self.world, [*configurations[apart]])]
         alone[np.flatnonzero(apart)[enclosed]] = True
@@ -64,19 +66,9 @@ class ClosestPairs:
             configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
         ):
             if alone_there:
-                yield clearance_at(self._at(time) if in_time else self.world, q)
+                yield clearance_at(at_time(self.world, time) if in_time else self.world, q)
             else:
                 yield self._measured(q, candidates, time if in_time else None)
-
-    def _at(self, time: float) -> World:
-        """The robot among the obstacles where they are at a time [s]."""
-        return World(self.world.group, self.world.scene.at(time), self.world.pairs)
-
-    def _is_enclosed(self, q: np.ndarray, time: float) -> bool:
-        """Whether a body is wholly inside another at a configuration of the model, (model.nq,), and a time [s]."""
-        if self.world.scene.convex and not closed_bodies(self.world.group).any():
-            return False
-        return bool(enclosed_pairs(self._at(time), q))
 
     def free(self, configurations: ModelConfigurations, *, confirmed: bool = True) -> np.ndarray:
         """Return whether nothing touches, and nothing is wholly inside something else, at each configuration: (n,).

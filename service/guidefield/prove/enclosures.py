@@ -8,6 +8,25 @@ from guidefield.collision.enclosure import closed_bodies, enclosed_pairs
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.prove.curve import Curve
+from guidefield.robot.model.spaces import ModelConfiguration
+
+
+def at_time(world: World, time: float) -> World:
+    """Return the robot among the obstacles where they are at a time [s]; the world itself if none moves."""
+    return World(world.group, world.scene.at(time), world.pairs) if world.scene.moves else world
+
+
+def enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[int]:
+    """Return the pairs of which one body is wholly inside the other.
+
+    Args:
+        world: The robot among obstacles.
+        q: Configuration of the group's model, shape (model.nq,).
+        time: At which obstacles that move are met [s].
+    """
+    if world.scene.convex and not closed_bodies(world.group).any():
+        return []
+    return enclosed_pairs(at_time(world, time), q)
 
 
 def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED) -> list[list[int]]:
@@ -18,12 +37,8 @@ def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadl
     Raises:
         DeadlineExpired: if the deadline passed before all are found.
     """
-    group = world.group
-    if world.scene.convex and not closed_bodies(group).any():
-        return [[] for _ in times]
     found = []
     for time, z in zip(times.tolist(), curve.at(times), strict=True):
         deadline.check("the motion was measured")
-        there = World(group, world.scene.at(time), world.pairs) if world.scene.moves else world
-        found.append(enclosed_pairs(there, group.expand_from_chart(z)))
+        found.append(enclosed_pairs_at(world, world.group.expand_from_chart(z), time))
     return found

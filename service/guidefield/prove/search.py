@@ -301,9 +301,9 @@ class _Search:
 
     def _confirmed(self, reason: Reason, pair: int, parameter: float) -> Reason:
         """Coal's word about a pair where it is refused."""
-        kept = 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
-        found = self._coal(pair, parameter, kept)
+        found = self._coal(pair, parameter)
         if found is None:
+            kept = self._kept(pair)
             names = self._world.pair_names(pair)
             raise ContradictionError(
                 f"the search has {names[0]} and {names[1]} within {1000 * kept:.6g} mm at {self._time(parameter):.6g}"
@@ -311,9 +311,13 @@ class _Search:
             )
         return found if found is not Reason.UNDECIDED else reason
 
-    def _coal(self, pair: int, parameter: float, kept: float) -> Reason | None:
+    def _kept(self, pair: int) -> float:
+        """The distance that a pair has to keep [m]."""
+        return 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
+
+    def _coal(self, pair: int, parameter: float) -> Reason | None:
         """Coal's word about a pair: contact, too close, UNDECIDED within its accuracy, None if it is farther apart."""
-        world = self._world
+        world, kept = self._world, self._kept(pair)
         self._put(pair, parameter)
         if world.touches(pair):
             return Reason.CONTACT
@@ -335,8 +339,7 @@ class _Search:
         step = max(parameter - begin, 1e-12 * self._whole)
         for doubling in range(AHEAD + 1):
             ahead = parameter if doubling == 0 else min(parameter + 2.0 ** (doubling - 1) * step, last)
-            kept = 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
-            found = self._coal(pair, ahead, kept)
+            found = self._coal(pair, ahead)
             if found in (Reason.CONTACT, Reason.TOO_CLOSE):
                 return found, ahead
         return Reason.UNDECIDED, parameter

@@ -67,13 +67,13 @@ def world_tables(world: World, *, in_time: bool) -> WorldTables:
 
 @lasting
 def _tables_at_first(world: World) -> WorldTables:
-    obstacles = obstacles_at_first(world.scene)
+    obstacles = obstacle_bodies(world.scene, timed=False)
     return WorldTables(robot_bodies(world), obstacles, NOTHING_MOVES, body_pairs(world), arithmetic_error(world))
 
 
 @lasting
 def _tables_in_time(world: World) -> WorldTables:
-    obstacles, movers = obstacles_in_time(world.scene), moving_placements(world.scene)
+    obstacles, movers = obstacle_bodies(world.scene, timed=True), moving_placements(world.scene)
     return _tables_at_first(world)._replace(obstacles=obstacles, movers=movers)
 
 
@@ -154,6 +154,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
     return robot
 
 
+@memoized
 def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
     """The obstacles of a scene where they are first; those that move apart from the others where time counts."""
     boxes, (roots, parts, anchor) = obstacle_boxes(scene), _obstacle_parts(scene)
@@ -172,18 +173,6 @@ def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
     )  # fmt: skip
     read_only(axes, order, apart, movers_of, tables.nodes, tables.levels)
     return tables
-
-
-@memoized
-def obstacles_at_first(scene: Scene) -> ObstacleBodies:
-    """The obstacles of a scene, all at rest where they are first."""
-    return obstacle_bodies(scene, timed=False)
-
-
-@memoized
-def obstacles_in_time(scene: Scene) -> ObstacleBodies:
-    """The obstacles of a scene of which some move."""
-    return obstacle_bodies(scene, timed=True)
 
 
 def _over(known: np.ndarray, changed: Rows, scene: Scene) -> np.ndarray:
