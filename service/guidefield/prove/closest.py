@@ -15,7 +15,7 @@ from guidefield.kernels.prove.closest import CANDIDATES, closest_pairs, first_co
 from guidefield.kernels.prove.gjk_distance import ACCURACY
 from guidefield.kernels.prove.questions import NEARLY
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
-from guidefield.prove.enclosures import at_time, enclosed_pairs_at
+from guidefield.prove.enclosures import enclosed_pairs_at, world_at
 from guidefield.prove.tables import index_of_pair, world_tables
 from guidefield.read_only import read_only
 from guidefield.robot.model.spaces import ModelConfigurations
@@ -46,7 +46,7 @@ class ClosestPairs:
         moving = self._tables(in_time=in_time)
         if moving is None:
             for q, time in zip(configurations, clock.tolist(), strict=True):
-                yield clearance_at(at_time(self.world, time) if in_time else self.world, q)
+                yield clearance_at(world_at(self.world, time) if in_time else self.world, q)
             return
         count = len(configurations)
         distances, pairs = np.empty((count, 2)), np.empty((count, 2, CANDIDATES), np.int64)
@@ -66,9 +66,9 @@ class ClosestPairs:
             configurations, clock.tolist(), alone.tolist(), pairs.tolist(), strict=True
         ):
             if alone_there:
-                yield clearance_at(at_time(self.world, time) if in_time else self.world, q)
+                yield clearance_at(world_at(self.world, time) if in_time else self.world, q)
             else:
-                yield self._measured(q, candidates, time if in_time else None)
+                yield self._measure_candidates(q, candidates, time if in_time else None)
 
     def free(self, configurations: ModelConfigurations, *, confirmed: bool = True) -> np.ndarray:
         """Return whether nothing touches, and nothing is wholly inside something else, at each configuration: (n,).
@@ -102,7 +102,7 @@ class ClosestPairs:
         robot, obstacles, movers, pairs, _ = world_tables(self.world, in_time=in_time)
         return MovingRobot(robot, obstacles, movers, pairs, _NO_MOTION)
 
-    def _measured(self, q: np.ndarray, candidates: list[list[int]], time: float | None) -> ClearanceAt:
+    def _measure_candidates(self, q: np.ndarray, candidates: list[list[int]], time: float | None) -> ClearanceAt:
         """Coal's measure of the closest pairs at a configuration of the model, shape (model.nq,), and a time [s]."""
         world = self.world
         world.place(q)

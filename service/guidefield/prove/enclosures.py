@@ -11,7 +11,7 @@ from guidefield.prove.curve import Curve
 from guidefield.robot.model.spaces import ModelConfiguration
 
 
-def at_time(world: World, time: float) -> World:
+def world_at(world: World, time: float) -> World:
     """Return the robot among the obstacles where they are at a time [s]; the world itself if none moves."""
     return World(world.group, world.scene.at(time), world.pairs) if world.scene.moves else world
 
@@ -26,7 +26,7 @@ def enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[
     """
     if world.scene.convex and not closed_bodies(world.group).any():
         return []
-    return enclosed_pairs(at_time(world, time), q)
+    return enclosed_pairs(world_at(world, time), q)
 
 
 def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadline = UNLIMITED) -> list[list[int]]:

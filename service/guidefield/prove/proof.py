@@ -152,7 +152,7 @@ class _Writer:
 
     def proof(self, claims: np.ndarray, segments: np.ndarray) -> Proof:
         """The proof."""
-        names, told = self._world.body_names, self._told_bodies()
+        names, told = self._world.body_names, self._list_bodies()
         place = {body: index for index, body in enumerate(told)}
         numbers = [names[: body if body < self._links else self._links].count(names[body]) for body in told]
         nodes = [_Nodes(*self._tree(body)) for body in told]
@@ -170,7 +170,7 @@ class _Writer:
             for row, (body, node) in enumerate(zip(self._ends[:, side].tolist(), used[:, side].tolist(), strict=True)):
                 at = place[body]
                 slab_nodes[row, side] = first[at] + nodes[at].order[node]
-        written = [_written(one, self._frame(body)) for one, body in zip(nodes, told, strict=True)]
+        written = [_write_tree(one, self._frame(body)) for one, body in zip(nodes, told, strict=True)]
         shapes = [shape for _, some, _, _ in written for shape in some]
         below = np.cumsum([0, *(len(some) for _, some, _, _ in written)])
         children = [np.where(rows >= 0, rows + begin, -1) for (rows, *_), begin in zip(written, first, strict=False)]
@@ -202,7 +202,7 @@ class _Writer:
         read_only(*vars(made).values())
         return made
 
-    def _told_bodies(self) -> list[int]:
+    def _list_bodies(self) -> list[int]:
         """The robot's bodies, and obstacles that are in a slab or move."""
         told = set(range(self._links)) | set(self._ends.ravel().tolist())
         if self._in_time:
@@ -308,7 +308,7 @@ class _Nodes:
         return _Shape(ends + self.anchor, ball, float(numbers[DISC]) if kind == CYLINDER else 0.0, pose[:, 2])
 
 
-def _written(nodes: _Nodes, frame: Any) -> tuple[np.ndarray, list[_Shape], np.ndarray, np.ndarray]:
+def _write_tree(nodes: _Nodes, frame: Any) -> tuple[np.ndarray, list[_Shape], np.ndarray, np.ndarray]:
     """Children of a body's nodes, its shapes in another frame, those of each node, and the origin of them all."""
     links, shapes, origin = nodes.parts.links.reshape(-1, LINK), list[_Shape](), None
     children, of_node = np.full((len(nodes.order), 2), -1), np.full((len(nodes.order), 2), -1)

@@ -212,7 +212,7 @@ class _Search:
         self._questions = np.full((len(asked), ANSWER), np.inf)
         self._questions[:, TIME], self._questions[:, PAIR] = np.nan, -1.0
         for row, (since, until, own) in zip(self._questions, asked, strict=True):
-            row[[SINCE, UNTIL, OWN]] = self._parameter(since), self._parameter(until), own
+            row[[SINCE, UNTIL, OWN]] = self._parameter_at(since), self._parameter_at(until), own
         error += ARITHMETIC * float(np.abs(curve.pieces).max(initial=0.0))
         self._tolerance = max(TOLERANCE, 4.0 * error)
         self._verdict = np.zeros(VERDICT)
@@ -223,7 +223,7 @@ class _Search:
 
     def found(self) -> Found:
         samples = self._goal.samples
-        parameters = np.array([self._parameter(time) for time in samples.tolist()]) if len(samples) else self._ends
+        parameters = np.array([self._parameter_at(time) for time in samples.tolist()]) if len(samples) else self._ends
         distances, waiting = np.empty(len(parameters)), np.zeros((1 + 3 * DEEPEST, INTERVAL))
         waiting[0, BEGINS], waiting[0, ENDS] = self._ends
         low, high = self._curve.box
@@ -244,9 +244,9 @@ class _Search:
             looked = parameters[:0]
         for row in self._questions:
             row[BOUND] = min(row[BOUND], row[DISTANCE] - self._tolerance)
-        answers = [self._answer(row) for row in self._questions]
+        answers = [self._as_smallest(row) for row in self._questions]
         own = answers.pop() if answers else Smallest()
-        return Found(self._told(), answers, own, distances if len(samples) else distances[:0])
+        return Found(self._name_verdict(), answers, own, distances if len(samples) else distances[:0])
 
     def _stop(self, waiting: np.ndarray) -> None:
         """End the verdict where the first segment that waits begins."""
@@ -258,32 +258,32 @@ class _Search:
 
     _stopped = False
 
-    def _parameter(self, time: float) -> float:
+    def _parameter_at(self, time: float) -> float:
         """The parameter at a time [s]."""
         layout = self._layout
         return time if layout.times is layout.clock else float(np.interp(time, layout.clock, layout.times))
 
-    def _time(self, parameter: float) -> float:
+    def _time_at(self, parameter: float) -> float:
         """The time at a parameter [s]."""
         layout = self._layout
         return parameter if layout.times is layout.clock else float(np.interp(parameter, layout.times, layout.clock))
 
-    def _answer(self, row: np.ndarray) -> Smallest:
+    def _as_smallest(self, row: np.ndarray) -> Smallest:
         pair = int(row[PAIR])
         pair = index_of_pair(self._world, pair) if pair >= 0 else -1
-        return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time(float(row[TIME])), pair)
+        return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time_at(float(row[TIME])), pair)
 
-    def _place(self, parameter: float) -> tuple[int, float]:
+    def _find_piece(self, parameter: float) -> tuple[int, float]:
         """Index of a piece and the parameter on it."""
         times = self._layout.times
         piece = int(np.clip(np.searchsorted(times, parameter, side="right") - 1, 0, len(times) - 2))
         return piece, float(np.clip((parameter - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0))
 
-    def _told(self) -> Verdict:
+    def _name_verdict(self) -> Verdict:
         """The verdict in the words of the scene, confirmed by Coal."""
         verdict, segments = self._verdict, int(self._verdict[SEGMENTS]) + 2
         if self._stopped:
-            at = self._place(float(verdict[END]))
+            at = self._find_piece(float(verdict[END]))
             z = self._curve.point(*at)
             return Verdict(Reason.STOPPED, segments, *at, at, None, z)
         if verdict[REASON] == FREE:
@@ -294,31 +294,31 @@ class _Search:
         if reason is Reason.UNDECIDED and index >= 0:
             reason, parameter = self._look_ahead(index, parameter)
         elif index >= 0:
-            reason = self._confirmed(reason, index, parameter)
-        at = self._place(parameter)
+            reason = self._confirm(reason, index, parameter)
+        at = self._find_piece(parameter)
         names = None if index < 0 else self._world.pair_names(index)
-        return Verdict(reason, segments, *at, self._place(float(verdict[END])), names, self._curve.point(*at))
+        return Verdict(reason, segments, *at, self._find_piece(float(verdict[END])), names, self._curve.point(*at))
 
-    def _confirmed(self, reason: Reason, pair: int, parameter: float) -> Reason:
+    def _confirm(self, reason: Reason, pair: int, parameter: float) -> Reason:
         """Coal's word about a pair where it is refused."""
-        found = self._coal(pair, parameter)
+        found = self._ask_coal(pair, parameter)
         if found is None:
-            kept = self._kept(pair)
+            kept = self._distance_to_keep(pair)
             names = self._world.pair_names(pair)
             raise ContradictionError(
-                f"the search has {names[0]} and {names[1]} within {1000 * kept:.6g} mm at {self._time(parameter):.6g}"
-                " of the motion, and Coal hasn't"
+                f"the search has {names[0]} and {names[1]} within {1000 * kept:.6g} mm at"
+                f" {self._time_at(parameter):.6g} of the motion, and Coal hasn't"
             )
         return found if found is not Reason.UNDECIDED else reason
 
-    def _kept(self, pair: int) -> float:
+    def _distance_to_keep(self, pair: int) -> float:
         """The distance that a pair has to keep [m]."""
         return 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
 
-    def _coal(self, pair: int, parameter: float) -> Reason | None:
+    def _ask_coal(self, pair: int, parameter: float) -> Reason | None:
         """Coal's word about a pair: contact, too close, UNDECIDED within its accuracy, None if it is farther apart."""
-        world, kept = self._world, self._kept(pair)
-        self._put(pair, parameter)
+        world, kept = self._world, self._distance_to_keep(pair)
+        self._place_pair(pair, parameter)
         if world.touches(pair):
             return Reason.CONTACT
         if kept > 0.0 and world.penetration(pair, kept) is not None:
@@ -326,12 +326,12 @@ class _Search:
         allowed = with_coal_error(kept) + float(self._verdict[ERROR])
         return None if world.penetration(pair, allowed) is None else Reason.UNDECIDED
 
-    def _put(self, pair: int, parameter: float) -> None:
+    def _place_pair(self, pair: int, parameter: float) -> None:
         """Put the robot, and the obstacle of a pair that moves, where they are at a parameter."""
         world = self._world
-        world.place(world.group.expand_from_chart(self._curve.point(*self._place(parameter))))
+        world.place(world.group.expand_from_chart(self._curve.point(*self._find_piece(parameter))))
         if self._in_time:
-            put_obstacle(world, pair, self._time(parameter))
+            put_obstacle(world, pair, self._time_at(parameter))
 
     def _look_ahead(self, pair: int, parameter: float) -> tuple[Reason, float]:
         """A contact that an undecided place comes before, if there is one shortly after it."""
@@ -339,7 +339,7 @@ class _Search:
         step = max(parameter - begin, 1e-12 * self._whole)
         for doubling in range(AHEAD + 1):
             ahead = parameter if doubling == 0 else min(parameter + 2.0 ** (doubling - 1) * step, last)
-            found = self._coal(pair, ahead)
+            found = self._ask_coal(pair, ahead)
             if found in (Reason.CONTACT, Reason.TOO_CLOSE):
                 return found, ahead
         return Reason.UNDECIDED, parameter

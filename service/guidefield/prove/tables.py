@@ -144,7 +144,7 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         carriers=about.joints.astype(np.int64),
         centres=np.ascontiguousarray(about.centres, float).reshape(-1, 3),
         radii=np.array(about.radii, float),
-        moved_by=_chosen(about.moved_by, np.arange(group.model.nv), group.model.nv),
+        moved_by=_choose(about.moved_by, np.arange(group.model.nv), group.model.nv),
         moves=np.where(about.moved_by, 1.0, -1.0),
         roots=roots,
         parts=parts,
@@ -271,12 +271,12 @@ def _seen_between(group: PlanningGroup, own_pairs: bytes) -> tuple[np.ndarray, n
     costs = np.where(within, np.inf, np.concatenate([np.zeros((len(own), 1)), costs], axis=1))
     at = np.argmin(costs, axis=1)
     before = np.arange(2 * nv) < at[:, None]
-    found = _chosen((between & before)[:, ::-1], order[::-1], nv), _chosen(between & ~before, order, nv)
+    found = _choose((between & before)[:, ::-1], order[::-1], nv), _choose(between & ~before, order, nv)
     read_only(*found)
     return found
 
 
-def _chosen(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
+def _choose(mask: np.ndarray, columns: np.ndarray, width: int) -> np.ndarray:
     """The columns (k,) that a mask (n, k) has in each row, in order, and -1 behind them, shape (n, width)."""
     at = np.argsort(~mask, axis=1, kind="stable")[:, :width]
     rows: np.ndarray = np.where(np.arange(width) < mask.sum(axis=1, keepdims=True), columns[at], -1)
@@ -317,7 +317,7 @@ def robot_parts(group: PlanningGroup) -> BodyParts:
         add = table.add_surface if isinstance(shape.geometry, coal.BVHModelBase) else table.add_shape
         roots.append(add(shape.geometry, placement))
     read_only(anchor)
-    return BodyParts(_frozen(roots), table.tables(), anchor)
+    return BodyParts(_freeze(roots), table.tables(), anchor)
 
 
 @memoized
@@ -329,7 +329,7 @@ def _obstacle_parts(scene: Scene) -> BodyParts:
     # single precision tells little of coordinates far away
     boxes = obstacle_boxes(scene).tree.boxes
     anchor = np.median(0.5 * (boxes[:, :3] + boxes[:, 3:]), axis=0)
-    shifted = [_shifted(obstacle.message, anchor) for obstacle in scene.obstacles]
+    shifted = [_shift(obstacle.message, anchor) for obstacle in scene.obstacles]
     read_only(anchor)
     return _parts_in_world(build(messages.Scene(name=scene.message.name, obstacles=shifted)))._replace(anchor=anchor)
 
@@ -346,10 +346,10 @@ def _parts_in_world(scene: Scene) -> BodyParts:
         else table.add_shape(obstacle.shape, obstacle.placement)
         for obstacle in scene.obstacles
     ]
-    return BodyParts(_frozen(roots), table.tables(), _ORIGIN)
+    return BodyParts(_freeze(roots), table.tables(), _ORIGIN)
 
 
-def _shifted(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
+def _shift(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
     """An obstacle at rest as seen from an anchor, shape (3,) [m]; a half-space, whose numbers are exact, as it is."""
     if isinstance(message, messages.HalfSpace):
         return msgspec.structs.replace(message, trajectory=None)
@@ -366,7 +366,7 @@ _ORIGIN = np.zeros(3)
 read_only(_ORIGIN)
 
 
-def _frozen(roots: list[int]) -> np.ndarray:
+def _freeze(roots: list[int]) -> np.ndarray:
     array = np.array(roots, np.int64)
     read_only(array)
     return array
