@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from guidefield.cli.loopback import LOOPBACK, free_port
-from guidefield.client.exchange import ASKS, Exchange, awaited
+from guidefield.client.exchange import ASKS, Exchange, await_answer
 from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy
 from guidefield.messages import codec
@@ -25,7 +25,7 @@ from tests.journeys.service import ANSWERED_WITHIN, await_that
 INTERRUPTED_IN_ANOTHER_THREAD = """
 import signal, sys, threading, time
 from concurrent.futures import Future
-from guidefield.client.exchange import awaited
+from guidefield.client.exchange import await_answer
 
 def take_it():
     time.sleep(0.2)  # until the main thread waits
@@ -34,7 +34,7 @@ def take_it():
 signal.signal(signal.SIGINT, signal.default_int_handler)
 threading.Thread(target=take_it, daemon=True).start()
 try:
-    awaited(Future())
+    await_answer(Future())
 except KeyboardInterrupt:
     sys.exit("interrupted")
 """
@@ -43,11 +43,11 @@ except KeyboardInterrupt:
 def test_an_answer_is_what_it_holds_or_raises_it() -> None:
     answer: Future[bytes] = Future()
     answer.set_result(b"answer")
-    assert awaited(answer) == b"answer"
+    assert await_answer(answer) == b"answer"
     refused: Future[bytes] = Future()
     refused.set_exception(ServerBusy("later"))
     with pytest.raises(ServerBusy, match="later"):
-        awaited(refused)
+        await_answer(refused)
 
 
 def test_a_ctrl_c_that_another_thread_takes_interrupts_the_wait() -> None:

@@ -58,7 +58,7 @@ def test_a_ctrl_c_is_a_ctrl_c(exchange: Exchange, monkeypatch: pytest.MonkeyPatc
     def interrupted(_answer: Future[bytes]) -> bytes:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(client, "awaited", interrupted)
+    monkeypatch.setattr(client, "await_answer", interrupted)
     with pytest.raises(KeyboardInterrupt):
         client.Client(exchange).plan(PLAN)  # type: ignore[arg-type]
     assert exchange.asked[1].endswith("/cancel")

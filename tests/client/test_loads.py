@@ -26,10 +26,10 @@ def test_a_burst_is_spread_though_nobody_told_anything_yet() -> None:
 def test_what_others_ask_counts_and_ones_own_only_once() -> None:
     loads = Loads()
     loads.begin("a")
-    loads.be_told("a", workers=2, work=1)  # this client's own
-    loads.be_told("b", workers=2, work=2)
+    loads.report("a", workers=2, work=1)  # this client's own
+    loads.report("b", workers=2, work=2)
     assert loads.least({"a", "b"}, "b") == "a"
-    loads.be_told("a", workers=2, work=5)
+    loads.report("a", workers=2, work=5)
     assert loads.least({"a", "b"}, "a") == "b"
     loads.forget("a")
     loads.end("a")
@@ -44,7 +44,7 @@ def test_what_others_ask_counts_and_ones_own_only_once() -> None:
 def test_nobody_is_given_more_while_another_one_has_less(told: dict[str, tuple[int, int]], burst: int) -> None:
     loads, own = Loads(), Counter[str]()
     for name, (workers, others) in told.items():
-        loads.be_told(name, workers, others)
+        loads.report(name, workers, others)
     for _ in range(burst):
         least = loads.least(told, None)
         assert least is not None

@@ -49,7 +49,7 @@ class AsyncServiceStream(StreamFacts):
         self._link = StreamLink(exchange, request, fields, clock, self._wake)
 
     async def __aenter__(self) -> Self:
-        await self._open(self._link.opening())
+        await self._open(self._link.start_opening())
         return self
 
     async def __aexit__(
@@ -59,7 +59,7 @@ class AsyncServiceStream(StreamFacts):
 
     async def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
         """Send what is seen, as `ServiceStream.update`; waits for no answer. Its time [s]."""
-        filled = self._link.filled(update, fields)
+        filled = self._link.complete_update(update, fields)
         if filled.declare or filled.gone:
             await asyncio.to_thread(self._link.put, filled)
         else:
@@ -88,7 +88,7 @@ class AsyncServiceStream(StreamFacts):
         """Change the goal, as `ServiceStream.aim_for`; its number."""
         question, asked = self._link.aim(goal)
         aimed: StreamAimed = await self._ask(question)
-        self._link.aimed(asked)
+        self._link.set_goal(asked)
         return aimed.goal
 
     async def judged(self, time: float | None = None) -> StreamJudged:
@@ -105,7 +105,7 @@ class AsyncServiceStream(StreamFacts):
 
     async def reopen(self, start: Positions) -> None:
         """Open it again after it has ended, from where the robot stands, as `ServiceStream.reopen`."""
-        await self._open(self._link.reopening(start))
+        await self._open(self._link.start_reopening(start))
 
     async def close(self) -> None:
         """End it; what was sent last is executed to its end."""
@@ -115,7 +115,7 @@ class AsyncServiceStream(StreamFacts):
 
     async def _open(self, question: Question[StreamReply]) -> None:
         try:
-            self._link.opened(await self._ask(question))
+            self._link.accept(await self._ask(question))
         except asyncio.CancelledError:
             await self._end_quickly()
             self._link.silence()

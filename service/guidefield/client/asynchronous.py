@@ -11,7 +11,7 @@ from typing import Any, Literal, Self, TypeVar, cast
 
 from guidefield.client import questions
 from guidefield.client.async_streams import AsyncServiceStream
-from guidefield.client.client import GIVE_UP_WITHIN, exchange_with
+from guidefield.client.client import GIVE_UP_WITHIN, connect_exchange
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.run_pages import RunPages
@@ -59,7 +59,7 @@ class AsyncClient:
         wait: float = 3.0,
     ) -> Self:
         """Connect to a service, as `Client.connect`."""
-        return cls(await asyncio.to_thread(exchange_with, endpoints, instance, config, user, wait))
+        return cls(await asyncio.to_thread(connect_exchange, endpoints, instance, config, user, wait))
 
     async def __aenter__(self) -> Self:
         return self
@@ -115,7 +115,7 @@ class AsyncClient:
     async def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
         loop = asyncio.get_running_loop()
-        hear = None if progress is None else _called_by(loop, progress)
+        hear = None if progress is None else _call_in_loop(loop, progress)
         with watching(self._exchange.session, self._exchange.user, question.run_id, hear):
             try:
                 return await self._ask(question)
@@ -142,7 +142,7 @@ class AsyncClient:
             raise
 
     async def cancel_request(self, request_id: str) -> str:
-        """End a kinematics request early, by its `request_id`: whoever waits for it gets `Preempted`."""
+        """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`."""
         return (await self._ask(questions.cancel_request(request_id))).done
 
     def stream(
@@ -161,7 +161,7 @@ class AsyncClient:
         return (await self._ask(questions.streams())).streams
 
     async def stream_recording(self, stream_id: str) -> bytes:
-        """The recording of what is kept of a stream, open or over, to be written to an `.rrd` file."""
+        """Return the recording of a stream, open or ended, as the bytes of an `.rrd` file."""
         return await self._ask(questions.stream_recording(stream_id))
 
     async def robots(self) -> RobotsReply:
@@ -222,12 +222,12 @@ class AsyncClient:
     ) -> contextlib.AbstractContextManager[None]:
         """Hear what changes about a stored scene, as long as the block runs; the event loop calls `hear`."""
         loop = asyncio.get_running_loop()
-        return watching_scene(self._exchange.session, self._exchange.user, name, _called_by(loop, hear))
+        return watching_scene(self._exchange.session, self._exchange.user, name, _call_in_loop(loop, hear))
 
     def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
         """Hear how far a run is that was asked for elsewhere; the event loop calls `hear`."""
         loop = asyncio.get_running_loop()
-        return watching(self._exchange.session, self._exchange.user, run_id, _called_by(loop, hear))
+        return watching(self._exchange.session, self._exchange.user, run_id, _call_in_loop(loop, hear))
 
     async def delete_scene(self, name: str) -> None:
         """Forget a stored scene."""
@@ -244,8 +244,8 @@ class AsyncClient:
         after: str | None = None,
     ) -> RunsReply:
         """The runs that are kept, newest first; the arguments are those of `Client.runs`."""
-        wanted = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        pages = RunPages(codec.convert(wanted, ReadRuns), limit)
+        filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
+        pages = RunPages(codec.convert(filters, ReadRuns), limit)
         while (question := pages.ask()) is not None:
             pages.add(await self._ask(question))
         return pages.reply
@@ -278,8 +278,8 @@ class AsyncClient:
         return question.read(await asyncio.wrap_future(self._exchange.ask(question)))
 
 
-def _called_by(loop: asyncio.AbstractEventLoop, hear: Callable[[_T], None]) -> Callable[[_T], None]:
-    def called(told: _T) -> None:
-        loop.call_soon_threadsafe(hear, told)
+def _call_in_loop(loop: asyncio.AbstractEventLoop, hear: Callable[[_T], None]) -> Callable[[_T], None]:
+    def call(message: _T) -> None:
+        loop.call_soon_threadsafe(hear, message)
 
-    return called
+    return call

@@ -10,10 +10,10 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Literal, Self, TypeVar, cast
 
 from guidefield.client import questions
-from guidefield.client.exchange import Exchange, awaited
+from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.run_pages import RunPages
-from guidefield.client.session import configured, configured_user, linked, opened, unreachable
+from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
 from guidefield.client.streams import ServiceStream
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
@@ -38,7 +38,7 @@ from guidefield.messages.values import Placement, RootJoint
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 GIVE_UP_WITHIN = 2.0
-"""How long the answer to a cancel is waited for where the caller is on its way out [s]."""
+"""Time to wait for the answer to a cancel when the caller is being interrupted [s]."""
 
 _R = TypeVar("_R")
 
@@ -50,7 +50,7 @@ class Client:
     instances, each plan and kinematics request goes to the freest, of those that have what this client stored and it
     names; stored robots, scenes and runs are an instance's own. The client imports no numeric package.
 
-    Whatever is asked raises the exception that the service's ``reply_err`` stands for, and `NoService` where nobody
+    Every method raises the exception that the service's ``reply_err`` names, and `NoService` where no service
     answers. A plan that was not found raises nothing: look at its `status`.
 
     Args:
@@ -96,7 +96,7 @@ class Client:
             ValueError: if an endpoint isn't one, or the configuration is wrong.
             MalformedRequest: if nobody can be a user of that name.
         """
-        return cls(exchange_with(endpoints, instance, config, user, wait))
+        return cls(connect_exchange(endpoints, instance, config, user, wait))
 
     def __enter__(self) -> Self:
         return self
@@ -129,7 +129,7 @@ class Client:
     ) -> PlanReply:
         """Ask for a motion; give a request, or its fields by name.
 
-        A run id is made where the request has none. Whoever interrupts the wait, as Ctrl-C does, ends the run.
+        A request without a run id gets one. Interrupting the wait, as Ctrl-C does, ends the run.
 
         Args:
             request: The request.
@@ -158,7 +158,7 @@ class Client:
     ) -> CertifyReply:
         """Ask whether a motion is free and within limits; give a request, or its fields by name.
 
-        A run id is made where the request has none. Whoever interrupts the wait, as Ctrl-C does, ends the run.
+        A request without a run id gets one. Interrupting the wait, as Ctrl-C does, ends the run.
 
         Args:
             request: The request.
@@ -179,7 +179,7 @@ class Client:
         with watching(self._exchange.session, self._exchange.user, question.run_id, progress):
             answer = self._exchange.ask(question)
             try:
-                return question.read(awaited(answer))
+                return question.read(await_answer(answer))
             except (KeyboardInterrupt, SystemExit):
                 with contextlib.suppress(TimeoutError, GuidefieldError):
                     self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
@@ -199,7 +199,7 @@ class Client:
     def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials.
 
-        A name is made where the request has no `request_id`. Whoever interrupts the wait, as Ctrl-C does, ends it.
+        A request without a `request_id` gets one. Interrupting the wait, as Ctrl-C does, ends the request.
 
         Args:
             request: One of the four kinematics requests, or the same as a dict.
@@ -216,7 +216,7 @@ class Client:
         question = questions.kinematics(request)
         answer = self._exchange.ask(question)
         try:
-            return question.read(awaited(answer))
+            return question.read(await_answer(answer))
         except (KeyboardInterrupt, SystemExit):
             assert question.request_id is not None, "kinematics is asked for with a name"
             with contextlib.suppress(TimeoutError, GuidefieldError):
@@ -224,7 +224,7 @@ class Client:
             raise
 
     def cancel_request(self, request_id: str) -> str:
-        """End a kinematics request early, by its `request_id`: whoever waits for it gets `Preempted`.
+        """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`.
 
         Args:
             request_id: Its name.
@@ -261,7 +261,7 @@ class Client:
         return self._ask(questions.streams()).streams
 
     def stream_recording(self, stream_id: str) -> bytes:
-        """The recording of what is kept of a stream, open or over, to be written to an `.rrd` file.
+        """Return the recording of a stream, open or ended, as the bytes of an `.rrd` file.
 
         Args:
             stream_id: Its name.
@@ -405,7 +405,7 @@ class Client:
 
         Args:
             run_id: Its name; of another user's, which is shared, with the user before it: ``alice:r1``.
-            hear: Is called, in another thread, each time that it is told.
+            hear: Is called, in another thread, with each progress report.
         """
         return watching(self._exchange.session, self._exchange.user, run_id, hear)
 
@@ -437,11 +437,11 @@ class Client:
             robot: Only those of a robot.
             since: Only those begun since then [s since 1970].
             text: Only those with this text in the message of their status.
-            limit: At most so many; None: all.
+            limit: The largest number of runs; None: no limit.
             after: Only those that follow in the list, by the `next` of an earlier reply; None: from the newest on.
         """
-        wanted = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        pages = RunPages(codec.convert(wanted, ReadRuns), limit)
+        filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
+        pages = RunPages(codec.convert(filters, ReadRuns), limit)
         while (question := pages.ask()) is not None:
             pages.add(self._ask(question))
         return pages.reply
@@ -492,24 +492,24 @@ class Client:
         return self._ask(questions.info())
 
     def _ask(self, question: Question[_R]) -> _R:
-        return question.read(awaited(self._exchange.ask(question)))
+        return question.read(await_answer(self._exchange.ask(question)))
 
 
-def exchange_with(
+def connect_exchange(
     endpoints: tuple[str, ...], instance: str | None, config: Path | None, user: str | None, wait: float
 ) -> Exchange:
-    """What carries questions to a service that is there; raises as `Client.connect`."""
+    """Connect an exchange to a service; raises as `Client.connect`."""
     deadline = time.monotonic() + wait
     where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
-    settings = configured(where, config)
-    asking = checked_user(user) if user is not None else configured_user(settings)
-    exchange = Exchange(opened(settings, deadline), instance, asking)
+    settings = build_config(where, config)
+    asking = checked_user(user) if user is not None else read_user(settings)
+    exchange = Exchange(open_session(settings, deadline), instance, asking)
     try:
         exchange.await_instance(deadline - time.monotonic())
     except BaseException as error:
-        alone = isinstance(error, NoService) and not linked(exchange.session)
+        alone = isinstance(error, NoService) and not has_link(exchange.session)
         exchange.close()
         if alone:
-            raise unreachable(settings, "there is no link to any of them") from None
+            raise explain_no_link(settings, "there is no link to any of them") from None
         raise
     return exchange

@@ -34,7 +34,7 @@ MOST_RETURNS = 5
 PAUSE = 0.1
 """How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
 LOOK_UP = 0.2
-"""How often who waits for an answer looks up [s]."""
+"""Period at which a waiting caller handles signals [s]."""
 ASKS = "guidefield-ask"
 """The name of a thread that asks another instance."""
 MOST_RUNS = 1_000
@@ -106,13 +106,13 @@ class Exchange:
         return instance in self._instances.living()
 
     def ask(self, question: Question[Any]) -> Future[bytes]:
-        """The payload of the answer to come; or the exception that the service's error stands for.
+        """Ask, and return the future payload of the answer, or the exception that the service's error names.
 
         Raises:
             MalformedRequest: if its key can't be asked for.
         """
         asking = _Asking(self, question)
-        asking.answer.set_running_or_notify_cancel()  # who waits may give up, the question stays on its way
+        asking.answer.set_running_or_notify_cancel()  # a caller may give up, the question stays on its way
         asking.send(self._asked_for(question))
         return asking.answer
 
@@ -233,7 +233,7 @@ class _Asking:
         if self._brought and self._brought[0].ok is not None:
             self.answer.set_result(bytes(self._brought[0].ok.payload.to_bytes()))
             return
-        error = self._refusal() if self._brought else self._gone()
+        error = self._refusal() if self._brought else self._explain_silence()
         refused = isinstance(error, ServerBusy | QuotaExceeded) and self._exchange.has_other(self._tried)
         if not self._brought or refused:
             # Not in Zenoh's own thread: to look for another instance takes its answers.
@@ -253,8 +253,8 @@ class _Asking:
                 time.sleep(PAUSE * 2**self._returns)
                 self._returns += 1
             self.send(other)
-        except Exception as failure:  # whoever waits must hear of it
-            with contextlib.suppress(InvalidStateError):  # a session that closes meanwhile has both ends tell
+        except Exception as failure:  # the waiting caller must get it
+            with contextlib.suppress(InvalidStateError):  # a closing session may set it, too
                 self.answer.set_exception(failure)
 
     def _may_return(self) -> bool:
@@ -264,26 +264,26 @@ class _Asking:
             self._departures, self._returns = departures, 0
         return self._returns < MOST_RETURNS
 
-    def _gone(self) -> NoService:
+    def _explain_silence(self) -> NoService:
         """Zenoh brings no answer where the instance is gone, and where this client has no right to the key."""
         name, key = self._instance, self._question.key
         if self._exchange.is_there(name):
-            told = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
+            words = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
         else:
-            told = f"no service named {name!r} answers any more"
-        return NoService(told, instance=name, key=key)
+            words = f"no service named {name!r} answers any more"
+        return NoService(words, instance=name, key=key)
 
     def _refusal(self) -> GuidefieldError:
-        """What an error stands for; Zenoh itself answers, in words, where the time is up."""
+        """Return the exception of an error reply; Zenoh itself replies in words when the time is up."""
         payload = self._brought[0].err.payload.to_bytes()
         timeout, words = self._question.timeout, payload.decode(errors="replace")
         return refusal(payload) or NoService(f"no answer within {timeout:g} s ({words})", timeout=timeout)
 
 
-def awaited(answer: Future[bytes]) -> bytes:
-    """What an answer holds, once it is there; or raises what it holds.
+def await_answer(answer: Future[bytes]) -> bytes:
+    """Wait for an answer and return its payload, or raise its exception.
 
-    It looks up meanwhile: a Ctrl-C that the system gives to a thread of Zenoh doesn't wake the one that waits.
+    The wait is periodic, because a Ctrl-C that the system hands to a thread of Zenoh doesn't wake the waiting thread.
     """
     while not wait([answer], LOOK_UP).done:
         pass

@@ -1,4 +1,4 @@
-"""What a robot executes of a stream: pieces that it takes, each followed by another one or executed to its stop."""
+"""The motion of a robot that executes the pieces of a stream, each followed by another or executed to its stop."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from guidefield.messages.streams import Piece
 
-MOST_WAITING = 64
-"""So many pieces may wait to begin; the oldest are forgotten."""
+MAX_WAITING_PIECES = 64
+"""The largest number of pieces that wait to begin; the oldest are dropped."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Execution:
         self.late = 0
         self._start = tuple(start)
         self._piece: Piece | None = None
-        self._waiting: deque[Piece] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[Piece] = deque(maxlen=MAX_WAITING_PIECES)
 
     def take(self, piece: Piece, now: float) -> bool:
         """Have a piece executed, if it begins after now [s]; whether it does, and follows what is executed then."""
@@ -84,18 +84,18 @@ class Execution:
         still = (0.0,) * len(self._start)
         if self._piece is None:
             return Motion(self._start, still, still)
-        told = self._piece.trajectory
-        if now >= told.times[-1]:
-            return Motion(tuple(told.positions[-1]), still, still)
-        k = max(0, bisect_right(told.times, now) - 1)
-        s, span = now - told.times[k], told.times[k + 1] - told.times[k]
-        rows = zip(told.positions[k], told.velocities[k], told.accelerations[k], told.accelerations[k + 1], strict=True)
-        moved = []
+        trajectory = self._piece.trajectory
+        if now >= trajectory.times[-1]:
+            return Motion(tuple(trajectory.positions[-1]), still, still)
+        k = max(0, bisect_right(trajectory.times, now) - 1)
+        s, span = now - trajectory.times[k], trajectory.times[k + 1] - trajectory.times[k]
+        positions, velocities = trajectory.positions[k], trajectory.velocities[k]
+        rows = zip(positions, velocities, trajectory.accelerations[k], trajectory.accelerations[k + 1], strict=True)
+        states = []
         for q, v, a, after in rows:
             jerk = (after - a) / span
-            moved.append((q + s * (v + s * (a / 2 + s * jerk / 6)), v + s * (a + s * jerk / 2), a + s * jerk))
-        positions, velocities, accelerations = zip(*moved, strict=True)
-        return Motion(positions, velocities, accelerations)
+            states.append((q + s * (v + s * (a / 2 + s * jerk / 6)), v + s * (a + s * jerk / 2), a + s * jerk))
+        return Motion(*zip(*states, strict=True))
 
     @property
     def _number(self) -> int:

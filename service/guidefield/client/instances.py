@@ -18,8 +18,8 @@ from guidefield.messages.replies import InfoReply
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What an instance told: how many workers it has, and how much of what it had to do was not this client's."""
+class _Load:
+    """The last report of an instance: its number of workers, and its queries from other clients."""
 
     workers: int
     others: int
@@ -30,7 +30,7 @@ class Loads:
 
     def __init__(self) -> None:
         self._own = Counter[str]()
-        self._told: dict[str, _Told] = {}
+        self._reported: dict[str, _Load] = {}
         self._lock = threading.Lock()
 
     def begin(self, instance: str) -> None:
@@ -43,15 +43,15 @@ class Loads:
         with self._lock:
             self._own[instance] -= 1
 
-    def be_told(self, instance: str, workers: int, work: int) -> None:
-        """What an instance tells of itself: how many workers it has, and what they work on or waits for them."""
+    def report(self, instance: str, workers: int, work: int) -> None:
+        """Take an instance's report: its number of workers, and its queries, running and waiting."""
         with self._lock:
-            self._told[instance] = _Told(max(workers, 1), max(0, work - self._own[instance]))
+            self._reported[instance] = _Load(max(workers, 1), max(0, work - self._own[instance]))
 
     def forget(self, instance: str) -> None:
         """It is gone; when it comes back it has nothing to do, as far as is known."""
         with self._lock:
-            self._told.pop(instance, None)
+            self._reported.pop(instance, None)
 
     def least(self, instances: Iterable[str], preferred: str | None) -> str | None:
         """The instance that has the least to do for each worker; of those that are equal the preferred one.
@@ -65,8 +65,8 @@ class Loads:
         return min(shares, key=lambda name: (shares[name], name != preferred), default=None)
 
     def _share(self, instance: str) -> float:
-        told = self._told.get(instance, _Told(1, 0))
-        return (self._own[instance] + told.others) / told.workers
+        reported = self._reported.get(instance, _Load(1, 0))
+        return (self._own[instance] + reported.others) / reported.workers
 
 
 REFRESHED_EVERY = 0.5
@@ -105,17 +105,17 @@ class Instances:
             self._refreshed = now
         self._session.get(
             self._briefly,
-            zenoh.handlers.Callback(self._be_told, indirect=False),
+            zenoh.handlers.Callback(self._take_report, indirect=False),
             encoding=Encoding.MSGPACK.value,
             timeout=ASK_WITHIN,
         )
 
-    def _be_told(self, reply: zenoh.Reply) -> InfoReply | None:
+    def _take_report(self, reply: zenoh.Reply) -> InfoReply | None:
         """What an instance says about itself; None where it doesn't answer."""
         if reply.ok is None:
             return None
         info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
-        self.loads.be_told(_instance(reply.ok.key_expr), info.workers, info.busy + info.queue)
+        self.loads.report(_instance(reply.ok.key_expr), info.workers, info.busy + info.queue)
         return info
 
     def close(self) -> None:
@@ -168,8 +168,8 @@ class Instances:
         infos = {}
         encoding = Encoding.MSGPACK.value
         for reply in self._session.get(self._briefly, encoding=encoding, timeout=ASK_WITHIN):
-            if (told := self._be_told(reply)) is not None:
-                infos[_instance(reply.ok.key_expr)] = told
+            if (report := self._take_report(reply)) is not None:
+                infos[_instance(reply.ok.key_expr)] = report
         return infos
 
     def _heard(self, token: zenoh.Sample) -> None:

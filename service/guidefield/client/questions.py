@@ -1,4 +1,4 @@
-"""What can be asked: the key, the message and the kind of reply of each question, without a network."""
+"""The questions of a client: key, message and kind of reply of each, without a network."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ KinematicsReply = (
 )
 
 ANSWER_TIMEOUT = 660.0
-"""How long an answer to anything but a plan is waited for; longer than the service lets a worker work [s]."""
-_NOT_ASKED = (None, LARGEST_PAGE)
+"""Time to wait for an answer to anything but a run; longer than the service lets a worker work [s]."""
+_DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that mean the same where they are left out."""
 PLAN_MARGIN = 90.0
-"""How much longer than it may take the answer to a run is waited for; more than the service's own margin [s]."""
+"""Time to wait for a run beyond its allowed time; more than the service's own margin [s]."""
 
 _WORD = re.compile(r"[^/?#*$;]+")
-"""What can be one chunk of a key, or the value of a parameter."""
+"""One chunk of a key, or the value of a parameter."""
 
 _R = TypeVar("_R")
 _Q = TypeVar("_Q", PlanRequest, CertifyRequest, StreamOpen)
@@ -122,7 +122,7 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
     Raises:
         MalformedRequest: if that isn't a plan request, or both are given.
     """
-    given = codec.decode_request(_either("plan", request, fields))
+    given = codec.decode_request(_take_either("plan", request, fields))
     if not isinstance(given, PlanRequest):
         raise MalformedRequest(f"a plan is asked for with a PlanRequest, not with {type(given).__name__}")
     return _run("plan", given, given.allowed_planning_time, PlanReply)
@@ -138,7 +138,7 @@ def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, A
     Raises:
         MalformedRequest: if that isn't a certify request, or both are given.
     """
-    asked = _either("certify", request, fields)
+    asked = _take_either("certify", request, fields)
     given = codec.decode_request({"type": CERTIFY, **asked} if isinstance(asked, dict) else asked)
     if not isinstance(given, CertifyRequest):
         raise MalformedRequest(f"a judgement is asked for with a CertifyRequest, not with {type(given).__name__}")
@@ -154,18 +154,20 @@ def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[Kinemati
     given = codec.convert(request, KinematicsRequest) if isinstance(request, dict) else request
     request_id = given.request_id or uuid.uuid4().hex
     named = msgspec.structs.replace(given, request_id=request_id)
-    read, timeout = _reader("kinematics", _kinematics_reply(given)), given.allowed_time + PLAN_MARGIN
-    return Question("kinematics", read, _sent(named), timeout, request_id=request_id, work=True, needs=_needed(given))
+    read, timeout = _make_reader("kinematics", _kinematics_reply(given)), given.allowed_time + PLAN_MARGIN
+    return Question(
+        "kinematics", read, _encode(named), timeout, request_id=request_id, work=True, needs=_list_needs(given)
+    )
 
 
 def robots() -> Question[RobotsReply]:
     """The robots that can be named."""
-    return _reading("robots", RobotsReply)
+    return _make_reading("robots", RobotsReply)
 
 
 def robot(name: str) -> Question[RobotReply]:
     """One robot."""
-    return _reading(_key("robots", name), RobotReply)
+    return _make_reading(_key("robots", name), RobotReply)
 
 
 def store_robot(
@@ -174,23 +176,23 @@ def store_robot(
     """A robot of one's own is to be stored."""
     files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
     key = _key("robots", name)
-    return Question(key, _reader(key, Done), _sent(files), stores=key)
+    return Question(key, _make_reader(key, Done), _encode(files), stores=key)
 
 
 def delete_robot(name: str) -> Question[Done]:
     """A stored robot is to be forgotten."""
-    return _deleting(_key("robots", name))
+    return _make_deleting(_key("robots", name))
 
 
 def scenes() -> Question[ScenesReply]:
     """The scenes that can be named."""
-    return _reading("scenes", ScenesReply)
+    return _make_reading("scenes", ScenesReply)
 
 
 def scene(name: str, version: int | None) -> Question[SceneReply]:
     """One scene, the newest version or one that is named."""
     key = _key("scenes", name)
-    return _reading(key if version is None else f"{key}?version={version}", SceneReply)
+    return _make_reading(key if version is None else f"{key}?version={version}", SceneReply)
 
 
 def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
@@ -201,7 +203,7 @@ def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
     """
     given = codec.convert(scene, Scene) if isinstance(scene, dict) else scene
     key = _key("scenes", given.name)
-    return Question(key, _reader(key, Done), _sent(given), stores=key)
+    return Question(key, _make_reader(key, Done), _encode(given), stores=key)
 
 
 def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
@@ -212,25 +214,25 @@ def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
     """
     given = codec.convert({"type": "scene_diff", **diff}, SceneDiff)
     key = _key("scenes", name)
-    return Question(key, _reader(key, Done), _sent(given), needs=(key,), repeatable=False)
+    return Question(key, _make_reader(key, Done), _encode(given), needs=(key,), repeatable=False)
 
 
 def delete_scene(name: str) -> Question[Done]:
     """A stored scene is to be forgotten."""
-    return _deleting(_key("scenes", name))
+    return _make_deleting(_key("scenes", name))
 
 
-def runs(wanted: ReadRuns) -> Question[RunsReply]:
+def runs(filters: ReadRuns) -> Question[RunsReply]:
     """A page of the runs that are kept.
 
     Raises:
         MalformedRequest: if something that is asked for can't stand in a query.
     """
-    given = {name: value for name, value in msgspec.structs.asdict(wanted).items() if value not in _NOT_ASKED}
+    given = {name: value for name, value in msgspec.structs.asdict(filters).items() if value not in _DEFAULT_FILTERS}
     if ";" in given.get("text", ""):
         raise MalformedRequest("`text` can't be asked for with a semicolon in it", parameter="text")
     words = ";".join(f"{name}={value if name == 'text' else _word(value)}" for name, value in given.items())
-    return _reading(f"runs?{words}" if words else "runs", RunsReply)
+    return _make_reading(f"runs?{words}" if words else "runs", RunsReply)
 
 
 def run(run_id: str) -> Question[AnyRunReply]:
@@ -242,25 +244,25 @@ def run(run_id: str) -> Question[AnyRunReply]:
             kind = run_reply_kind(payload, msgspec.msgpack.decode)
         except msgspec.DecodeError:
             kind = RunReply  # whose reader says what is wrong with it
-        return _reader(key, kind)(payload)
+        return _make_reader(key, kind)(payload)
 
     return Question(key, read, run_id=run_id)
 
 
 def delete_run(run_id: str) -> Question[Done]:
     """One run is to be forgotten."""
-    return _deleting(_key("runs", run_id), run_id)
+    return _make_deleting(_key("runs", run_id), run_id)
 
 
 def cancel(run_id: str) -> Question[Done]:
     """One run is to end early."""
-    return _reading(f"{_key('runs', run_id)}/cancel", Done, run_id)
+    return _make_reading(f"{_key('runs', run_id)}/cancel", Done, run_id)
 
 
 def cancel_request(request_id: str) -> Question[Done]:
     """One kinematics request is to end early."""
     key = f"{_key('requests', request_id)}/cancel"
-    return Question(key, _reader(key, Done), request_id=request_id)
+    return Question(key, _make_reader(key, Done), request_id=request_id)
 
 
 def recording(run_id: str) -> Question[bytes]:
@@ -272,16 +274,16 @@ def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool)
     """Something is to be read by everybody, or by nobody else any more."""
     key = _key(kind, name)
     run_id = name if kind == "runs" else None
-    return _reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
+    return _make_reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
 
 
 def stream_open(request: StreamOpen | dict[str, Any] | None, fields: dict[str, Any]) -> StreamOpen:
-    """What a stream is opened with, by a request or by its fields.
+    """Read the request that opens a stream, or its fields.
 
     Raises:
         MalformedRequest: if that doesn't open a stream, or both are given.
     """
-    given = _either("stream", request, fields)
+    given = _take_either("stream", request, fields)
     if isinstance(given, dict):
         given = cast(StreamOpen, codec.convert(codec.plain_fields(given), StreamOpen))
     return given
@@ -289,25 +291,27 @@ def stream_open(request: StreamOpen | dict[str, Any] | None, fields: dict[str, A
 
 def open_stream(request: StreamOpen) -> Question[StreamReply]:
     """A stream is to be opened under its name."""
-    own, needs = request.stream_id, _needed(request)
-    return Question("streams", _reader("streams", StreamReply), _sent(request), request_id=own, work=True, needs=needs)
+    own, needs = request.stream_id, _list_needs(request)
+    return Question(
+        "streams", _make_reader("streams", StreamReply), _encode(request), request_id=own, work=True, needs=needs
+    )
 
 
 def streams() -> Question[StreamsReply]:
     """The streams that are open."""
-    return _reading("streams", StreamsReply)
+    return _make_reading("streams", StreamsReply)
 
 
 def read_stream(stream_id: str) -> Question[StreamReply]:
     """One stream."""
     key = _key("streams", stream_id)
-    return Question(key, _reader(key, StreamReply), request_id=stream_id)
+    return Question(key, _make_reader(key, StreamReply), request_id=stream_id)
 
 
 def end_stream(stream_id: str) -> Question[Done]:
     """One stream is to end."""
     key = f"{_key('streams', stream_id)}?delete"
-    return Question(key, _reader(key, Done), request_id=stream_id, repeatable=False)
+    return Question(key, _make_reader(key, Done), request_id=stream_id, repeatable=False)
 
 
 def aim_stream(
@@ -320,7 +324,7 @@ def aim_stream(
     """
     aim: StreamAim = codec.convert(codec.plain_fields({"goal": goal}), StreamAim)
     key = f"{_key('streams', stream_id)}/goal"
-    return Question(key, _reader(key, StreamAimed), _sent(aim), request_id=stream_id), aim.goal
+    return Question(key, _make_reader(key, StreamAimed), _encode(aim), request_id=stream_id), aim.goal
 
 
 def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
@@ -331,13 +335,13 @@ def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
     """
     judge: StreamJudge = codec.convert({"time": time}, StreamJudge)
     key = f"{_key('streams', stream_id)}/judge"
-    return Question(key, _reader(key, StreamJudged), _sent(judge), request_id=stream_id)
+    return Question(key, _make_reader(key, StreamJudged), _encode(judge), request_id=stream_id)
 
 
 def stop_stream(stream_id: str) -> Question[Done]:
     """One stream's robot is to stop."""
     key = f"{_key('streams', stream_id)}/stop"
-    return Question(key, _reader(key, Done), request_id=stream_id)
+    return Question(key, _make_reader(key, Done), request_id=stream_id)
 
 
 def stream_recording(stream_id: str) -> Question[bytes]:
@@ -347,11 +351,11 @@ def stream_recording(stream_id: str) -> Question[bytes]:
 
 def info() -> Question[InfoReply]:
     """What the service says about itself."""
-    return _reading("info", InfoReply)
+    return _make_reading("info", InfoReply)
 
 
 def refusal(payload: bytes) -> GuidefieldError | None:
-    """The exception that an error on the wire stands for; None if it is none of ours."""
+    """Return the exception that an error on the wire names; None if the error isn't one of ours."""
     try:
         error = msgspec.msgpack.decode(payload, type=ErrorReply)
     except msgspec.DecodeError:
@@ -362,11 +366,11 @@ def refusal(payload: bytes) -> GuidefieldError | None:
 def _run(key: str, request: MotionRequest, allowed: float, kind: type[_M]) -> Question[_M]:
     """A run under its name; a new one where it has none."""
     run_id = request.run_id or uuid.uuid4().hex
-    sent, timeout = _sent(msgspec.structs.replace(request, run_id=run_id)), allowed + PLAN_MARGIN
-    return Question(key, _reader(key, kind), sent, timeout, run_id, work=True, needs=_needed(request))
+    sent, timeout = _encode(msgspec.structs.replace(request, run_id=run_id)), allowed + PLAN_MARGIN
+    return Question(key, _make_reader(key, kind), sent, timeout, run_id, work=True, needs=_list_needs(request))
 
 
-def _either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
+def _take_either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
     """A request, or its fields; MalformedRequest if both are given."""
     if request is not None and fields:
         raise MalformedRequest(
@@ -387,22 +391,22 @@ def _word(value: object) -> str:
     return word
 
 
-def _reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M]:
-    return Question(key, _reader(key, kind), run_id=run_id)
+def _make_reading(key: str, kind: type[_M], run_id: str | None = None) -> Question[_M]:
+    return Question(key, _make_reader(key, kind), run_id=run_id)
 
 
-def _deleting(key: str, run_id: str | None = None) -> Question[Done]:
-    return Question(f"{key}?delete", _reader(key, Done), run_id=run_id, repeatable=False, forgets=key)
+def _make_deleting(key: str, run_id: str | None = None) -> Question[Done]:
+    return Question(f"{key}?delete", _make_reader(key, Done), run_id=run_id, repeatable=False, forgets=key)
 
 
-def _needed(request: MotionRequest | KinematicsRequest | StreamOpen) -> tuple[str, ...]:
+def _list_needs(request: MotionRequest | KinematicsRequest | StreamOpen) -> tuple[str, ...]:
     """Keys of the robot and the scene that a request names."""
     robot, scene = getattr(request, "robot", None), getattr(request, "scene", None)
     named = {"robots": robot, "scenes": scene.base if isinstance(scene, RequestScene) else scene}
     return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))
 
 
-def _reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
+def _make_reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
     def read(payload: bytes) -> _M:
         try:
             return msgspec.msgpack.decode(payload, type=kind)
@@ -412,7 +416,7 @@ def _reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
     return read
 
 
-def _sent(message: msgspec.Struct) -> bytes:
+def _encode(message: msgspec.Struct) -> bytes:
     """The message as it travels; RequestTooLarge if no service would read it."""
     payload = codec.encode(message, Encoding.MSGPACK)
     if len(payload) > codec.MAX_REQUEST_BYTES:

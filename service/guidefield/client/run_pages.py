@@ -1,4 +1,4 @@
-"""A list of runs that is asked for page by page."""
+"""A list of runs, read page by page."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ class RunPages:
     """Pages of a list of runs, joined to one.
 
     Args:
-        wanted: The filters, and where the list begins; its `limit` plays no part.
-        limit: At most so many runs; None: all.
+        filters: The filters, and where the list begins; their `limit` plays no part.
+        limit: The largest number of runs; None: no limit.
     """
 
-    def __init__(self, wanted: ReadRuns, limit: int | None) -> None:
-        self._wanted, self._rest = wanted, limit
+    def __init__(self, filters: ReadRuns, limit: int | None) -> None:
+        self._filters, self._rest = filters, limit
         self.joined: RunsReply | None = None
 
     def ask(self) -> Question[RunsReply] | None:
@@ -26,8 +26,8 @@ class RunPages:
         if self.joined is not None and (self._rest == 0 or self.joined.next is None):
             return None
         limit = LARGEST_PAGE if self._rest is None else min(self._rest, LARGEST_PAGE)
-        after = self._wanted.after if self.joined is None else self.joined.next
-        return runs(msgspec.structs.replace(self._wanted, limit=limit, after=after))
+        after = self._filters.after if self.joined is None else self.joined.next
+        return runs(msgspec.structs.replace(self._filters, limit=limit, after=after))
 
     def add(self, page: RunsReply) -> None:
         """Take the next page."""

@@ -14,22 +14,22 @@ import zenoh
 from guidefield.errors import NoService, without_source
 from guidefield.messages.identities import PLAIN, checked_user
 
-LOOK_AGAIN = 0.05
-"""How often something that isn't there yet is looked for [s]."""
-OVER_TCP = ("tcp", "tls", "ws")
-"""Protocols of Zenoh's that go over TCP."""
-ANSWERS_WITHIN = 1.0
-"""How long it is looked whether anybody listens at all [s]."""
+RETRY_PERIOD = 0.05
+"""Time between two attempts to find a service [s]."""
+TCP_PROTOCOLS = ("tcp", "tls", "ws")
+"""Protocols of Zenoh that run over TCP."""
+CONNECT_TIMEOUT = 1.0
+"""Time that an endpoint has to accept a TCP connection [s]."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 1.5}
-"""How often a cut link is tried again; the configuration's own word for it counts more."""
+"""Periods of attempts to restore a cut link, unless the configuration gives its own."""
 
 
-def opened(settings: zenoh.Config, deadline: float) -> zenoh.Session:
-    """A session.
+def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
+    """Open a session, trying until a deadline.
 
     Args:
-        settings: As `configured` makes them.
-        deadline: How long to try, by `time.monotonic()` [s].
+        settings: As `build_config` makes them.
+        deadline: The end of the attempts, by `time.monotonic()` [s].
 
     Raises:
         NoService: if nobody listens there, or who does doesn't let us in.
@@ -39,18 +39,18 @@ def opened(settings: zenoh.Config, deadline: float) -> zenoh.Session:
             return zenoh.open(settings)
         except zenoh.ZError as error:
             if time.monotonic() > deadline:
-                raise unreachable(settings, without_source(error)) from None
-        time.sleep(LOOK_AGAIN)
+                raise explain_no_link(settings, without_source(error)) from None
+        time.sleep(RETRY_PERIOD)
 
 
-def unreachable(settings: zenoh.Config, reason: str) -> NoService:
-    """Why there is no link to any endpoint: nobody listens there, or who does lets nobody in who comes like this.
+def explain_no_link(settings: zenoh.Config, reason: str) -> NoService:
+    """Explain why no endpoint is linked: nobody listens, or the listener rejects this client.
 
     Zenoh says the same of a wrong password as of a port where nobody is.
     """
     endpoints = _endpoints(settings)
     where = ", ".join(endpoints)
-    if any(map(_listened_at, endpoints)):
+    if any(map(_is_listening, endpoints)):
         words = f"{where} listens, but doesn't let this client in: look at user, password, certificates and protocol"
     else:
         words = f"nobody listens at {where}; `guidefield serve` starts a service"
@@ -58,43 +58,43 @@ def unreachable(settings: zenoh.Config, reason: str) -> NoService:
 
 
 def _endpoints(settings: zenoh.Config) -> list[str]:
-    """Where a configuration connects to."""
-    told = json.loads(settings.get_json("connect/endpoints"))
-    return [str(one) for one in (told if isinstance(told, list) else chain.from_iterable(told.values()))]
+    """List the endpoints that a configuration connects to."""
+    given = json.loads(settings.get_json("connect/endpoints"))
+    return [str(one) for one in (given if isinstance(given, list) else chain.from_iterable(given.values()))]
 
 
-def _listened_at(endpoint: str) -> bool:
-    """Return whether somebody takes TCP's connections there; False where the protocol is another one."""
+def _is_listening(endpoint: str) -> bool:
+    """Return whether an endpoint accepts TCP connections; False for other protocols."""
     protocol, _, address = endpoint.partition("/")
     host, _, port = re.split("[?#]", address)[0].rpartition(":")
-    if protocol not in OVER_TCP or not port.isdecimal():
+    if protocol not in TCP_PROTOCOLS or not port.isdecimal():
         return False
     try:
-        socket.create_connection((host.strip("[]"), int(port)), ANSWERS_WITHIN).close()
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_TIMEOUT).close()
     except (OSError, OverflowError):
         return False
     return True
 
 
-def linked(session: zenoh.Session) -> bool:
+def has_link(session: zenoh.Session) -> bool:
     """Return whether a session has a link to anybody."""
     return bool(list(session.info.peers_zid()) or list(session.info.routers_zid()))
 
 
-def configured_user(settings: zenoh.Config) -> str:
-    """The user that a configuration names, in what Zenoh leaves to others to say: ``metadata: {guidefield: {user}}``.
+def read_user(settings: zenoh.Config) -> str:
+    """Read the user that a configuration names in Zenoh's free metadata, ``metadata: {guidefield: {user}}``.
 
     Raises:
         MalformedRequest: if nobody can be a user of that name.
     """
-    told = json.loads(settings.get_json("metadata"))
-    ours = told.get("guidefield") if isinstance(told, dict) else None
+    metadata = json.loads(settings.get_json("metadata"))
+    ours = metadata.get("guidefield") if isinstance(metadata, dict) else None
     user = ours.get("user") if isinstance(ours, dict) else None
     return PLAIN if user is None else checked_user(str(user))
 
 
-def configured(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
-    """Settings of a session; to a single endpoint as a client, to several as a peer that is connected to each.
+def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
+    """Build the configuration of a session: a client of one endpoint, or a peer linked to each of several.
 
     Args:
         endpoints: Where services or routers listen; may be none where the configuration names some.

@@ -64,7 +64,7 @@ class StreamLink:
         self._obstacles = {one.obstacle.name: one for one in self.request.obstacles}
         self._subscribers: list[zenoh.Subscriber] = []
         self._token: zenoh.Subscriber | None = None
-        self._looking: threading.Timer | None = None
+        self._timer: threading.Timer | None = None
         self._lock = threading.Lock()
         self._base = ""
         self._forget()
@@ -80,31 +80,31 @@ class StreamLink:
         self.asked: float | None = None
         self._pieces: deque[Piece] = deque(maxlen=KEPT)
 
-    def opening(self) -> Question[StreamReply]:
-        """The question that opens the stream; from now on it is listened to."""
+    def start_opening(self) -> Question[StreamReply]:
+        """Subscribe to the stream, and return the question that opens it."""
         session, key = self._exchange.session, f"{base_key('*', self._exchange.user)}/streams/{self.stream_id}"
         self._subscribers = [
-            session.declare_subscriber(f"{key}/pieces", self._heard_piece),
-            session.declare_subscriber(f"{key}/state", self._heard_state),
+            session.declare_subscriber(f"{key}/pieces", self._take_piece),
+            session.declare_subscriber(f"{key}/state", self._take_state),
         ]
         return questions.open_stream(msgspec.structs.replace(self.request, stream_id=self.stream_id))
 
-    def opened(self, reply: StreamReply) -> None:
-        """The stream is open."""
+    def accept(self, reply: StreamReply) -> None:
+        """Take the reply that opens the stream."""
         self.reply = reply
         self._base = f"{base_key(self._exchange.instance_of(self.stream_id), self._exchange.user)}/streams"
         with self._lock:
             self.execution = Execution(reply.start)
         self._watch(self._exchange.instance_of(self.stream_id))
 
-    def reopening(self, start: Positions) -> Question[StreamReply]:
-        """The question that opens it again, where it has ended; what was declared is declared again."""
+    def start_reopening(self, start: Positions) -> Question[StreamReply]:
+        """Return the question that opens an ended stream again, with all declared obstacles."""
         self.silence()
         obstacles = list(self._obstacles.values())
         self.request = msgspec.structs.replace(self.request, start=start, obstacles=obstacles, stream_id=None)
         with self._lock:
             self._forget()
-        return self.opening()
+        return self.start_opening()
 
     def silence(self) -> None:
         """Listen no more."""
@@ -112,18 +112,18 @@ class StreamLink:
         for subscriber in (*self._subscribers, *(() if token is None else (token,))):
             subscriber.undeclare()
         self._subscribers = []
-        self._look(None)
+        self._schedule(None)
 
     def aim(self, goal: StreamGoal | dict[str, Any] | None) -> tuple[Question[StreamAimed], StreamGoal | None]:
         """The question for another goal, and that goal."""
         return questions.aim_stream(self.stream_id, goal)
 
-    def aimed(self, goal: StreamGoal | None) -> None:
-        """It has another goal."""
+    def set_goal(self, goal: StreamGoal | None) -> None:
+        """Take another goal."""
         self.request = msgspec.structs.replace(self.request, goal=goal)
 
-    def filled(self, update: StreamUpdate | dict[str, Any] | None, fields: dict[str, Any]) -> StreamUpdate:
-        """An update of its fields; its time is now, and what is executed then, unless they say otherwise.
+    def complete_update(self, update: StreamUpdate | dict[str, Any] | None, fields: dict[str, Any]) -> StreamUpdate:
+        """Make an update of its fields; missing ones are the present time and the piece executed then.
 
         Raises:
             MalformedRequest: if that is no update.
@@ -207,7 +207,7 @@ class StreamLink:
             return StreamUnknown(f"stream {self.stream_id!r} isn't open", stream=self.stream_id)
         return error_of(self.ended.error)
 
-    def _heard_piece(self, sample: zenoh.Sample) -> None:
+    def _take_piece(self, sample: zenoh.Sample) -> None:
         piece = msgspec.msgpack.decode(sample.payload.to_bytes(), type=Piece)
         with self._lock:
             if self.execution.take(piece, self.clock()):
@@ -215,7 +215,7 @@ class StreamLink:
             self.latest = piece
         self._changed()
 
-    def _heard_state(self, sample: zenoh.Sample) -> None:
+    def _take_state(self, sample: zenoh.Sample) -> None:
         state = msgspec.msgpack.decode(sample.payload.to_bytes(), type=StreamState)
         with self._lock:
             self.latest = self.state = state
@@ -231,27 +231,27 @@ class StreamLink:
             nonlocal gone
             if token.kind == zenoh.SampleKind.DELETE:
                 gone = True
-                self._look(GONE_WITHIN, self._lost, stream_id, instance)
+                self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
             elif gone:
                 gone = False
-                self._look(0.0, self._ask_again, stream_id, instance)
+                self._schedule(0.0, self._ask_again, stream_id, instance)
 
         key = f"guidefield/{instance}/alive"
         self._token = self._exchange.session.liveliness().declare_subscriber(key, heard, history=True)
         if not self._exchange.is_there(instance):  # it went while it was answering
             gone = True
-            self._look(GONE_WITHIN, self._lost, stream_id, instance)
+            self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
 
-    def _look(self, after: float | None, call: Callable[..., None] = lambda: None, *given: str) -> None:
-        """Have something called in a thread after a time [s], instead of what was to be; None: nothing."""
-        looking = None if after is None else threading.Timer(after, call, given)
+    def _schedule(self, after: float | None, call: Callable[..., None] = lambda: None, *given: str) -> None:
+        """Schedule a call in a thread after a time [s] in place of the last scheduled one; None only cancels."""
+        timer = None if after is None else threading.Timer(after, call, given)
         with self._lock:
-            before, self._looking = self._looking, looking
+            before, self._timer = self._timer, timer
         if before is not None:
             before.cancel()
-        if looking is not None:
-            looking.daemon = True
-            looking.start()
+        if timer is not None:
+            timer.daemon = True
+            timer.start()
 
     def _lost(self, stream_id: str, instance: str) -> None:
         """The service of a stream was out of sight for too long."""
@@ -267,10 +267,10 @@ class StreamLink:
             self._over(stream_id, StreamUnknown(told, instance=instance, stream=stream_id))
         except GuidefieldError:
             if not self._exchange.is_there(instance):
-                self._look(GONE_WITHIN, self._lost, stream_id, instance)
+                self._schedule(GONE_WITHIN, self._lost, stream_id, instance)
 
     def _over(self, stream_id: str, error: GuidefieldError) -> None:
-        """Nobody says that a stream has ended, but it has."""
+        """End a stream whose service can't say so."""
         with self._lock:
             if self.ended is not None or self.stream_id != stream_id:
                 return

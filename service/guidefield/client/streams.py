@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from guidefield.client import questions
-from guidefield.client.exchange import Exchange, awaited
+from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.execution import Motion
 from guidefield.client.questions import Question
 from guidefield.client.stream_link import Answer, StreamLink
@@ -21,7 +21,7 @@ from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamSta
 
 
 class StreamFacts:
-    """What is known of a stream, without asking anybody; whoever opens it sets its link."""
+    """The state of a stream as its client knows it, without a question; the subclass that opens it sets its link."""
 
     _link: StreamLink
 
@@ -95,7 +95,7 @@ class ServiceStream(StreamFacts):
         self._link = StreamLink(exchange, request, fields, clock, self._wake)
 
     def __enter__(self) -> Self:
-        self._open(self._link.opening())
+        self._open(self._link.start_opening())
         return self
 
     def __exit__(
@@ -118,7 +118,7 @@ class ServiceStream(StreamFacts):
             MalformedRequest: if it is no update.
             GuidefieldError: why the stream has ended, if it has.
         """
-        filled = self._link.filled(update, fields)
+        filled = self._link.complete_update(update, fields)
         self._link.put(filled)
         return filled.time
 
@@ -148,7 +148,7 @@ class ServiceStream(StreamFacts):
         """
         question, asked = self._link.aim(goal)
         aimed: StreamAimed = self._ask(question)
-        self._link.aimed(asked)
+        self._link.set_goal(asked)
         return aimed.goal
 
     def judged(self, time: float | None = None) -> StreamJudged:
@@ -179,7 +179,7 @@ class ServiceStream(StreamFacts):
         Raises:
             GuidefieldError: if it is refused.
         """
-        self._open(self._link.reopening(start))
+        self._open(self._link.start_reopening(start))
 
     def close(self) -> None:
         """End it; what was sent last is executed to its end."""
@@ -189,7 +189,7 @@ class ServiceStream(StreamFacts):
 
     def _open(self, question: Question[StreamReply]) -> None:
         try:
-            self._link.opened(self._ask(question))
+            self._link.accept(self._ask(question))
         except (KeyboardInterrupt, SystemExit):
             self._end_quickly()
             self._link.silence()
@@ -203,7 +203,7 @@ class ServiceStream(StreamFacts):
             self._exchange.ask(questions.end_stream(self.stream_id)).result(END_WITHIN)
 
     def _ask(self, question: Question[_R]) -> _R:
-        return question.read(awaited(self._exchange.ask(question)))
+        return question.read(await_answer(self._exchange.ask(question)))
 
     def _wake(self) -> None:
         with self._came:

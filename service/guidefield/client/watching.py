@@ -1,4 +1,4 @@
-"""What is published, heard while a block runs: the progress of a run, the changes of a scene."""
+"""Subscriptions that last as long as a block runs: the progress of a run, the changes of a scene."""
 
 from __future__ import annotations
 
