@@ -16,7 +16,7 @@ import guidefield
 from guidefield import run_arrays
 from guidefield.arrays import write_motion
 from guidefield.cli import app
-from guidefield.cli.motion_files import fields_of
+from guidefield.cli.certifying import fields_of
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject
 from guidefield.messages import codec

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.cli.motion_files import fields_of
+from guidefield.cli.certifying import fields_of
 
 HEADS = ("time,j0,j1", " time, j0 , j1", 'time, "j0", "j1"', "time,position: j0, position:j1 ")
 

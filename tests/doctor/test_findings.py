@@ -22,8 +22,12 @@ from guidefield.doctor.examination import (
     UNSYNCHRONIZED,
     clock,
     clock_found,
+    disk,
     examination,
     graphics_found,
+    kernels,
+    room_found,
+    runs,
     session,
 )
 from guidefield.doctor.finding import Finding, State
@@ -38,7 +42,6 @@ from guidefield.doctor.resources import (
     processor_quota,
     vectors,
 )
-from guidefield.doctor.storage import disk, kernels, room_found, runs
 from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer
 from guidefield.first_start import compiled_mark, processor
 from guidefield.stores.run_file import FILE

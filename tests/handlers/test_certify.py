@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import guidefield
-from guidefield.cli.motion_files import recorded_fields
+from guidefield.cli.certifying import recorded_fields
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline

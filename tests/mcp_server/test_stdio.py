@@ -12,7 +12,7 @@ import pytest
 
 import guidefield
 from guidefield.cli.loopback import free_port
-from guidefield.mcp_server.tools import TOOLS
+from guidefield.mcp_server.server import TOOLS
 from tests.journeys.service import running_service
 
 mcp = pytest.importorskip("mcp", reason="pip install 'guidefield[mcp]'")

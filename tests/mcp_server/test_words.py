@@ -11,7 +11,7 @@ import pytest
 import guidefield
 from guidefield.errors import ERRORS, ServerBusy, Status
 from guidefield.mcp_server import words
-from guidefield.mcp_server.tools import TOOLS
+from guidefield.mcp_server.server import TOOLS
 from guidefield.mcp_server.words import ADVICE, advised
 from guidefield.messages import codec
 from guidefield.messages.replies import ClearanceReply, InverseKinematicsReply
@@ -103,7 +103,7 @@ def test_configurations_of_poses_in_words() -> None:
 
 
 @pytest.mark.parametrize("tool", TOOLS, ids=lambda tool: tool.name)
-def test_the_schema_of_a_tool_is_one(tool: guidefield.mcp_server.tools.Tool) -> None:
+def test_the_schema_of_a_tool_is_one(tool: guidefield.mcp_server.server.Tool) -> None:
     jsonschema.Draft202012Validator.check_schema(tool.schema)
     assert tool.schema["type"] == "object"
     assert tool.schema["additionalProperties"] is False

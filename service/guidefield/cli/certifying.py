@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import json
+import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,10 +12,156 @@ from typing import Any
 import msgspec
 
 from guidefield.cli.found_run import find_run
-from guidefield.cli.motion_files import ENDINGS, fields_of, recorded_fields
-from guidefield.errors import MalformedRequest
+from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
+from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
+
+ENDINGS = (".csv", ".json", ".npz", ".rrd")
+"""Of files that hold a motion."""
+
+SHARED = (
+    "robot",
+    "scene",
+    "robot_placement",
+    "start",
+    "min_clearance",
+    "attached_objects",
+    "allowed_collisions",
+    "path_constraints",
+    "limits",
+    "max_velocity_scaling_factor",
+    "max_acceleration_scaling_factor",
+    "leave_start_contact",
+)
+"""Fields of a plan request that a certify request has too."""
+
+TRAJECTORY = ("times", "positions", "velocities", "accelerations")
+
+
+def fields_of(file: Path) -> dict[str, Any]:
+    """The fields of a certify request that a file holds; without times in it, those of a path.
+
+    Args:
+        file: Ends with one of `ENDINGS`.
+
+    Raises:
+        UnknownObject: if there is no such file.
+        MalformedRequest: if it holds no motion.
+    """
+    if file.suffix not in ENDINGS:
+        raise MalformedRequest(f"{file.name!r} must end with one of {', '.join(ENDINGS)}", path=str(file))
+    if not file.is_file():
+        raise UnknownObject(f"there is no file {str(file)!r}", path=str(file))
+    if file.suffix == ".rrd":
+        from guidefield.recorder.reading import read_recording
+
+        recorded = read_recording(file)
+        return recorded_fields(recorded.request, msgspec.to_builtins(recorded.reply), file.name)
+    try:
+        match file.suffix:
+            case ".csv":
+                return _with_motion(_csv(file), file.name)
+            case ".npz":
+                return _with_motion(_npz(file), file.name)
+            case _:
+                return _json(file)
+    except (ValueError, OSError, zipfile.BadZipFile) as error:
+        raise MalformedRequest(f"{file.name!r} holds no motion: {error}", path=str(file)) from None
+
+
+def recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> dict[str, Any]:
+    """The fields that ask about the motion of a run, in the scene that it was in.
+
+    Args:
+        request: Of the run.
+        reply: Its reply, as plain data.
+        run: Its name, for a message.
+
+    Raises:
+        MalformedRequest: if the run made no motion.
+    """
+    plain: dict[str, Any] = msgspec.to_builtins(request)
+    if isinstance(request, CertifyRequest):
+        return {name: value for name, value in plain.items() if name not in ("run_id", "type")}
+    assert isinstance(request, PlanRequest), "a run plans or judges"
+    return {**{name: plain[name] for name in SHARED}, "tip": request.tip, **_with_motion(reply, run)}
+
+
+def _with_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
+    """Fields of the motion among what was found; a plan's reply and flat arrays are understood."""
+    motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY if found.get(key) is not None}
+    fields = {key: found[key] for key in ("position_names", "velocity_names") if found.get(key) is not None}
+    if motion.get("positions"):
+        timed = "times" in motion
+        if not timed and "velocities" not in motion:
+            return {"path": motion["positions"], **_without_rates(fields)}
+        if "velocities" not in motion:
+            fields = _without_rates(fields)
+        return {"trajectory": motion, **fields}
+    if found.get("path"):
+        return {"path": found["path"], **_without_rates(fields)}
+    raise MalformedRequest(f"{name!r} holds no motion: neither `positions` nor a `path`", path=name)
+
+
+def _without_rates(fields: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in fields.items() if key != "velocity_names"}
+
+
+def _json(file: Path) -> dict[str, Any]:
+    found = json.loads(file.read_bytes())
+    if not isinstance(found, dict):
+        raise ValueError(f"it is a {type(found).__name__}, not an object")
+    if found.get("type") == "certify":
+        return {name: value for name, value in found.items() if name != "type"}
+    return _with_motion(found, file.name)
+
+
+def _npz(file: Path) -> dict[str, Any]:
+    import numpy as np
+
+    with np.load(file, allow_pickle=False) as arrays:
+        return {name: arrays[name].tolist() for name in arrays.files}
+
+
+def _csv(file: Path) -> dict[str, Any]:
+    with file.open(newline="", encoding="utf-8-sig") as text:
+        lines = [line for line in csv.reader(text, skipinitialspace=True) if line]
+    if len(lines) < 2:
+        raise ValueError("a head with the names of its columns and a row at least are expected")
+    head = [name.strip() for name in lines[0]]
+    table = [_numbers(line, head, number) for number, line in enumerate(lines[1:], 2)]
+    kinds = [_column(name) for name in head]
+    found: dict[str, Any] = {}
+    for name, kind in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
+        of = [k for k, (said, _) in enumerate(kinds) if said == kind and head[k] != "time"]
+        if of:
+            found[name] = [[row[k] for k in of] for row in table]
+            found.setdefault(f"{kind}_names", [kinds[k][1] for k in of])
+    if "time" in head:
+        found["times"] = [row[head.index("time")] for row in table]
+    return found
+
+
+def _column(name: str) -> tuple[str, str]:
+    """The kind of a column's values, and the name of the column that they are of."""
+    kind, colon, column = (part.strip() for part in name.partition(":"))
+    if colon and kind not in ("position", "velocity", "acceleration"):
+        raise ValueError(
+            f"column {name!r} is neither of `position:`, `velocity:`, `acceleration:` nor a name; a joint's name with a"
+            f" colon needs its kind before it, such as `position:{name}`"
+        )
+    return (kind, column) if colon else ("position", name)
+
+
+def _numbers(line: list[str], head: list[str], number: int) -> list[float]:
+    if len(line) != len(head):
+        raise ValueError(f"line {number} has {len(line)} values, the head names {len(head)} columns")
+    try:
+        return [float(value) for value in line]
+    except ValueError as error:
+        raise ValueError(f"line {number}: {error}") from None
+
 
 ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
 """Ends of the names of robot files, in any letters' case."""

@@ -5,15 +5,195 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from guidefield.client import AsyncClient
-from guidefield.errors import GuidefieldError, MalformedRequest, unforeseen
-from guidefield.mcp_server.tools import TOOLS, Tool
+from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject, unforeseen
+from guidefield.mcp_server import words
 from guidefield.mcp_server.words import error_told
-from guidefield.messages.replies import as_plain_data, error_reply
+from guidefield.messages.replies import (
+    ClearanceReply,
+    InverseKinematicsReply,
+    PlanReply,
+    RunReply,
+    as_plain_data,
+    error_reply,
+)
+from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinematics, PlanRequest
+
+Told = tuple[str, dict[str, Any]]
+"""A reply in words, and its figures as plain data."""
+
+
+@dataclass(frozen=True)
+class Tool:
+    """One tool.
+
+    Attributes:
+        name: Its name.
+        what: What it is for, for a model to read.
+        schema: JSON Schema of its arguments.
+        ask: Asks the service with them.
+    """
+
+    name: str
+    what: str
+    schema: dict[str, Any]
+    ask: Callable[[AsyncClient, dict[str, Any]], Awaitable[Told]]
+
+
+async def _plan(client: AsyncClient, given: dict[str, Any]) -> Told:
+    reply = await client.plan(given)
+    figures = _plain(reply)
+    motion = figures.pop("trajectory")
+    figures["knots"] = 0 if motion is None else len(motion["times"])
+    return words.plan_told(reply), figures
+
+
+async def _certify(client: AsyncClient, given: dict[str, Any]) -> Told:
+    reply = await client.certify({"type": "certify", **given})
+    return words.certify_told(reply), _plain(reply)
+
+
+async def _clearance(client: AsyncClient, given: dict[str, Any]) -> Told:
+    reply = await client.kinematics({"type": "clearance", **given})
+    assert isinstance(reply, ClearanceReply), "the reply's kind is the request's"
+    return words.clearance_told(reply), _plain(reply)
+
+
+async def _inverse_kinematics(client: AsyncClient, given: dict[str, Any]) -> Told:
+    reply = await client.kinematics({"type": "inverse_kinematics", **given})
+    assert isinstance(reply, InverseKinematicsReply), "the reply's kind is the request's"
+    return words.inverse_kinematics_told(reply), _plain(reply)
+
+
+async def _robots(client: AsyncClient, _given: dict[str, Any]) -> Told:
+    reply = await client.robots()
+    return words.robots_told(reply), _plain(reply)
+
+
+async def _robot(client: AsyncClient, given: dict[str, Any]) -> Told:
+    reply = await client.robot(given["name"])
+    return words.robot_told(reply), _plain(reply)
+
+
+async def _scenes(client: AsyncClient, _given: dict[str, Any]) -> Told:
+    names = await client.scenes()
+    return f"Scenes: {', '.join(names)}.", {"scenes": names}
+
+
+async def _scene(client: AsyncClient, given: dict[str, Any]) -> Told:
+    scene = await client.scene(given["name"])
+    return words.scene_told(scene), _plain(scene)
+
+
+async def _trajectory(client: AsyncClient, given: dict[str, Any]) -> Told:
+    run = await client.run(given["run_id"])
+    if not isinstance(run, RunReply):
+        raise MalformedRequest(f"run {run.run_id!r} judged a motion that was given: it has the trajectory already")
+    reply: PlanReply | None = run.reply
+    if reply is None or reply.trajectory is None:
+        raise UnknownObject(f"run {run.run_id!r} has no trajectory", run_id=run.run_id)
+    figures = {
+        "position_names": reply.position_names,
+        "velocity_names": reply.velocity_names,
+        **_plain(reply.trajectory),
+    }
+    return (
+        f"{len(reply.trajectory.times)} rows over {reply.trajectory.times[-1]:.2f} s: the cubic Hermite curve through"
+        " times, positions and velocities is what was certified, where no `sample_rate` was asked for.",
+        figures,
+    )
+
+
+def _plain(message: msgspec.Struct) -> dict[str, Any]:
+    plain: dict[str, Any] = msgspec.to_builtins(message)
+    return plain
+
+
+def _schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """JSON Schema of a message, without the tag, which the tool's name stands for."""
+    (root,), parts = msgspec.json.schema_components([kind])
+    name = root["$ref"].rpartition("/")[2]
+    whole = dict(parts.pop(name))
+    tag = kind.__struct_config__.tag_field
+    whole["properties"] = {field: what for field, what in whole["properties"].items() if field != tag}
+    whole["required"] = [field for field in whole["required"] if field != tag]
+    whole["description"] = f"{whole['description']} (a message of `guidefield docs wire`)"
+    referring: dict[str, Any] = _referring({**whole, "$defs": parts})
+    return referring
+
+
+def _referring(schema: Any) -> Any:
+    """A schema whose references lead to its own definitions."""
+    if isinstance(schema, dict):
+        return {
+            key: value.replace("#/components/schemas/", "#/$defs/") if key == "$ref" else _referring(value)
+            for key, value in schema.items()
+        }
+    return [_referring(one) for one in schema] if isinstance(schema, list) else schema
+
+
+def _named(field: str, what: str) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": {field: {"type": "string", "description": what}},
+        "required": [field],
+        "additionalProperties": False,
+    }
+
+
+NOTHING: dict[str, Any] = {"type": "object", "properties": {}, "additionalProperties": False}
+"""The schema of a tool that takes no arguments."""
+
+TOOLS = (
+    Tool(
+        "plan",
+        "Plan a motion of a robot to a goal, free of collisions over its whole length and within limits. Nothing moves."
+        " Metres, radians, seconds; positions in the world; quaternions x, y, z, w. Robot, scene and goal are enough; a"
+        ' goal is such as {"type": "joints", "positions": {"elbow_joint": 1.2}} or {"type": "pose", "position": [x, y,'
+        ' z], "quaternion_xyzw": [x, y, z, w]}.',
+        _schema(PlanRequest),
+        _plan,
+    ),
+    Tool(
+        "certify",
+        "Judge a motion that is given, a `path` of waypoints or a `trajectory` in time: is it free between its rows"
+        " too, and within limits?",
+        _schema(CertifyRequest),
+        _certify,
+    ),
+    Tool(
+        "clearance",
+        "Distances of a robot to a scene's obstacles, and to itself, at configurations.",
+        _schema(Clearance),
+        _clearance,
+    ),
+    Tool(
+        "inverse_kinematics",
+        "Configurations that bring a robot's tip to poses; with `collision_free` and a scene those that touch nothing.",
+        _schema(InverseKinematics),
+        _inverse_kinematics,
+    ),
+    Tool("robots", "List the robots that can be named.", NOTHING, _robots),
+    Tool("robot", "Describe a robot: joints, limits, groups, frames, tip.", _named("name", "Of the robot."), _robot),
+    Tool("scenes", "List the scenes that can be named.", NOTHING, _scenes),
+    Tool("scene", "Read a scene: its obstacles and guide planes.", _named("name", "Of the scene."), _scene),
+    Tool(
+        "trajectory",
+        "The whole trajectory of a plan that was made: times, positions, velocities, accelerations.",
+        _named("run_id", "What the plan's reply calls its run."),
+        _trajectory,
+    ),
+)
+"""All tools."""
+
 
 INSTRUCTIONS = (
     "Plans, judges and measures motions of robots; it never moves one. Ask `robots` and `scenes` for names. A plan"

@@ -13,8 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from guidefield.endpoint.ros import cdr
 from guidefield.endpoint.ros.cdr import Types, Unreadable
-from guidefield.endpoint.ros.distributions import types_of
-from guidefield.endpoint.ros.interfaces import MESSAGES, SERVICES
+from guidefield.endpoint.ros.offering import MESSAGES, SERVICES, types_of
 from guidefield.endpoint.ros.options import Distribution
 from tests.endpoint.ros.peer import TYPES, new
 

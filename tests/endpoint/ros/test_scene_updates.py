@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from guidefield.endpoint.ros.collision_objects import object_of
-from guidefield.endpoint.ros.planning_scene import GEOMETRY, MATRIX, OBJECT_NAMES, SETTINGS, scene_response
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused
 from guidefield.endpoint.ros.scene_updates import ADD, APPEND, MOVE, REMOVE, heard, updated, with_state
+from guidefield.endpoint.ros.services import GEOMETRY, MATRIX, OBJECT_NAMES, SETTINGS, scene_response
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Sphere
 from tests.endpoint.ros.messages import BENT, held, point, pose, primitive, scene, snapshot, state, thing

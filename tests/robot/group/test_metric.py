@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from guidefield.robot.group.metric import LENGTH_OF_A_RADIAN
+from guidefield.robot.group.group import LENGTH_OF_A_RADIAN
 from tests.robots import box_arm, grouped
 
 

@@ -10,14 +10,125 @@ from typing import Any
 
 import msgspec
 
-from guidefield.endpoint.ros import kinematics, motion_plan, planning_scene, state_validity
+from guidefield.endpoint.ros import kinematics, motion_plan
 from guidefield.endpoint.ros.cdr import Types
+from guidefield.endpoint.ros.collision_objects import message_of, object_of
 from guidefield.endpoint.ros.engine_door import EngineDoor
 from guidefield.endpoint.ros.known_scene import KnownScene
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused
-from guidefield.endpoint.ros.scene_updates import updated
+from guidefield.endpoint.ros.robot_messages import header, robot_state
+from guidefield.endpoint.ros.scene_updates import updated, with_state
+from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
+from guidefield.messages.requests import Clearance
+
+RESPONSE = "moveit_msgs/srv/GetStateValidity_Response"
+ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
+"""Kinds of bodies in a contact."""
+
+
+def asked_state(message: Any, now: Snapshot) -> Snapshot:
+    """Robot and scene of a GetStateValidity.
+
+    Raises:
+        Refused: if it isn't served; names the field.
+    """
+    if message.group_name:
+        now.robot.group(message.group_name)
+    for name in ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints"):
+        if getattr(message.constraints, name):
+            raise Refused(MoveItCode.INVALID_GOAL_CONSTRAINTS, f"`constraints.{name}` isn't served")
+    return with_state(now, message.robot_state, "robot_state")
+
+
+def judgement(state: Snapshot) -> Clearance:
+    """The request that tells what touches what, with what is held and what may touch."""
+    return Clearance(
+        robot=state.robot.name,
+        scene=state.scene(),
+        configurations=[dict(state.whole)],
+        attached_objects=state.attached(),
+        allowed_collisions=state.allowed(),
+        contacts=True,
+    )
+
+
+def validity_response(types: Types, state: Snapshot, reply: ClearanceReply) -> Any:
+    """Whether nothing touches; else a contact for each pair that does. Joint limits don't count, as in MoveIt."""
+    assert reply.contacts is not None, "they were asked for"
+    (pairs,) = reply.contacts
+    return types.new(RESPONSE, valid=not pairs, contacts=[_contact(types, state, pair) for pair in pairs])
+
+
+def refused_validity(types: Types, _code: MoveItCode, _message: str) -> Any:
+    """The response of a request that isn't served: it has no place for a reason, which is logged instead."""
+    return types.new(RESPONSE, valid=False)
+
+
+def _contact(types: Types, state: Snapshot, pair: list[str]) -> Any:
+    """A contact of two bodies; where and how deep isn't told."""
+    (first, kind), (second, other) = (_body(state, name) for name in pair)
+    return types.new(
+        "moveit_msgs/msg/ContactInformation",
+        header=header(types, state.robot.root),
+        contact_body_1=first,
+        body_type_1=kind,
+        contact_body_2=second,
+        body_type_2=other,
+    )
+
+
+def _body(state: Snapshot, name: str) -> tuple[str, int]:
+    if name in state.robot.links:
+        return name, ROBOT_LINK
+    held = object_of(name, state.held)
+    if held is not None:
+        return held, ROBOT_ATTACHED
+    return object_of(name, state.objects) or name, WORLD_OBJECT
+
+
+GET_RESPONSE = "moveit_msgs/srv/GetPlanningScene_Response"
+APPLY_RESPONSE = "moveit_msgs/srv/ApplyPlanningScene_Response"
+(SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
+    1 << bit for bit in range(10)
+)
+"""Components that can be asked for; none means all."""
+
+
+def scene_response(types: Types, now: Snapshot, components: int) -> Any:
+    """The response with the components that are asked for."""
+    wanted = components or ~0
+    scene = types.new("moveit_msgs/msg/PlanningScene")
+    if wanted & SETTINGS:
+        scene.name, scene.robot_model_name = now.name, now.robot.name
+    if wanted & (STATE | ATTACHED):
+        scene.robot_state = robot_state(types, now, held=bool(wanted & ATTACHED))
+    if wanted & (OBJECT_NAMES | GEOMETRY):
+        scene.world.collision_objects = [
+            message_of(types, name, thing, now.robot.root, geometry=bool(wanted & GEOMETRY))
+            for name, thing in now.objects.items()
+        ]
+    if wanted & MATRIX:
+        left_out = {frozenset(pair.links) for pair in now.robot.model.pairs_left_out}
+        names = {*now.robot.links, *now.objects, *now.held, *(name for pair in now.matrix.pairs for name in pair)}
+        scene.allowed_collision_matrix = now.matrix.message(types, names, left_out)
+    if wanted & PADDING:
+        scene.link_padding = [types.new("moveit_msgs/msg/LinkPadding", link_name=link) for link in now.robot.links]
+        scene.link_scale = [
+            types.new("moveit_msgs/msg/LinkScale", link_name=link, scale=1.0) for link in now.robot.links
+        ]
+    if wanted & COLORS:
+        scene.object_colors = [
+            types.new("moveit_msgs/msg/ObjectColor", id=name, color=color) for name, color in now.colors.items()
+        ]
+    return types.new(GET_RESPONSE, scene=scene)
+
+
+def applied(types: Types, *, success: bool) -> Any:
+    """The response of `apply_planning_scene`; it has no place for a reason, which is logged instead."""
+    return types.new(APPLY_RESPONSE, success=success)
+
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +185,7 @@ class Services:
                 "check_state_validity",
                 "moveit_msgs/srv/GetStateValidity",
                 self._validity,
-                state_validity.refused_validity,
+                refused_validity,
                 has_place=False,
             ),
             Service(
@@ -88,7 +199,7 @@ class Services:
                 "get_planning_scene",
                 "moveit_msgs/srv/GetPlanningScene",
                 self._scene,
-                lambda types, _code, _message: types.new(planning_scene.GET_RESPONSE),
+                lambda types, _code, _message: types.new(GET_RESPONSE),
                 has_place=False,
             ),
         ]
@@ -121,19 +232,19 @@ class Services:
         return Answered(kinematics.places_response(self._types, asked, reply))
 
     def _validity(self, message: Any, received: float) -> Answered:
-        state = state_validity.asked_state(message, self._known.now)
-        reply = self._engine("kinematics", state_validity.judgement(state), ClearanceReply, received)
-        return Answered(state_validity.validity_response(self._types, state, reply))
+        state = asked_state(message, self._known.now)
+        reply = self._engine("kinematics", judgement(state), ClearanceReply, received)
+        return Answered(validity_response(self._types, state, reply))
 
     def _apply(self, message: Any, _received: float) -> Answered:
         self._known.update(lambda now: updated(now, message.scene))
-        return Answered(planning_scene.applied(self._types, success=True))
+        return Answered(applied(self._types, success=True))
 
     def _scene(self, message: Any, _received: float) -> Answered:
-        return Answered(planning_scene.scene_response(self._types, self._known.now, message.components.components))
+        return Answered(scene_response(self._types, self._known.now, message.components.components))
 
     def _refused_scene(self, types: Types, _code: MoveItCode, _message: str) -> Any:
-        return planning_scene.applied(types, success=False)
+        return applied(types, success=False)
 
 
 def _figures(reply: PlanReply) -> str:
