@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import copy
 import hashlib
-import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -24,9 +23,6 @@ MIN_HASHED_BYTES = 2**13
 
 MANY_OBJECTS_BYTES = 2**16
 """Requests in as many bytes make a thousand objects or more, which stay."""
-
-PARALLEL_BYTES = 2**21
-"""Scenes in as many bytes are hashed in two threads, of which one starts within a fifth of a millisecond."""
 
 _SCENES: BoundedMap[bytes, Scene] = BoundedMap(READ_SCENES)
 
@@ -92,7 +88,7 @@ def _read(
         read_rest: Reads it with another scene in the place of its own.
         size: Of all that is read [bytes].
     """
-    digest = None if scene is None else _digest(scene)
+    digest = None if scene is None else hashlib.sha256(scene).digest()
     known = None if digest is None else _SCENES.get(digest)
     if known is not None:
         made = read_rest({"name": known.name})
@@ -107,24 +103,6 @@ def _read(
     if not (isinstance(read, RequestScene) and read.base):
         _SCENES.put(digest, make_own(read, Own(content=digest)), len(scene))
     return made
-
-
-def _digest(content: bytes | msgspec.Raw) -> bytes:
-    """Return a hash of a scene's bytes, 32 bytes; the halves of a large one are hashed at the same time."""
-    view = memoryview(content)
-    digests, half = dict[int, bytes](), len(view) // 2
-
-    def hash_part(begin: int, end: int) -> None:
-        digests[begin] = hashlib.blake2b(view[begin:end], digest_size=32).digest()
-
-    if len(view) < PARALLEL_BYTES:
-        hash_part(0, len(view))
-        return digests[0]
-    other = threading.Thread(target=hash_part, args=(0, half))
-    other.start()
-    hash_part(half, len(view))
-    other.join()
-    return hashlib.blake2b(digests[0] + digests[half], digest_size=32).digest()
 
 
 def _packed(scene: Any) -> bytes | None:
