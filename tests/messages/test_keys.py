@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import pickle
 from collections.abc import Mapping
 
 import msgspec
@@ -128,3 +129,20 @@ def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict
         for read in (keys.check, keys.request_of, keys.run_head):
             with contextlib.suppress(GuidefieldError):
                 read(query)
+
+
+def test_a_large_payload_travels_beside_the_pickled_query() -> None:
+    query, beside = _query("plan", b"7" * keys.MIN_BESIDE), list[pickle.PickleBuffer]()
+    pickled = pickle.dumps(query, 5, buffer_callback=beside.append)
+    assert len(pickled) < 1000
+    assert [one.raw().tobytes() for one in beside] == [query.payload]
+    made = pickle.loads(pickled, buffers=[bytearray(query.payload)])
+    assert made == query
+    assert type(made.payload) is bytes, "a decoder tells bytes from all else"
+
+
+@pytest.mark.parametrize("protocol", [4, 5])
+@pytest.mark.parametrize("size", [0, keys.MIN_BESIDE])
+def test_a_query_comes_out_of_any_pickle_as_it_was(protocol: int, size: int) -> None:
+    query = _query("plan", b"7" * size, {"a": "b"})
+    assert pickle.loads(pickle.dumps(query, protocol)) == query

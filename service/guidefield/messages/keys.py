@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import index
+from typing import Any, SupportsIndex
 
 import msgspec
 
@@ -20,6 +23,10 @@ from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 
 LONGEST_STORING = 120.0
 """How long a robot or scene may take that is stored or described, the list of robots, a stream's recording [s]."""
+
+
+MIN_BESIDE = 1 << 16
+"""Smallest payload that travels to a worker beside the pickled query [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +53,21 @@ class Query:
     client: str = ""
     names_owner: bool = False
 
+    def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
+        """Leave a large payload out of what is pickled, where whoever pickles takes it along beside that."""
+        if index(protocol) < 5 or len(self.payload) < MIN_BESIDE:
+            return super().__reduce_ex__(protocol)
+        rest = {name: value for name, value in vars(self).items() if name != "payload"}
+        return _with_payload, (rest, pickle.PickleBuffer(self.payload))
+
     @property
     def asker(self) -> Asker:
         """Who asks."""
         return Asker(self.user, self.client)
+
+
+def _with_payload(rest: dict[str, Any], payload: bytes | bytearray) -> Query:
+    return Query(payload=bytes(payload), **rest)
 
 
 def _allowed(asked: float, default: float) -> float:

@@ -34,8 +34,8 @@ DATA_ROOM = 2
 LONGEST_REASON = 4096
 """Longest reason that is told of a worker that can't be prepared [characters]."""
 
-JOB = struct.Struct("<QQ")
-"""Head of a job's frame: its number, and how many bytes follow."""
+JOB = struct.Struct("<QQQ")
+"""Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""
 TOLD = struct.Struct("<BQdQ")
 """Head of what a worker sends: kind, number of the job, processor time that it took [s], how many bytes follow."""
 READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
@@ -164,18 +164,18 @@ def be_worker(setup: Setup, line: Line, memory: int) -> None:
     mouth.tell(READY)
     with contextlib.suppress(EOFError, ConnectionError):  # the parent has ended
         while True:
-            number, size = JOB.unpack(_read(line.socket, JOB.size))
+            number, size, beside = JOB.unpack(_read(line.socket, JOB.size))
             line.begun.value = number
             began = time.process_time()
             call = Call(number, line, mouth)
-            kind, what = _outcome(answer, _read(line.socket, size), call)
+            kind, what = _outcome(answer, _read(line.socket, size), _read(line.socket, beside), call)
             mouth.tell(kind, number, time.process_time() - began, what)
             call.finish()
 
 
-def _outcome(answer: Work, job: bytearray, call: Call) -> tuple[int, bytes]:
+def _outcome(answer: Work, job: bytearray, beside: bytearray, call: Call) -> tuple[int, bytes]:
     try:
-        found = answer(pickle.loads(job), call)  # noqa: S301 - our own parent's
+        found = answer(pickle.loads(job, buffers=[beside]), call)  # noqa: S301 - our own parent's
     except Exception as error:
         logging.getLogger(__name__).exception("a job failed in its worker")
         return FAILED, f"{type(error).__name__}: {error}"[:LONGEST_REASON].encode()

@@ -13,6 +13,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
@@ -175,10 +176,13 @@ class Worker:
         Returns:
             Whether all of it went; `send_rest` sends what is left.
         """
-        job = pickle.dumps(current.task.job, pickle.HIGHEST_PROTOCOL)
+        beside = list[pickle.PickleBuffer]()  # a large payload, which only the socket copies, without the interpreter
+        job = pickle.dumps(current.task.job, 5, buffer_callback=partial(_is_left_in, beside))
+        payload = beside[0].raw() if beside else memoryview(b"")
+        head = JOB.pack(current.number, len(job), len(payload))
         with self._sending:  # several threads may hand something over; each frame goes whole
             is_first = not self._rest
-            self._rest += map(memoryview, (JOB.pack(current.number, len(job)), job))  # the socket alone copies it
+            self._rest += [memoryview(part) for part in (head, job, payload) if len(part)]
             return is_first and self._send_some()
 
     def send_rest(self) -> bool:
@@ -234,6 +238,14 @@ class Worker:
             yield Frame(kind, number, processor, bytes(memoryview(self._held)[begin + TOLD.size : end]))
             begin = end
         del self._held[:begin]
+
+
+def _is_left_in(beside: list[pickle.PickleBuffer], one: pickle.PickleBuffer) -> bool:
+    """Return whether a buffer stays in what is pickled: all but the first one, which goes beside it."""
+    if beside:
+        return True
+    beside.append(one)
+    return False
 
 
 class Slot:
