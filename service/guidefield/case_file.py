@@ -22,9 +22,10 @@ from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
 from guidefield.messages.values import Placement
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.mesh_files.reading import companions, read_mesh
 from guidefield.robot.model.configuration import configuration_to_wire
-from guidefield.robot.model.model import JointKind, RobotModel
+from guidefield.robot.model.model import JointKind, RobotModel, RobotSource
 from guidefield.robot.model.shapes import hull
 from guidefield.robot.urdf import xml
 from guidefield.scene import obstacle
@@ -49,6 +50,8 @@ class Motion:
         path_constraints: As declared.
         touching: Pairs of names that touch at the start, and may until `left_at`.
         left_at: Index of a piece, and the share of it that has passed.
+        limited: Joints whose velocity and acceleration limits count, in place of those of the world's group.
+        untold: What it is certified for and no case tells, in words.
     """
 
     world: World
@@ -62,6 +65,8 @@ class Motion:
     path_constraints: Sequence[PathConstraint] = ()
     touching: Sequence[tuple[str, str]] = ()
     left_at: tuple[int, float] = (0, 0.0)
+    limited: PlanningGroup | None = None
+    untold: str = ""
 
 
 def write(path: Path, motion: Motion) -> None:
@@ -74,21 +79,37 @@ def write(path: Path, motion: Motion) -> None:
     write_whole(path, lzma.compress(text, preset=1) if path.suffix == ".xz" else text)
 
 
-def cases(motion: Motion) -> list[dict[str, Any]]:
-    """A motion as plain values, as JSON has them; the fields are told in referee.md.
-
-    Where it begins by leaving a contact there are two: until then without the pairs that touch, and from then on.
+def cases(*motions: Motion) -> list[dict[str, Any]]:
+    """Motions as plain values, as JSON has them, each in the parts that `divide` tells; referee.md has the fields.
 
     Raises:
         OSError: if a mesh of the robot can't be read any more.
     """
+    told: list[dict[str, Any]] = []
+    known: tuple[RobotSource, Placement, dict[str, Any]] | None = None
+    for motion in (part for whole in motions for part in divide(whole)):
+        robot = motion.world.group.robot
+        if known is None or known[:2] != (robot.source, motion.placement):
+            known = robot.source, motion.placement, _robot(robot, motion.placement)
+        told.append(_case(motion, known[2]))
+    return told
+
+
+def divide(motion: Motion) -> list[Motion]:
+    """A motion in the parts that are certified one by one, each in its own world.
+
+    One that begins by leaving a contact has two: until then what touches may, and no clearance is kept; from then on
+    everything is as it is asked for.
+    """
     if not motion.touching:
-        return [_case(motion)]
+        return [motion]
     motion, k = _with_knot(motion)
-    whole = _case(motion)
-    excused = [[*pair, "they touch at the start, and part"] for pair in motion.touching]
-    first = _part(whole, slice(None, k + 1)) | {"left_out": [*whole["left_out"], *excused]}
-    return [first] if k + 1 == len(motion.positions) else [first, _part(whole, slice(k, None))]
+    world = motion.world
+    allowed = [*((first, second) for first, second, _ in _left_out(motion)), *motion.touching]
+    others = World.build(world.group, world.scene, allowed)
+    first = dataclasses.replace(_between(motion, slice(None, k + 1)), world=others, min_clearance=0.0)
+    rest = dataclasses.replace(_between(motion, slice(k, None)), touching=())
+    return [first] if k + 1 == len(motion.positions) else [first, rest] if k > 0 else [rest]
 
 
 def _with_knot(motion: Motion) -> tuple[Motion, int]:
@@ -109,20 +130,19 @@ def _with_knot(motion: Motion) -> tuple[Motion, int]:
     return dataclasses.replace(motion, **rows), k + 1
 
 
-def _part(whole: dict[str, Any], knots: slice) -> dict[str, Any]:
-    """A case with some of the knots alone."""
-    motion = whole["motion"]
-    some = {kind: motion[kind] and motion[kind][knots] for kind in ("times", "positions", "velocities")}
-    return whole | {"motion": motion | some}
+def _between(motion: Motion, knots: slice) -> Motion:
+    """A motion with some of its knots alone."""
+    times, velocities = (None if row is None else row[knots] for row in (motion.times, motion.velocities))
+    return dataclasses.replace(motion, times=times, positions=motion.positions[knots], velocities=velocities)
 
 
-def _case(motion: Motion) -> dict[str, Any]:
+def _case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
     group, scene = motion.world.group, motion.world.scene
     robot = group.robot
     reference = configuration_to_wire(robot.joints, group.q_reference)
     return {
         "format": FORMAT,
-        "robot": _robot(robot, motion.placement),
+        "robot": robot_told,
         "held": _plain(motion.held),
         "obstacles": _plain(scene.message.obstacles),
         "reference": reference,
@@ -168,16 +188,18 @@ def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
 
 
 def _limits(motion: Motion) -> dict[str, Any]:
-    group, limits = motion.world.group, {}
-    endless = np.full(group.nv, np.inf)
-    jerk = endless if motion.jerk_limits is None else motion.jerk_limits
-    kinds = {"velocity": group.velocity_limits, "acceleration": group.acceleration_limits, "jerk": jerk}
-    for joint in group.joints:
-        at = slice(joint.idx_v, joint.idx_v + joint.nv)
-        limits[joint.name] = {
-            kind: values[at].tolist() if np.isfinite(values[at]).all() else None for kind, values in kinds.items()
-        }
-    return limits
+    group = motion.world.group
+    jerk = np.full(group.nv, np.inf) if motion.jerk_limits is None else motion.jerk_limits
+    told: dict[str, dict[str, Any]] = {}
+    for one in (group,) if motion.limited is None else (group, motion.limited):
+        for joint in one.joints:
+            at = slice(joint.idx_v, joint.idx_v + joint.nv)
+            rates = {"velocity": one.velocity_limits[at], "acceleration": one.acceleration_limits[at]}
+            if one is group:
+                rates["jerk"] = jerk[at]
+            kinds = {kind: values.tolist() if np.isfinite(values).all() else None for kind, values in rates.items()}
+            told[joint.name] = told.get(joint.name, {}) | kinds
+    return told
 
 
 def _without_limits(robot: RobotModel) -> list[str]:
@@ -200,6 +222,7 @@ def _left_out(motion: Motion) -> list[list[str]]:
     for one in motion.held:
         for link in (one.link, *one.touch_links):
             reasons[frozenset((one.obstacle.name, link))] = "the link holds it, or may touch it"
+    reasons |= {frozenset(pair): "they touch at the start, and part" for pair in motion.touching}
     joints = [shape.parentJoint for shape in world.group.geometry.geometryObjects]
     told = {}
     for first in range(links):

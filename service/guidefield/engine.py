@@ -55,7 +55,7 @@ from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
 from guidefield.run import Destination, Run
 from guidefield.stores.by_user import Kind
-from guidefield.stores.recordings import Recordings
+from guidefield.stores.recordings import PROOF, Recordings
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
 from guidefield.stores.scenes import PackagedScenes, Scenes
@@ -97,6 +97,7 @@ class _Asking:
     began: float | None = None
     """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
     deferred: bool = False
+    proof_to: Path | None = None
 
 
 class Loaded:
@@ -184,6 +185,7 @@ class Engine:
         request: bytes | dict[str, Any] | requests.Request,
         *,
         record_to: Path | None = None,
+        proof_to: Path | None = None,
         deferred: bool = False,
         received: float | None = None,
         watcher: Watcher | None = None,
@@ -194,6 +196,8 @@ class Engine:
         Args:
             request: JSON bytes, plain data, or a Struct.
             record_to: Where to write the recording of a plan or judgement; None leaves that to the store of runs.
+            proof_to: Where to write the proof of a plan or judgement, which then is asked for; None: where the request
+                asks for one, beside the recording.
             deferred: True if only the log of that file, which ends with .rrd, is to be written, beside it.
             received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
                 prepared for its first use. Deadlines count from it.
@@ -210,13 +214,15 @@ class Engine:
             decoded: Any = request
             if not isinstance(request, msgspec.Struct):
                 decoded = read_request(request)
+            if proof_to is not None:
+                decoded = _with_proof(decoded)
             with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
                 began, load = None, _RobotOnce(self._origin, self._loaded)
                 if received is None:
                     read = time.monotonic() - came
                     ready = self._was_ready(decoded, load)
                     received = began = came if ready else time.monotonic() - read
-                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, load, began, deferred))
+                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, load, began, deferred, proof_to))
         except GuidefieldError as error:
             self._counters["refused"] += 1
             if "path" not in error.details and (path := of_field(error.message, "$")) != "$":
@@ -314,6 +320,7 @@ class Engine:
                 began=began,
                 record=run.record,
                 preparing=run.prepare,
+                prove=run.prove,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -332,6 +339,7 @@ class Engine:
                 deadline=deadline,
                 began=began,
                 record=run.record,
+                prove=run.prove,
             )
 
         return self._run(request, record_to, asking, answered)
@@ -353,15 +361,19 @@ class Engine:
         """
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
+        proof_to = asking.proof_to
         if record_to is not None:
             log = (Recordings(record_to.parent), record_to.stem) if asking.deferred else None
             to = Destination(record_to, str(record_to), log=log)
-        elif self._recordings is not None:
-            key = f"guidefield/{self._instance}/runs/{run_id}/recording"
-            to = Destination.stored(self._recordings, run_id, key)
+            proof_to = proof_to or record_to.with_suffix(PROOF)
+        proof_place = None if proof_to is None else (proof_to, str(proof_to))
+        if self._recordings is not None:
+            key = f"guidefield/{self._instance}/runs/{run_id}"
+            to = to or Destination.stored(self._recordings, run_id, f"{key}/recording")
+            proof_place = proof_place or (self._recordings.file(run_id, PROOF), f"{key}/proof")
         watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressTold(run_id, received, watcher)
-        run = Run(run_id, request, to, asking.load.origin, progress)
+        run = Run(run_id, request, to, asking.load.origin, progress, proof_place)
         try:
             return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
         except DeadlineExpired as late:
@@ -540,6 +552,13 @@ class Engine:
         return holder._scenes.read(name, version)[0]
 
 
+def _with_proof(request: requests.Request) -> requests.Request:
+    """A request that asks for its proof; raises MalformedRequest if there is none of its kind."""
+    if not isinstance(request, requests.MotionRequest):
+        raise MalformedRequest(f"only a plan or a judgement can be proved, not {type(request).__name__}")
+    return request if request.proof else msgspec.structs.replace(request, proof=True)
+
+
 @contextlib.contextmanager
 def _at_declared(reference: requests.SceneReference) -> Iterator[None]:
     """Say where in a request's scene a fault is: one of the scene that it is built of has no place there."""
@@ -602,7 +621,12 @@ class _RobotOnce:
 _default = functools.cache(Engine)
 
 
-def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str | Path | None = None) -> Reply:
+def answer(
+    request: bytes | dict[str, Any] | requests.Request,
+    *,
+    record_to: str | Path | None = None,
+    proof_to: str | Path | None = None,
+) -> Reply:
     """Answer one request in this process: what the service does, with no queue in front and nothing kept.
 
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
@@ -612,6 +636,7 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
             such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. NumPy's
             numbers and arrays may stand in it.
         record_to: Where to write the recording of a plan or judgement (`.rrd`), if anywhere.
+        proof_to: Where to write the proof that its motion is free (`.npz`), if anywhere.
 
     Returns:
         The reply to the request's kind: of a plan a `PlanReply`, of a judgement a `CertifyReply`. A plan that was not
@@ -636,8 +661,8 @@ def answer(request: bytes | dict[str, Any] | requests.Request, *, record_to: str
         guidefield.errors.RobotInvalid: there is no robot 'ur55'; did you mean ur5? ...
     """
     came = time.monotonic()
-    place = None if record_to is None else Path(record_to)
-    return _default().answer(read_request(request), record_to=place, came=came)
+    recording, proof = (None if place is None else Path(place) for place in (record_to, proof_to))
+    return _default().answer(read_request(request), record_to=recording, proof_to=proof, came=came)
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:

@@ -1,23 +1,23 @@
-"""A motion with its proof in one file: what the referee checks again (referee.md)."""
+"""Motions with their proofs in one file: what the referee checks again (referee.md)."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-import lzma
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from guidefield.case_file import Motion, cases
+from guidefield.case_file import Motion, cases, divide
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
-from guidefield.prove.verdict import Verdict
+from guidefield.prove.verdict import Reason
 from guidefield.robot.model.spaces import ChartCurves
 from guidefield.whole_file import write_whole
 
@@ -30,33 +30,45 @@ SAMPLES = 33
 """Samples that the smallest distance along a motion is first looked for at."""
 
 
-def write_proof(path: Path, motion: Motion) -> Verdict:
-    """Prove a motion and write its proof to a file, where it is free; return the verdict.
+class UnprovedError(Exception):
+    """A motion has no proof, in words."""
+
+
+def write_proof(path: Path, *motions: Motion) -> None:
+    """Prove motions and write their proofs to a file.
 
     Raises:
+        UnprovedError: if one isn't free.
         OSError: if it can't be written, or a mesh of the robot can't be read any more.
     """
-    verdict, content = proof_of(motion)
-    if content is not None:
-        write_whole(path, content)
-    return verdict
+    write_whole(path, proof_of(motions))
 
 
-def proof_of(motion: Motion) -> tuple[Verdict, bytes | None]:
-    """Prove a motion: the verdict, and its proof as the content of a file, None where it isn't free.
+def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes:
+    """Prove motions; return the proofs of all their parts (`case_file.divide`) as the content of a file.
 
     Raises:
+        UnprovedError: if one isn't free, or the deadline passed before.
         OSError: if a mesh of the robot can't be read any more.
     """
-    curve = curve_of(motion)
-    span = float(curve.times[0]), float(curve.times[-1])
-    found, proof = prove(
-        motion.world, curve, Goal(motion.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
-    )
-    if proof is None:
-        return found.verdict, None
-    told = np.frombuffer(lzma.compress(json.dumps({"cases": cases(motion)}).encode(), preset=1), np.uint8)
-    return found.verdict, packed({"cases": told, **arrays_of(proof)})
+    arrays: dict[str, np.ndarray] = {}
+    for k, part in enumerate(part for motion in motions for part in divide(motion)):
+        curve = curve_of(part)
+        span = float(curve.times[0]), float(curve.times[-1])
+        goal = Goal(part.min_clearance, spans=[span], samples=np.linspace(*span, SAMPLES))
+        found, proof = prove(part.world, curve, goal, deadline)
+        if found.verdict.reason is Reason.STOPPED or deadline.expired():
+            raise UnprovedError("time was up before it was written down")
+        if proof is None:
+            pair = "" if found.verdict.pair is None else f": {' and '.join(found.verdict.pair)}"
+            raise UnprovedError(f"the motion isn't free{pair}")
+        arrays |= {f"{k}/{name}": array for name, array in arrays_of(proof).items()}
+    told = cases(*motions)
+    for one in told[1:]:
+        for name in [name for name, value in one.items() if value == told[0][name]]:
+            del one[name]
+    arrays["cases"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    return packed(arrays)
 
 
 def arrays_of(proof: Proof) -> dict[str, np.ndarray]:

@@ -1,10 +1,10 @@
-"""A run while it is made: its progress and its recording; a recording that can't be kept becomes a warning."""
+"""A run while it is made: its progress, recording and proof; what can't be kept of these becomes a warning."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -17,8 +17,11 @@ from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequ
 from guidefield.progress import ProgressTold
 from guidefield.stores.recordings import Recordings
 from guidefield.versions import made_with
+from guidefield.whole_file import write_whole
 
 if TYPE_CHECKING:
+    from guidefield.case_file import Motion
+    from guidefield.deadline import Deadline
     from guidefield.handlers.recording import RecordedMotion
     from guidefield.planner.task.event_log import EventLog
     from guidefield.planner.task.trace import Event
@@ -65,6 +68,7 @@ class Run:
         destination: Where its recording goes, if anywhere.
         robot: Gives the source of its robot, once that is loaded.
         progress: Tells somebody how far it is, if anybody listens.
+        proof_place: The file that its proof goes to, and what a reply says about where that is; None: nowhere.
     """
 
     def __init__(
@@ -74,6 +78,7 @@ class Run:
         destination: Destination | None,
         robot: Callable[[], RobotOrigin],
         progress: ProgressTold | None = None,
+        proof_place: tuple[Path, str] | None = None,
     ) -> None:
         self.run_id = run_id
         self._progress = progress
@@ -82,6 +87,7 @@ class Run:
         self._robot = robot
         self._warnings = _Warnings(run_id)
         self._recording: _Recording | None = None
+        self._proof_place, self._proof = proof_place, b""
 
     def is_cancelled(self) -> bool:
         """Return whether a client asked the run to end; called at every iteration, it also lets progress be told."""
@@ -108,8 +114,45 @@ class Run:
             self._progress.be_prepared()
         return _Observers(self._progress, self._recording)
 
+    def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
+        """Prove what came of the run, to be kept as it ends; where there is no proof the reply warns why.
+
+        Args:
+            motions: The motions that are certified, with all that they keep; none, where the run has none.
+            deadline: When that must end.
+        """
+        from guidefield.proof_file import UnprovedError, proof_of
+
+        try:
+            if self._proof_place is None:
+                raise UnprovedError("there is no place for it: name a file, or ask a service")
+            if not motions:
+                raise UnprovedError("no motion is certified free and within its limits")
+            content = proof_of(motions, deadline)
+            if len(content) > LARGEST_RECORDING:
+                raise UnprovedError(f"it has {len(content)} bytes, at most {LARGEST_RECORDING} are kept")
+            self._proof = content
+            for untold in dict.fromkeys(motion.untold for motion in motions if motion.untold):
+                self._warnings.add(f"the proof doesn't tell that {untold}")
+        except (UnprovedError, OSError) as error:
+            why = without_path(error) if isinstance(error, OSError) else error
+            self._warnings.add(f"no proof is kept: {why}")
+
+    def _keep_proof(self) -> str | None:
+        """Write the proof; what a reply says about where it is, None where there is none."""
+        if not self._proof or self._proof_place is None:
+            return None
+        file, key = self._proof_place
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(file, self._proof, durable=False)
+        except OSError as error:
+            self._warnings.add(f"no proof is kept: {without_path(error)}")
+            return None
+        return key
+
     def end(self, reply: _R, received: float | None = None) -> _R:
-        """The reply as it is sent, with where its recording is, or why there is none.
+        """The reply as it is sent, with where its recording and its proof are, or why there are none.
 
         What came after its timing was told counts as measuring, unless a recording was kept meanwhile.
 
@@ -117,12 +160,12 @@ class Run:
             reply: What the run came to.
             received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
         """
-        place = None if self._recording is None else self._recording.kept
+        place, proof = None if self._recording is None else self._recording.kept, self._keep_proof()
         timing = reply.timing
         if received is not None and self._recording is None:
             timing = _until(timing, time.monotonic() - received)
         warnings = [*reply.warnings, *self._warnings.texts]
-        return msgspec.structs.replace(reply, recording=place, warnings=warnings, timing=timing)
+        return msgspec.structs.replace(reply, recording=place, proof=proof, warnings=warnings, timing=timing)
 
 
 def _until(timing: Timing, total: float) -> Timing:

@@ -32,7 +32,7 @@ def test_a_key_is_served_with_its_parameters_and_no_others(key: KeyInfo) -> None
     for parameter in key.parameters:
         _check(_query(key, {parameter: values.get(parameter, "")}))
     _check(_query(key))
-    if not (keys.is_recording(_query(key)) or keys.is_cancel(_query(key))):
+    if not (keys.is_file(_query(key)) or keys.is_cancel(_query(key))):
         with pytest.raises(keys.MalformedRequest, match="unknown parameter 'other'"):
             _check(_query(key, {"other": ""}))
 

@@ -24,8 +24,8 @@ from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import writable
 from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
-from guidefield.cli.recording import fetch_recording
-from guidefield.cli.refereeing import refereed, replayed, write_proof_of
+from guidefield.cli.recording import fetch_files
+from guidefield.cli.refereeing import refereed, replayed
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas
@@ -39,7 +39,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.quotas import DEFAULT_QUOTAS
-from guidefield.messages.replies import CertifyReply, PlanReply, RobotReply, RobotsReply
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
 from guidefield.stores.files import default_data_folder
@@ -63,6 +63,9 @@ ServiceName = Annotated[
 ]
 ClientConfig = Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")]
 User = Annotated[str | None, typer.Option(help="Ask on the keys of this user; else what the file says.")]
+ProofFile = Annotated[
+    Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=writable)
+]
 ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
 ]
@@ -105,6 +108,7 @@ def plan(
     record: Annotated[
         Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=writable)
     ] = None,
+    proof: ProofFile = None,
     objective: ObjectiveOption = None,
 ) -> None:
     """Plan in this process, without a service.
@@ -116,7 +120,7 @@ def plan(
     """
     asked = _aimed(_read(request), objective)
     compile_kernels(err.print)
-    _report(answer(asked, record_to=record), output)
+    _report(answer(asked, record_to=record, proof_to=proof), output)
 
 
 @app.command()
@@ -154,9 +158,7 @@ def certify(
     case: Annotated[
         Path | None, typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=writable)
     ] = None,
-    proof: Annotated[
-        Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=writable)
-    ] = None,
+    proof: ProofFile = None,
     replay: Annotated[
         bool, typer.Option("--replay", help="MOTION is a proof: the referee checks it, and nothing else is done.")
     ] = False,
@@ -170,7 +172,7 @@ def certify(
     Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
     if replay:
-        raise typer.Exit(0 if replayed(Path(motion)) else 1)
+        raise typer.Exit(0 if replayed(Path(motion), allowed_time) else 1)
     given = {
         "robot": None if robot is None else robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
         "scene": None if scene is None else scene_reference(scene),
@@ -181,10 +183,8 @@ def certify(
     }
     request = certify_request(motion, given, allowed_time, data, name)
     compile_kernels(err.print)
-    reply = answer(request, record_to=record)
+    reply = answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
-    if proof is not None:
-        write_proof_of(request, reply, proof)
     if (referee or case is not None) and not refereed(request, reply, case, asked=referee):
         _show(reply, output)
         raise typer.Exit(1)
@@ -202,6 +202,9 @@ def query(
     record: Annotated[
         Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=writable)
     ] = None,
+    proof: Annotated[
+        Path | None, typer.Option(help="Ask for a proof that the motion is free, to here (.npz).", callback=writable)
+    ] = None,
     objective: ObjectiveOption = None,
 ) -> None:
     """Ask a service for a plan, a verdict or kinematics.
@@ -209,6 +212,8 @@ def query(
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
     asked = _aimed(_read(request), objective)
+    if proof is not None and isinstance(asked, requests.MotionRequest):
+        asked = msgspec.structs.replace(asked, proof=True)
     with _connected(connect, name, config, user) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
@@ -220,10 +225,8 @@ def query(
             raise MalformedRequest(
                 f"a request file holds a plan, certify or kinematics request, not {type(asked).__name__}"
             )
-        if (record is not None and isinstance(reply, PlanReply)) or (
-            record is not None and isinstance(reply, CertifyReply)
-        ):
-            reply = fetch_recording(client, reply, record)
+        if isinstance(reply, MotionReply):
+            reply = fetch_files(client, reply, record, proof)
     _report(reply, output)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 
 from guidefield import demo
-from guidefield.cli.recording import fetch_recording
+from guidefield.cli.recording import fetch_files
 from guidefield.cli.serving import service_in_child
 from guidefield.cli.tables import plan_table
 from guidefield.client import Client
@@ -32,7 +32,7 @@ def run(folder: Path, out: Console) -> int:
     ):
         for name, (title, request) in demo.REQUESTS.items():
             out.print(f"\nplanning: {title} …", style="dim", highlight=False)
-            reply = fetch_recording(client, client.plan(request), folder / f"{name}.rrd")
+            reply = fetch_files(client, client.plan(request), folder / f"{name}.rrd")
             out.print(plan_table(reply, title))
             codes.append(reply.status.code)
     return 0 if all(code == Status.SUCCESS for code in codes) else 1

@@ -24,6 +24,7 @@ from guidefield.cli.found_run import (
     StreamName,
     data_folder,
     find_plan,
+    kept_run,
     kept_runs,
     recording_file,
 )
@@ -134,16 +135,25 @@ def compare(first: RunName, second: RunName, data: Data = None, name: Service = 
 def export(
     run: StreamName,
     file: Annotated[
-        Path, typer.Argument(help="Where to: .csv, .json, .npz, or .rrd for the recording.", callback=writable)
+        Path,
+        typer.Argument(
+            help="Where to: .csv, .json, .npz, .rrd for the recording, or a name ending with proof.npz for the proof.",
+            callback=writable,
+        ),
     ],
     data: Data = None,
     name: Service = "local",
 ) -> None:
-    """Write the motion of a run to a file for other programs, or a run's or stream's recording with all it needs."""
+    """Write the motion of a run to a file for other programs, its proof, or its or a stream's recording."""
     from guidefield.arrays import run_arrays, write_motion
 
     if file.suffix == ".rrd":
         with recording_file(run, data, name) as recording:
             write_whole(file, recording.read_bytes())
+        return
+    if file.name.endswith("proof.npz"):
+        runs, run_id = kept_run(run, data, name)
+        runs.require(run_id)
+        write_whole(file, runs.recordings.read_proof(run_id))
         return
     write_motion(run_arrays(find_plan(run, data, name)), file)

@@ -1,4 +1,4 @@
-"""A run's recording, fetched from a service to a file."""
+"""A run's recording and proof, fetched from a service to files."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from guidefield.messages.replies import CertifyReply, PlanReply
 _R = TypeVar("_R", bound=PlanReply | CertifyReply)
 
 
-def fetch_recording(client: Client, reply: _R, file: Path) -> _R:
-    """The reply, with its recording in a file here; as it was, where the run has none."""
-    if reply.recording is None:
-        return reply
-    file.write_bytes(client.recording(reply.run_id))
-    return msgspec.structs.replace(reply, recording=str(file))
+def fetch_files(client: Client, reply: _R, recording: Path | None, proof: Path | None = None) -> _R:
+    """The reply, with its recording and proof in files here, where it has them and a file is named for them."""
+    if recording is not None and reply.recording is not None:
+        recording.write_bytes(client.recording(reply.run_id))
+        reply = msgspec.structs.replace(reply, recording=str(recording))
+    if proof is not None and reply.proof is not None:
+        proof.write_bytes(client.proof(reply.run_id))
+        reply = msgspec.structs.replace(reply, proof=str(proof))
+    return reply

@@ -45,44 +45,21 @@ def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *,
     return free
 
 
-def write_proof_of(request: CertifyRequest, reply: CertifyReply, file: Path) -> None:
-    """Write the proof that a motion is free, where the certificate says that it is.
-
-    Args:
-        request: What the certificate was asked.
-        reply: What it said.
-        file: Where to write the proof.
-
-    Raises:
-        MalformedRequest: if the motion begins by leaving a contact.
-    """
-    from guidefield.proof_file import write_proof
-
-    if reply.status.name != "SUCCESS":
-        typer.echo(f"there is no proof of a motion that isn't free: {file.name} isn't written")
-        return
-    motion = motion_of(request)
-    if motion.touching:
-        raise MalformedRequest("a motion that begins by leaving a contact has no proof")
-    write_proof(file, motion)
-
-
-def replayed(file: Path) -> bool:
-    """Have the referee check a proof, and show what it says; whether the proof holds.
+def replayed(file: Path, seconds: float) -> bool:
+    """Have the referee check a file of proofs, and show what it says; whether all hold.
 
     Raises:
         MalformedRequest: if the file can't be used.
     """
-    from guidefield.referee.loading import UnusableFile, case_of
+    from guidefield.referee.loading import UnusableFile
     from guidefield.referee.printing import lines
-    from guidefield.referee.proof import load_proof
-    from guidefield.referee.replay import replay
+    from guidefield.referee.replay import replay_file
     from guidefield.referee.verdict import Answer
 
     try:
-        told, proof = load_proof(file)
-        verdict = replay(case_of(told), proof)
+        verdicts = replay_file(file, seconds)
     except (UnusableFile, OSError) as error:
         raise MalformedRequest(str(error)) from None
-    typer.echo("\n".join(lines(verdict, "slabs")))
-    return verdict.answer is Answer.FREE
+    for verdict in verdicts:
+        typer.echo("\n".join(lines(verdict, "slabs")))
+    return all(verdict.answer is Answer.FREE for verdict in verdicts)

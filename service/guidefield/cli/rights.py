@@ -27,7 +27,7 @@ HEARING, HEARD = ["declare_subscriber"], ["put"]
 OF_ALL = ("guidefield/*/alive", "guidefield/*/starting")
 """What everybody may look at: which services there are."""
 LISTS = ("info", "robots", "scenes", "runs")
-SHARED = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording")
+SHARED = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
 """What others share: with an owner before the name a key is for reading alone, unless an operator asks."""
 
 

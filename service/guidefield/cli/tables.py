@@ -87,13 +87,17 @@ def _distances(reply: MotionReply) -> list[tuple[str, RenderableType]]:
 
 
 def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
-    """Time, warnings and the recording."""
+    """Time, warnings, the recording and the proof."""
     rows: list[tuple[str, RenderableType]] = [("time", Text(_timing(reply.timing)))]
     rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
     if reply.recording is not None:
         rows.append(("recording", Text(reply.recording)))
         if reply.recording.endswith(".rrd"):
             rows.append(("to open it", Text(f"{_this_command()} show {shlex.quote(reply.recording)}")))
+    if reply.proof is not None:
+        rows.append(("proof", Text(reply.proof)))
+        if reply.proof.endswith(".npz"):
+            rows.append(("to check it", Text(f"{_this_command()} certify --replay {shlex.quote(reply.proof)}")))
     return rows
 
 

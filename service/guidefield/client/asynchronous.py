@@ -255,12 +255,16 @@ class AsyncClient:
         return await self._ask(questions.run(run_id))
 
     async def delete_run(self, run_id: str) -> None:
-        """Forget one run with its recording."""
+        """Forget one run with its recording and proof."""
         await self._ask(questions.delete_run(run_id))
 
     async def recording(self, run_id: str) -> bytes:
         """The recording of one run, to be written to an `.rrd` file."""
         return await self._ask(questions.recording(run_id))
+
+    async def proof(self, run_id: str) -> bytes:
+        """The proof of one run that was asked for with `proof`, to be written to an `.npz` file."""
+        return await self._ask(questions.proof(run_id))
 
     async def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
         """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""

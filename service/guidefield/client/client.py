@@ -458,7 +458,7 @@ class Client:
         return self._ask(questions.run(run_id))
 
     def delete_run(self, run_id: str) -> None:
-        """Forget one run with its recording.
+        """Forget one run with its recording and proof.
 
         Args:
             run_id: Its name.
@@ -478,6 +478,17 @@ class Client:
             UnknownObject: if none of that name is kept, or it has no recording.
         """
         return self._ask(questions.recording(run_id))
+
+    def proof(self, run_id: str) -> bytes:
+        """The proof of one run that was asked for with `proof`, to be written to an `.npz` file.
+
+        Args:
+            run_id: Its name.
+
+        Raises:
+            UnknownObject: if none of that name is kept, or it has no proof.
+        """
+        return self._ask(questions.proof(run_id))
 
     def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
         """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""

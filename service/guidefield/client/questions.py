@@ -270,6 +270,11 @@ def recording(run_id: str) -> Question[bytes]:
     return Question(f"{_key('runs', run_id)}/recording", bytes, run_id=run_id)
 
 
+def proof(run_id: str) -> Question[bytes]:
+    """The proof of one run."""
+    return Question(f"{_key('runs', run_id)}/proof", bytes, run_id=run_id)
+
+
 def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool) -> Question[Done]:
     """Something is to be read by everybody, or by nobody else any more."""
     key = _key(kind, name)

@@ -22,7 +22,7 @@ from guidefield.pool.waiting import Answer
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
 """Zenoh encodings that mean JSON: its own default ones too."""
 FILE = "application/octet-stream"
-"""The Zenoh encoding of a recording."""
+"""The Zenoh encoding of a recording or proof."""
 RETRY_AFTER = 1.0
 """Time after which a client may ask again whose answers wait to be read [s]."""
 LONGEST_CLIENT = 64
@@ -80,7 +80,7 @@ class Asked:
         self._key = str(query.key_expr)
         self._asker = Asker(PLAIN, self._client())
         self._encoding = Encoding.JSON
-        self._is_recording = False
+        self._is_file = False
         self._count = count
         self._post = post
         self._open = threading.Lock()
@@ -113,7 +113,7 @@ class Asked:
             client=self._asker.client,
             names_owner=key != below,
         )
-        self._is_recording = keys.is_recording(told)
+        self._is_file = keys.is_file(told)
         payload = self._query.payload
         size = 0 if payload is None else len(payload)
         let_in(told, size)
@@ -148,7 +148,7 @@ class Asked:
         with self._query as query:
             if is_reply:
                 key = "/".join([self._prefix, *self._key.split("/")[2:]])
-                query.reply(key, payload, encoding=FILE if self._is_recording else self._encoding.value)
+                query.reply(key, payload, encoding=FILE if self._is_file else self._encoding.value)
             else:
                 query.reply_err(payload, encoding=self._encoding.value)
 

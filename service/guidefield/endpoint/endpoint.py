@@ -255,9 +255,11 @@ class Endpoint:
         return self._under_way.cancel((read.owner, kind, checked_name(own, f"{kind[:-1]}_id")))
 
     def _read_files(self, read: keys.Query) -> Answer:
-        if keys.is_recording(read):
+        if keys.is_file(read):
             runs = self._runs.of(read.owner)
             runs.require(read.key[1])
+            if keys.is_proof(read):
+                return True, runs.recordings.read_proof(read.key[1])
             return True, whole_recording(runs.recordings, read.key[1])
         if keys.is_sharing(read):
             kind, name = _thing(read)

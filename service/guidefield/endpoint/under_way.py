@@ -85,7 +85,7 @@ def _answer(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Future[An
     reply = decoded(task.result()[1], kind, run.encoding)
     assert isinstance(reply, MotionReply), "it was written by a worker"
     warnings = [*reply.warnings, f"the run is not kept: {fault}"]
-    told = msgspec.structs.replace(reply, recording=None, warnings=warnings)
+    told = msgspec.structs.replace(reply, recording=None, proof=None, warnings=warnings)
     answer.set_result((True, codec.encode(told, run.encoding)))
 
 

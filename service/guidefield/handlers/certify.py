@@ -19,11 +19,11 @@ from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
 from guidefield.handlers.preparation import crop_to_reach, prepare_plan
-from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Record
+from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
-from guidefield.planner.given_leaving import judge_leaving
+from guidefield.planner.given_leaving import Leaving, judge_leaving
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
@@ -63,6 +63,7 @@ def answer_certify(
     received: float,
     began: float | None = None,
     record: Record[CertifyReply] = lambda *_: None,
+    prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> CertifyReply:
     """Judge a motion, and say what came of it.
@@ -75,6 +76,7 @@ def answer_certify(
         received: When it arrived, on the clock of `time.monotonic` [s].
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
+        prove: Keeps the proof, where the request asks for it.
         deadline: When judging must end; None: when the time that the request allows is up.
 
     Raises:
@@ -85,7 +87,8 @@ def answer_certify(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_time) if deadline is None else deadline
     problem, warnings = certify_problem(request, robot, scene, deadline)
-    problem = crop_to_reach(problem, deadline, limited=False)
+    if not request.proof:  # that is about the scene as it is declared
+        problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
     uses = _uses(problem)
@@ -98,6 +101,9 @@ def answer_certify(
         stage.outcome = judgement.verdict.reason.value
     with stages.entered("measure", "the smallest distances along the motion"):
         found = clearances([(_motion(problem), problem)])
+        if request.proof:
+            certified = judgement.verdict.free and judgement.within_limits
+            prove([_declared(request, problem, judgement.leaving)] if certified else [], deadline)
     measured = None if found is None else found[0]
     if measured is not None and judgement.verdict.free:
         file = functools.partial(motion_of, request, robot, scene)
@@ -179,10 +185,13 @@ def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motio
         GuidefieldError: as `certify_problem` does, where the question is ill-posed.
     """
     problem, _ = certify_problem(request, robot, scene, Deadline(time.monotonic() + request.allowed_time))
+    leaving = judge_leaving(problem, problem.motion.pieces) if request.leave_start_contact else None
+    return _declared(request, problem, leaving if leaving is not None and leaving.leaves else None)
+
+
+def _declared(request: CertifyRequest, problem: GivenProblem, leaving: Leaving | None) -> Motion:
+    """The motion of a problem for the referee, and how it leaves a contact at the start."""
     given = problem.motion
-    leaving = judge_leaving(problem, given.pieces) if request.leave_start_contact else None
-    if leaving is not None and not leaving.leaves:
-        leaving = None
     return Motion(
         world=problem.world,
         placement=request.robot_placement,

@@ -8,7 +8,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from guidefield.case_file import Motion
+from guidefield.collision.contact import contacts_at
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
@@ -21,7 +24,7 @@ from guidefield.handlers.plan_problem import problem_of
 from guidefield.handlers.plan_reply import reply_to
 from guidefield.handlers.planes import Derivation, with_derived_planes
 from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
-from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Record
+from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import requests, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
@@ -46,6 +49,7 @@ def answer_plan(
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
+    prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:
     """Plan, and say what came of it.
@@ -59,6 +63,7 @@ def answer_plan(
         began: When loading its robot and scene began, on the same clock [s]; None: now.
         record: Opens the recording.
         preparing: Told which part of the robot is prepared, where that isn't known from before.
+        prove: Keeps the proof, where the request asks for it.
         deadline: When planning must end; None: when the time that the request allows is up.
 
     Raises:
@@ -70,7 +75,7 @@ def answer_plan(
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     problem, warnings = problem_of(request, robot, scene, deadline)
     guided = _is_guided(request, problem)
-    if not guided:
+    if not (guided or request.proof):  # a proof is about the scene as it is declared
         problem = crop_to_reach(problem, deadline)
     attempts = ATTEMPTS[request.minimizer](problem.group) if guided or request.minimizer == "univariate" else PROJECTED
     refusal, derivation = refuse_ends(problem), Derivation()
@@ -92,6 +97,9 @@ def answer_plan(
         require_agreement(
             run_id, [Certified(found, problem.min_clearance, lambda: _motion(request, problem, made), since)]
         )
+    if request.proof:
+        certified = made.trajectory is not None and made.verdict.free
+        prove([_motion(request, problem, made)] if certified else [], deadline)
     seconds = {"queue": began - received, "load": load_seconds}
     reply = reply_to(request, problem, made, found, run_id, received, seconds, warnings)
     if recording is not None:
@@ -130,6 +138,7 @@ def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
     """A plan's trajectory for the referee."""
     trajectory = made.trajectory
     assert trajectory is not None, "it was measured"
+    contacts = contacts_at(problem.world, problem.group.expand_from_chart(problem.z_start)) if made.judged_from else []
     return Motion(
         world=problem.world,
         placement=request.robot_placement,
@@ -140,6 +149,8 @@ def _motion(request: PlanRequest, problem: Problem, made: Plan) -> Motion:
         jerk_limits=problem.jerk_limits,
         min_clearance=problem.min_clearance,
         path_constraints=request.path_constraints,
+        touching=[one.pair for one in contacts],
+        left_at=(int(np.searchsorted(trajectory.times, made.judged_from)), 0.0),
     )
 
 

@@ -8,6 +8,8 @@ from typing import Protocol, TypeVar, cast
 
 import msgspec
 
+from guidefield.case_file import Motion
+from guidefield.deadline import Deadline
 from guidefield.messages.replies import MotionReply
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime
@@ -44,6 +46,9 @@ class Recording(Protocol[_R_contra]):
     def finish(self, reply: _R_contra, motion: RecordedMotion) -> None:
         """Be told the end, and keep it."""
 
+
+Prove = Callable[[Sequence[Motion], Deadline], None]
+"""Proves the motions that a run is certified for, as far as the deadline allows, and keeps the proof with the run."""
 
 Record = Callable[[PlanningGroup, Scene], Recording[_R_contra] | None]
 """Opens the recording of a run, once it is known what moves where."""

@@ -12,6 +12,7 @@ import numpy as np
 from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
 from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.errors import Status
 from guidefield.handlers.agreement import Certified, require_agreement
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
@@ -23,7 +24,7 @@ from guidefield.handlers.plan_reply import (
     wire_trajectory,
 )
 from guidefield.handlers.preparation import prepare_plan
-from guidefield.handlers.recording import PackedMotion, Record
+from guidefield.handlers.recording import PackedMotion, Prove, Record
 from guidefield.handlers.sequence_shown import SequenceMotion
 from guidefield.handlers.situation import Standing
 from guidefield.handlers.steps import Steps
@@ -50,6 +51,7 @@ def answer_steps(
     began: float | None = None,
     record: Record[PlanReply] = lambda *_: None,
     preparing: Told = lambda _: None,
+    prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> PlanReply:
     """Plan a sequence, and say what came of it; arguments and errors as those of `answer_plan`."""
@@ -67,11 +69,16 @@ def answer_steps(
     if measured is not None:
         free = {id(one) for one, verdict in zip(made.stretches, made.verdicts, strict=False) if verdict.free}
         judged = [one for one in measured if id(one[0]) in free]
-        certified = [
-            Certified(found, stretch.min_clearance, functools.partial(_motion, request, made, stretch))
-            for stretch, found in judged
-        ]
-        require_agreement(run_id, certified)
+        require_agreement(
+            run_id,
+            [
+                Certified(found, stretch.min_clearance, functools.partial(_motion, request, made, stretch))
+                for stretch, found in judged
+            ],
+        )
+    if request.proof:
+        certified = made.stretches if made.status is Status.SUCCESS else ()
+        prove([_motion(request, made, stretch) for stretch in certified], deadline)
     load_seconds += made.seconds.get("load", 0.0)
     seconds = {"queue": began - received, "load": load_seconds, "measure": time.monotonic() - begin}
     reply = reply_to(request, course, made, measured, run_id, received, seconds)
@@ -82,15 +89,19 @@ def answer_steps(
 
 def _motion(request: PlanRequest, made: SequencePlan[Standing], stretch: Stretch) -> Motion:
     """A stretch for the referee."""
+    leg = made.legs[stretch.index]
     return Motion(
         world=stretch.world,
         placement=request.robot_placement,
-        held=[one.attached for one in made.legs[stretch.index].at.objects],
+        held=[one.attached for one in leg.at.objects],
         times=stretch.motion.times,
         positions=stretch.motion.positions,
         velocities=stretch.motion.velocities,
         jerk_limits=stretch.jerk_limits,
         min_clearance=stretch.min_clearance,
+        path_constraints=request.path_constraints if stretch.path_constraints else (),
+        limited=None if leg.problem is None else leg.problem.group,
+        untold="" if stretch.way is None else f"{stretch.way.frame} keeps to its straight way",
     )
 
 

@@ -122,6 +122,7 @@ class CertifyReply(Reply):
         recording: Key or file of the recording, if there is one.
         schema: Version of this message.
         warnings: What was odd but harmless.
+        proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
 
     Example:
         >>> import guidefield
@@ -146,6 +147,7 @@ class CertifyReply(Reply):
     recording: str | None
     schema: int = 1
     warnings: list[str] = []
+    proof: str | None = None
 
 
 def place_in_words(row: float, time: float | None) -> str:

@@ -104,6 +104,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         leave_start_contact: Whether a start in slight contact may be left, instead of being refused.
         allowed_time: From the request's arrival [s].
         recording: How much is recorded.
+        proof: Whether a proof that the motion is free is kept with the run: anybody can check it (`referee.md`).
 
     Example:
         >>> from guidefield import CertifyRequest
@@ -139,6 +140,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
     leave_start_contact: bool = False
     allowed_time: AllowedTime = PLANNING_TIME
     recording: Literal["full", "summary", "off"] = "full"
+    proof: bool = False
 
     def __post_init__(self) -> None:
         settle_scene(self)

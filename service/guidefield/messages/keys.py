@@ -129,7 +129,7 @@ def check(query: Query) -> None:
     Raises:
         MalformedRequest: if the key is not served, or the query has parameters or a payload that don't fit it.
     """
-    if is_recording(query) or is_cancel(query):
+    if is_file(query) or is_cancel(query):
         _refuse_payload(query)
     else:
         _rule(query)
@@ -176,8 +176,18 @@ def changes_store(query: Query) -> bool:
 
 
 def is_recording(query: Query) -> bool:
-    """Return whether the query asks for a recording: the one answer that is not a message."""
+    """Return whether the query asks for a recording."""
     return len(query.key) == 3 and query.key[0] in ("runs", "streams") and query.key[2] == "recording"
+
+
+def is_proof(query: Query) -> bool:
+    """Return whether the query asks for the proof of a run."""
+    return len(query.key) == 3 and query.key[::2] == ("runs", "proof")
+
+
+def is_file(query: Query) -> bool:
+    """Return whether the query asks for a recording or a proof: the answers that aren't messages."""
+    return is_recording(query) or is_proof(query)
 
 
 def is_cancel(query: Query) -> bool:

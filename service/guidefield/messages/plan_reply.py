@@ -238,6 +238,7 @@ class PlanReply(Reply):
         objective: The request's.
         steps: Of a sequence: each step in time. Of one that failed, those before the step that failed; `path` is then
             that step's, and `status.details` has its number as `step`.
+        proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
 
     Example:
         >>> import guidefield
@@ -273,3 +274,4 @@ class PlanReply(Reply):
     warnings: list[str] = []
     objective: str = "balanced"
     steps: list[StepFigures] = []
+    proof: str | None = None

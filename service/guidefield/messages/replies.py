@@ -106,7 +106,7 @@ class RunSummary(Reply):
         began: When [s since 1970].
         ended: When [s since 1970]; null until then.
         message: What the status says, in a sentence.
-        bytes: Size of request, reply and recording.
+        bytes: Size of request, reply, recording and proof.
         recording: "rendered"; "owed" until it is rendered from the run's log, which asking for it does at once; "lost"
             if it can't be; "none" if there is none.
     """

@@ -130,6 +130,7 @@ class PlanRequest(Message):
         recording: How much is recorded.
         seed: Of all randomness.
         steps: In place of a goal: what to do in order, as one motion; guide planes then are the steps' own.
+        proof: Whether a proof that the motion is free is kept with the run: anybody can check it (`referee.md`).
 
     Example:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene
@@ -172,6 +173,7 @@ class PlanRequest(Message):
     recording: Literal["full", "summary", "off"] = "full"
     seed: Annotated[int, msgspec.Meta(ge=0, le=2**53)] = 0
     steps: Annotated[list[PlanStep], msgspec.Meta(max_length=MOST_STEPS)] = []
+    proof: bool = False
 
     def __post_init__(self) -> None:
         settle_scene(self)

@@ -88,10 +88,11 @@ KEYS = (
     KeyInfo(
         "runs/<id>",
         "request and reply of one run, also while it runs",
-        parameters={"delete": "forgets it, with its recording", **SHARING},
+        parameters={"delete": "forgets it, with its recording and proof", **SHARING},
         gives=["RunReply", "CertifyRunReply", "Done"],
     ),
     KeyInfo("runs/<id>/recording", "the recording of one run, an .rrd file", worker="while it is owed"),
+    KeyInfo("runs/<id>/proof", "the proof of one run that asked for it, an .npz file"),
     KeyInfo("runs/<id>/cancel", "ends one run early", gives=["Done"]),
     KeyInfo("runs/<id>/progress", "how far one run is, while it runs", how="published", gives=["Progress"]),
     KeyInfo(

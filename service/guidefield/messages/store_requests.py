@@ -133,7 +133,7 @@ class ReadRun(Message, tag_field="type", tag="run"):
 
 
 class DeleteRun(Message, tag_field="type", tag="delete_run"):
-    """Forget one run with its recording."""
+    """Forget one run with its recording and proof."""
 
     run_id: RunId
 

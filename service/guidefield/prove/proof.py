@@ -14,6 +14,7 @@ import numpy as np
 
 from guidefield.collision.bodies import bodies
 from guidefield.collision.world import World
+from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
     BLOCKS,
@@ -96,20 +97,21 @@ class Proof(ReadOnly):
     corners: np.ndarray
 
 
-def prove(world: World, curve: Curve, goal: Goal) -> tuple[Found, Proof | None]:
+def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[Found, Proof | None]:
     """Search a motion and write its proof down; None where it isn't free.
 
     Args:
         world: The robot among obstacles.
         curve: The motion.
         goal: What is asked.
+        deadline: Ends the search.
     """
     capacity, log = ROWS, SearchLog.with_capacity(ROWS)
-    found = search(world, curve, goal, log=log)
+    found = search(world, curve, goal, deadline, log)
     while not log.is_complete:
         capacity *= 2
         log = SearchLog.with_capacity(capacity)
-        found = search(world, curve, goal, log=log)
+        found = search(world, curve, goal, deadline, log)
     if not found.verdict.free:
         return found, None
     return found, _Writer(world, goal, log.rows).proof(_claims(found, goal), log.segments)

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 from guidefield.referee.judge import judge
-from guidefield.referee.loading import UnusableFile, case_of, load
+from guidefield.referee.loading import UnusableFile, load
 from guidefield.referee.printing import lines
-from guidefield.referee.proof import is_proof, load_proof
-from guidefield.referee.replay import replay
+from guidefield.referee.proof import is_proof
+from guidefield.referee.replay import replay_file
 from guidefield.referee.verdict import Answer
 
 
@@ -26,8 +26,7 @@ def main() -> int:
     asked = parser.parse_args()
     try:
         if is_proof(asked.file):
-            told, proof = load_proof(asked.file)
-            verdicts, rests_on = [replay(case_of(told), proof)], "slabs"
+            verdicts, rests_on = replay_file(asked.file, asked.seconds), "slabs"
         else:
             cases, rests_on = load(asked.file), "distances"
             verdicts = [judge(case, asked.extra, seconds=asked.seconds) for case in cases]

@@ -1,11 +1,11 @@
-"""A proof in a file: the case that it is about, its segments, slabs and convex shapes (referee.md)."""
+"""Proofs in a file: the cases that they are about, segments, slabs and convex shapes (referee.md)."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import lzma
 import zipfile
+import zlib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -69,17 +69,20 @@ class Proof:
     corners: np.ndarray
 
 
+NAMES = tuple(field.name for field in fields(Proof))
+
+
 def is_proof(path: Path) -> bool:
     """Whether a file holds arrays, as a proof does, and not a case alone."""
     return zipfile.is_zipfile(path)
 
 
-def load_proof(path: Path) -> tuple[dict[str, Any], Proof]:
-    """Read a proof, and the case that it is about, as JSON has it.
+def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
+    """Read proofs, each with the case that it is about, as JSON has it.
 
     Raises:
-        UnusableFile: if it can't be used, with what is wrong.
-        OSError: if it can't be read.
+        UnusableFile: if they can't be used, with what is wrong.
+        OSError: if the file can't be read.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -89,11 +92,15 @@ def load_proof(path: Path) -> tuple[dict[str, Any], Proof]:
             raise UnusableFile(f"{path.name} must have `format` {FORMAT!r}")
         if said != digest(arrays):
             raise UnusableFile(f"{path.name} has been changed: its digest is another one")
-        (case,) = json.loads(lzma.decompress(arrays.pop("cases").tobytes()))["cases"]
-        return case, proof_of(arrays)
+        first, *others = json.loads(arrays.pop("cases").tobytes())
+        cases = [first, *(first | other for other in others)]
+        proofs = [proof_of({name: arrays.pop(f"{k}/{name}") for name in NAMES}) for k in range(len(cases))]
+        if arrays:
+            raise UnusableFile(f"{path.name} has arrays of no case: {', '.join(sorted(arrays))}")
+        return list(zip(cases, proofs, strict=True))
     except UnusableFile:
         raise
-    except (KeyError, ValueError, TypeError, lzma.LZMAError, zipfile.BadZipFile, EOFError) as error:
+    except (KeyError, ValueError, TypeError, zlib.error, zipfile.BadZipFile, EOFError) as error:
         raise UnusableFile(f"{path.name} is no proof: {error}") from None
 
 
@@ -112,7 +119,7 @@ def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
     Raises:
         UnusableFile: if they aren't, or a number isn't finite.
     """
-    p = Proof(**{field.name: arrays[field.name] for field in fields(Proof)})
+    p = Proof(**{name: arrays[name] for name in NAMES})
     for name, array in vars(p).items():
         if name in ("joints", "bodies"):
             continue

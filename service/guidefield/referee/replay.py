@@ -8,15 +8,18 @@ is left has to be done with in the segments that it is divided into. Nothing may
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from guidefield.referee.case import Case
 from guidefield.referee.containment import box_about
 from guidefield.referee.judge import Along, beyond_limit, false_part, pieces
+from guidefield.referee.loading import case_of
 from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
-from guidefield.referee.proof import Proof
+from guidefield.referee.proof import Proof, load_proofs
 from guidefield.referee.slabs import Slabs
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
@@ -25,28 +28,47 @@ class Refused(Exception):
     """The proof doesn't hold, in words."""
 
 
-def replay(case: Case, proof: Proof) -> Verdict:
+def replay_file(path: Path, seconds: float = math.inf) -> list[Verdict]:
+    """Check all proofs of a file; arguments as those of `replay`.
+
+    Raises:
+        UnusableFile: if it can't be used.
+        OSError: if it can't be read.
+    """
+    return [replay(case_of(told), proof, seconds) for told, proof in load_proofs(path)]
+
+
+def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:
     """Check a proof of a motion.
 
     Limits are judged as well, and whether a body is inside another one at the start. Path constraints are in no proof:
-    they are told among what is left out.
+    they are judged by halving.
 
     Args:
         case: The motion, and what it is said to keep.
         proof: The proof.
+        seconds: Time after which path constraints are undecided.
     """
     if case.unknown:
         return Verdict(Finding(Answer.NOT_JUDGED, tuple(case.unknown)))
     along = Along(replace(case, constraints=()), 0.0, 0.0, math.inf)
-    left_out = [*along.left_out, *((one.name, "the path", "no proof is about it") for one in case.constraints)]
     shells = replace(case, bodies=[replace(body, parts=()) for body in case.bodies])
-    found, kept = false_part(shells) or beyond_limit(case) or along.inside(), math.inf
+    found = false_part(shells) or beyond_limit(case) or along.inside() or _broken_constraint(case, seconds)
+    kept = math.inf
     if found is None:
         try:
             found, kept = Finding(Answer.FREE), _Replay(case, proof, along).kept()
         except Refused as refused:
             found = Finding(Answer.NOT_PROVED, (str(refused),))
-    return Verdict(found, kept, len(along.pairs), tuple(left_out), len(proof.slab_segments))
+    return Verdict(found, kept, len(along.pairs), tuple(along.left_out), len(proof.slab_segments))
+
+
+def _broken_constraint(case: Case, seconds: float) -> Finding | None:
+    """A path constraint that isn't kept, or of which it can't be told."""
+    if not case.constraints:
+        return None
+    found = Along(replace(case, bodies=()), 0.0, 0.0, time.monotonic() + seconds).judged()
+    return None if found.answer is Answer.FREE else found
 
 
 class _Replay:

@@ -21,6 +21,8 @@ from guidefield.whole_file import link_shared, remove_unshared, write_whole
 
 RECORDING, LOG, LOST = ".rrd", ".log", ".lost"
 """Endings of file names: a recording, the log of one that isn't rendered yet, the reason why one never will be."""
+PROOF = ".npz"
+"""Ending of the file of a run's proof."""
 SCENE_LINK = ".drawn"
 """Ending of a recording's link to the file of its scene, where that is large."""
 SCENE, ROBOT, OBSTACLES = ".scene", ".robot", (".obstacle1", ".obstacle2", ".obstacle3", ".obstacle4")
@@ -107,6 +109,19 @@ class Recordings:
         why = "" if lost is None else f": {lost.decode()}"
         raise UnknownObject(f"run {run_id!r} has no recording{why}", run_id=run_id)
 
+    def read_proof(self, run_id: str) -> bytes:
+        """Return the proof of a run, as the content of a file.
+
+        Raises:
+            UnknownObject: if it has none.
+            OSError: if the disk refuses.
+        """
+        found = read_if_any(self.file(run_id, PROOF))
+        if found is None:
+            told = f"run {run_id!r} has no proof; a request with `proof` true keeps one, or its reply warns why not"
+            raise UnknownObject(told, run_id=run_id)
+        return found
+
     def is_owed(self, run_id: str) -> bool:
         """Return whether a run's recording isn't rendered yet."""
         return self.file(run_id, LOG).exists()
@@ -122,15 +137,15 @@ class Recordings:
         return [name for _, name in sorted(found, reverse=True)]
 
     def kept(self, run_id: str) -> Kept:
-        """Return what there is of a run's recording; its size counts files that it shares with others."""
-        log = _size(self.file(run_id, LOG))
+        """Return what there is of a run's recording; its size has its proof, and files that it shares."""
+        proof, log = _size(self.file(run_id, PROOF)) or 0, _size(self.file(run_id, LOG))
         if log is not None:
-            return Kept("owed", log + sum(_size(self.file(run_id, one)) or 0 for one in (*NEEDED, RECORDING)))
+            return Kept("owed", proof + log + sum(_size(self.file(run_id, one)) or 0 for one in (*NEEDED, RECORDING)))
         recording = _size(self.path(run_id))
         if recording is not None:
-            return Kept("rendered", recording + (_size(self.file(run_id, SCENE_LINK)) or 0))
+            return Kept("rendered", proof + recording + (_size(self.file(run_id, SCENE_LINK)) or 0))
         lost = _size(self.file(run_id, LOST))
-        return Kept("none") if lost is None else Kept("lost", lost)
+        return Kept("none", proof) if lost is None else Kept("lost", proof + lost)
 
     def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
         """Keep a run's log, and hold on to the scene and robot that it needs.
@@ -177,12 +192,12 @@ class Recordings:
             self.settle(run_id, self.file(run_id, LOG).stat(), fault)
 
     def drop(self, run_id: str) -> None:
-        """Delete a recording, or its log and all that this alone needs.
+        """Delete a recording, or its log and all that this alone needs, and the proof.
 
         Raises:
             OSError: if the disk refuses.
         """
-        for ending in (LOG, LOST, RECORDING, SCENE_LINK, *NEEDED):
+        for ending in (LOG, LOST, RECORDING, SCENE_LINK, PROOF, *NEEDED):
             self.file(run_id, ending).unlink(missing_ok=True)
 
     def sweep(self) -> None:
