@@ -15,6 +15,7 @@ import numpy as np
 
 from guidefield.referee.case import Body
 from guidefield.referee.shapes import hull
+from guidefield.referee.solid import distinct
 
 NEAR = 1e-5
 """Beyond this a point isn't looked for among the corners of a shape [m]."""
@@ -71,8 +72,9 @@ def declared(body: Body) -> Declared:
         plane = np.array([*exact.n, exact.d])
         return Declared(np.empty((0, 3)), np.empty((0, 1), int), 0.0, 0.0, z, plane)
     if len(body.triangles):
-        points, index = np.unique(body.triangles.reshape(-1, 3), axis=0, return_inverse=True)
-        return Declared(points, index.reshape(-1, 3), body.rounding, 0.0, z, none)
+        corners = body.triangles.reshape(-1, 3)
+        first, index = distinct(corners)
+        return Declared(corners[first], index.reshape(-1, 3), body.rounding, 0.0, z, none)
     if isinstance(exact, coal.BVHModelBase):
         return Declared(body.points, np.arange(len(body.points))[:, None], body.rounding, 0.0, z, none)
     if isinstance(exact, coal.Capsule | coal.Cylinder):
@@ -113,9 +115,10 @@ def standing_out(body: Declared, shapes: Shapes, children: np.ndarray, of_node: 
     while waiting:
         node, outside = waiting.pop()
         for shape in of_node[node][of_node[node] >= 0].tolist():
-            points, index = np.unique(body.items[np.isfinite(outside)], return_inverse=True)
-            found = _outside(body, body.points[points], shapes, shape)[index.reshape(-1, body.items.shape[1])]
-            outside[np.isfinite(outside)] = np.maximum(outside[np.isfinite(outside)], found.max(axis=1))
+            left, found = body.items[np.isfinite(outside)], np.full(len(body.points), -np.inf)
+            found[left] = 0.0
+            found[found == 0.0] = _outside(body, body.points[found == 0.0], shapes, shape)
+            outside[np.isfinite(outside)] = np.maximum(outside[np.isfinite(outside)], found[left].max(axis=1))
         if children[node, 0] < 0:
             best = np.minimum(best, outside)
         elif np.isfinite(outside).any():

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
-from guidefield.referee.solid import closed, winding
+from guidefield.referee.solid import closed, distinct, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
 SLACK = FLOOR = 1e-6  # of constraints, rates, Coal's distances (2e-6 more a metre); what moves less is undecided
@@ -48,10 +48,10 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
 def false_part(case: Case) -> Finding | None:
     """A triangle whose three corners are in a convex part is in it; a shell is closed and has all triangles."""
     for body in case.bodies:
-        places, corner = np.unique(body.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        first, corner = distinct(corners := body.triangles.reshape(-1, 3))
         within, here = np.zeros(len(body.triangles), bool), coal.Transform3s.Identity()
         for part in body.parts:
-            gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in places]
+            gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in corners[first]]
             within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK + ROUNDING).all(axis=1)
         told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
         whole = {t for t in told[0] if len(t) == 3} <= told[1] and closed(body.shell)

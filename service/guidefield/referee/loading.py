@@ -7,8 +7,10 @@ import functools
 import itertools
 import json
 import lzma
+import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -139,31 +141,34 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
 
 def _meshes(root: Any, files: Told) -> dict[str, np.ndarray]:
     """Triangles (t, 3, 3) [m] of each collision shape that is a mesh, by its name; in the URDF a ball replaces it."""
-    names, found = [*files], {}
-    contents = tuple(base64.b64decode(files[name]) for name in names)
+    contents, found = {name: base64.b64decode(content) for name, content in files.items()}, {}
     for link in root.iter("link"):
         for number, collision in enumerate(link.findall("collision")):
             geometry = collision.find("geometry")
             for mesh in [] if geometry is None else geometry.findall("mesh"):
-                scale = np.array(mesh.get("scale", "1 1 1").split(), float)
                 name = mesh.get("filename", "")
                 if name not in files:
                     raise UnusableFile(f"`mesh_files` has no {name!r}")
-                folder = name.partition("/")[0] + "/"
-                used = [k for k, other in enumerate(names) if other == name or other.startswith(folder)]
-                triangles = scale * _triangles(name, tuple(names[k] for k in used), tuple(contents[k] for k in used))
-                found[f"{link.get('name')}_{number}"] = triangles[:, ::-1] if scale.prod() < 0.0 else triangles
+                found[f"{link.get('name')}_{number}"] = name, np.array(mesh.get("scale", "1 1 1").split(), float)
                 geometry.remove(mesh)
                 ElementTree.SubElement(geometry, "sphere", radius="1")
-    return found
+
+    def read_one(name: str) -> np.ndarray:
+        folder = name.partition("/")[0] + "/"
+        return _triangles(name, tuple(one for one in contents.items() if one[0] == name or one[0].startswith(folder)))
+
+    names = list(dict.fromkeys(name for name, _ in found.values()))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # each waits for a process
+        triangles = dict(zip(names, pool.map(read_one, names), strict=True))
+    turned = {name: triangles[name][:, ::-1] for name in names}
+    return {one: scale * (turned if scale.prod() < 0.0 else triangles)[name] for one, (name, scale) in found.items()}
 
 
 @functools.lru_cache(maxsize=64)
-def _triangles(name: str, names: tuple[str, ...], contents: tuple[bytes, ...]) -> np.ndarray:
-    """Triangles (t, 3, 3) of a mesh file, among files that it may name."""
+def _triangles(name: str, files: tuple[tuple[str, bytes], ...]) -> np.ndarray:
+    """Triangles (t, 3, 3) of a mesh file, among files that it may name, with their contents."""
     with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder, one) for one in names]
-        for path, content in zip(paths, contents, strict=True):
+        for path, content in ((Path(folder, one), content) for one, content in files):
             if not path.resolve().is_relative_to(Path(folder).resolve()):
                 raise UnusableFile(f"`mesh_files` has {path.name!r} outside its folder")
             path.parent.mkdir(parents=True, exist_ok=True)

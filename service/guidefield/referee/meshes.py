@@ -6,6 +6,7 @@ flattening takes a node that is moved by less than a hundredth for one that isn'
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import struct
@@ -77,15 +78,20 @@ def read(path: Path) -> np.ndarray:
     return triangles[proper] if proper.any() else triangles
 
 
-def _run(*arguments: str) -> None:
+@functools.cache
+def _prefix() -> Path:
+    """Folder that the command and its libraries are in."""
     try:
-        prefix = Path(str(distribution("cmeel-assimp").locate_file(PREFIX)))
+        return Path(str(distribution("cmeel-assimp").locate_file(PREFIX)))
     except PackageNotFoundError:
         raise UnreadableMesh(
             "meshes are read by Assimp's command, of the package cmeel-assimp, which isn't there"
         ) from None
-    libraries = str(prefix / "lib")
-    paths = dict.fromkeys(("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH"), libraries)
+
+
+def _run(*arguments: str) -> None:
+    prefix = _prefix()
+    paths = dict.fromkeys(("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH"), str(prefix / "lib"))
     try:
         ran = subprocess.run(  # noqa: S603 - of a package that is installed, with files of our own
             [str(prefix / "bin" / "assimp"), *arguments],

@@ -127,7 +127,7 @@ class SegmentBounds:
     def poses(self, segment: np.ndarray, body: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotations (k, 3, 3) and translations (k, 3) of bodies' shapes (k,) in the middles of segments (k,)."""
         rotations, translations = self.begins[0][body], self.begins[1][body]
-        for k in np.unique(body).tolist():
+        for k in set(body.tolist()):
             if k in self._there:
                 own = body == k
                 rotations[own], translations[own] = (some[segment[own]] for some in self._there[k])

@@ -12,6 +12,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from guidefield.referee.solid import distinct
+
 SPECK = 1e-9
 """Side of the triangle that stands for a point, and its share of how far points are from the origin [m]."""
 
@@ -133,14 +135,14 @@ def _vector(points: np.ndarray) -> Any:
 
 def first_of_each_piece(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """A vertex of each connected piece of triangles (t, 3) between vertices (v, 3): indices, shape (p,)."""
-    _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
-    corners = same.reshape(-1)[triangles]
+    first, same = distinct(vertices)
+    corners = same[triangles]
     labels, before = np.arange(len(first)), None
     while before is None or (labels != before).any():
         before = labels.copy()
         np.minimum.at(labels, corners, labels[corners].min(axis=1, keepdims=True))
         labels = labels[labels]
-    pieces: np.ndarray = first[np.unique(labels[corners])]
+    pieces: np.ndarray = first[sorted(set(labels[corners].ravel().tolist()))]
     return pieces
 
 
@@ -149,7 +151,8 @@ def snapped(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
     Who wrote the file has read a mesh in double precision, and Assimp reads it in single.
     """
-    corners = np.unique(triangles.reshape(-1, 3), axis=0)
+    corners = triangles.reshape(-1, 3)
+    corners = corners[distinct(corners)[0]]
     near = SINGLE * (1.0 + float(np.abs(corners).max(initial=0.0)))
     cells: dict[tuple[int, ...], list[np.ndarray]] = {}
     for corner, cell in zip(corners, np.floor(corners / (2.0 * near)).astype(int).tolist(), strict=True):

@@ -1,13 +1,26 @@
-"""Triangles as a body: whether they are closed, and how often they wind around a point."""
+"""Triangles as a body: their distinct corners, whether they are closed, and how often they wind around a point."""
 
 from __future__ import annotations
 
 import numpy as np
 
 
+def distinct(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of points (n, 3) the index of one of each place, (m,), in the order of their numbers; and the place of each (n,).
+
+    As `np.unique` of rows has it, which takes 14 ms for what it imports.
+    """
+    order = np.lexsort(points.T[::-1])
+    is_new = np.ones(len(points), bool)
+    is_new[1:] = (np.diff(points[order], axis=0) != 0.0).any(axis=1)
+    place = np.empty(len(points), int)
+    place[order] = np.cumsum(is_new) - 1
+    return order[is_new], place
+
+
 def closed(triangles: np.ndarray) -> bool:
     """Whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
-    index = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
+    index = distinct(triangles.reshape(-1, 3))[1].reshape(-1, 3)
     edges = np.column_stack([index.ravel(), np.roll(index, -1, axis=1).ravel()])
     return len(edges) > 0 and sorted(edges.tolist()) == sorted(edges[:, ::-1].tolist())
 
