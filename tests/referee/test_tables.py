@@ -2,53 +2,46 @@
 
 from __future__ import annotations
 
-import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from guidefield.collision.world import World
-from guidefield.kernels.collide.parts import LINK
-from guidefield.kernels.prove.kept_distance import LOG_ROW, ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
-from guidefield.prove.proof import _Writer
-from guidefield.prove.search import Goal
-from guidefield.prove.tables import world_tables
-from guidefield.referee.judge import Along
-from guidefield.referee.replay import _Replay
+from guidefield.prove import proof
 from guidefield.scene import library
 from guidefield.scene.scene import build
-from tests.referee.cases import read, straight
 from tests.robots import group
 
-SINGLE = 5e-7
-"""How far meshes that Assimp reads in single precision may stand out of tables [m]."""
+TOOLS = Path(__file__).resolve().parents[2] / "tools"
 
 
-def nodes_below(links: np.ndarray, root: int) -> list[int]:
-    found, waiting = [], [root]
-    while waiting:
-        node = waiting.pop()
-        found.append(node)
-        waiting += [child for child in links[node, :2].tolist() if child >= 0]
-    return found
+@pytest.fixture(autouse=True)
+def tools(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(TOOLS))
 
 
-@pytest.mark.parametrize(("robot", "scene"), [("panda", "bookshelf")])
+@pytest.mark.parametrize(("robot", "scene"), [("panda", "bookshelf"), ("ur5", "table")])
 def test_every_node_holds_what_is_below_it(robot: str, scene: str) -> None:
+    from doubting.tables import SINGLE, check_tables
+
     world = World.build(group(robot), build(library.read(scene)))
-    tables, rows = world_tables(world, in_time=False), list[np.ndarray]()
-    obstacles, links = tables.obstacles, tables.robot.parts.links.reshape(-1, LINK)
-    for row, body in enumerate(tables.pairs.moving.tolist()):
-        for node in nodes_below(links, int(tables.robot.roots[body])):
-            for axis in (0.0, 1.0):  # by its sphere, and by its part
-                one = np.zeros(LOG_ROW)
-                one[[ROW_SEGMENT, ROW_PAIR]] = 1.0, len(tables.pairs.own) + row * len(obstacles.roots)
-                one[[ROW_A, ROW_B, ROW_AXIS]] = node, obstacles.roots[0], axis
-                rows.append(one)
-    motion = straight(world, [np.zeros(world.group.nv), np.full(world.group.nv, 1e-3)])
-    goal, segments = Goal(0.0), np.array([[0.0, 1.0, 0.5]])
-    proof = _Writer(world, goal, np.array(rows)).proof(np.empty((0, 4)), segments)
-    case = read(motion, limits=False)
-    out = _Replay(case, proof, Along(case, 0.0, 0.0, math.inf))._slabs.standing_out
-    assert len(proof.node_bodies) > len(tables.pairs.moving)
-    assert out.max() < SINGLE
+    out = check_tables(world)
+    assert {one.name for one in world.scene.obstacles} < set(out)
+    assert max(out.values()) < SINGLE
+
+
+@pytest.mark.parametrize(("share", "far"), [(0.5, np.inf), (1.0 - 1e-4, 2e-4)])
+def test_spheres_that_are_too_small_are_seen(share: float, far: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half a sphere loses triangles of its link; one that is little smaller is told with by how much."""
+    from doubting.tables import SINGLE, check_tables
+
+    right = proof._Nodes.shape
+
+    def smaller(nodes: proof._Nodes, node: int, part: int) -> proof._Shape:
+        shape = right(nodes, node, part)
+        return shape._replace(ball=share * shape.ball) if part < 0 else shape
+
+    monkeypatch.setattr(proof._Nodes, "shape", smaller)
+    worst = max(check_tables(World.build(group("panda"), build(library.read("table")))).values())
+    assert SINGLE < worst <= far

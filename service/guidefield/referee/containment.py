@@ -111,18 +111,21 @@ def standing_out(body: Declared, shapes: Shapes, children: np.ndarray, of_node: 
     """
     if body.plane.any():  # its own plane is what counts
         return 0.0 if len(of_node) == 1 else np.inf
-    best, waiting = np.full(len(body.items), np.inf), [(0, np.zeros(len(body.items)))]
+    count = len(body.items)
+    best, waiting = np.full(count, np.inf), [(0, np.arange(count), np.zeros(count))]
     while waiting:
-        node, outside = waiting.pop()
+        node, mine, outside = waiting.pop()
         for shape in of_node[node][of_node[node] >= 0].tolist():
-            left, found = body.items[np.isfinite(outside)], np.full(len(body.points), -np.inf)
-            found[left] = 0.0
-            found[found == 0.0] = _outside(body, body.points[found == 0.0], shapes, shape)
-            outside[np.isfinite(outside)] = np.maximum(outside[np.isfinite(outside)], found[left].max(axis=1))
+            items, found = body.items[mine], np.full(len(body.points), -np.inf)
+            found[items] = np.inf
+            asked = found == np.inf
+            found[asked] = _outside(body, body.points[asked], shapes, shape)
+            outside = np.maximum(outside, found[items].max(axis=1))
+            mine, outside = mine[np.isfinite(outside)], outside[np.isfinite(outside)]
         if children[node, 0] < 0:
-            best = np.minimum(best, outside)
-        elif np.isfinite(outside).any():
-            waiting += [(int(child), outside.copy()) for child in children[node]]
+            best[mine] = np.minimum(best[mine], outside)
+        elif len(mine):
+            waiting += [(int(child), mine, outside) for child in children[node]]
     return float(best.max(initial=0.0))
 
 
