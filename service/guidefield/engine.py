@@ -34,7 +34,7 @@ from guidefield.errors import (
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
-from guidefield.messages.faults import of_field
+from guidefield.messages.faults import field_path
 from guidefield.messages.own_scenes import to_give
 from guidefield.messages.replies import (
     CertifyReply,
@@ -225,7 +225,7 @@ class Engine:
                 reply = self._dispatch(decoded, record_to, _Asking(received, watcher, load, began, deferred, proof_to))
         except GuidefieldError as error:
             self._counters["refused"] += 1
-            if "path" not in error.details and (path := of_field(error.message, "$")) != "$":
+            if "path" not in error.details and (path := field_path(error.message, "$")) != "$":
                 error.details["path"] = path
             raise
         except Exception as error:

@@ -116,7 +116,7 @@ class EngineWorker:
             of_run = query.key[0] == "runs"
             recording = self.engines.recording if of_run else self.engines.stream_recording
             return True, recording(query.owner, query.key[1])
-        request = keys.request_of(query)
+        request = keys.decode_query(query)
         if isinstance(request, MotionRequest) and request.run_id is None:
             request = msgspec.structs.replace(request, run_id=job.run_id)
         with _from_payload(request):

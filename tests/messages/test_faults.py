@@ -91,7 +91,7 @@ def test_a_payload_that_is_broken_behind_its_fault_is_refused_for_the_first() ->
 
 
 def test_large_payloads_are_not_looked_at_twice() -> None:
-    text = "x" * codec.EXPLAINED_BYTES
+    text = "x" * codec.MAX_EXPLAINED_BYTES
     error = _refused("json", {"robot": {"type": "urdf", "text": text}, "planner": "rrt"})
     assert error.message == "Invalid enum value 'rrt' (at $.planner)"
 

@@ -50,32 +50,32 @@ def _query(key: str, payload: bytes = b"", parameters: Mapping[str, str] | None 
 )
 def test_each_key_asks_for_its_request(query: keys.Query, request_: requests.Request) -> None:
     keys.check(query)
-    assert keys.request_of(query) == request_
+    assert keys.decode_query(query) == request_
 
 
 def test_a_plan_is_read_and_its_head_is_the_same_run() -> None:
-    request = keys.request_of(_query("plan", PLAN))
-    head = keys.run_head(_query("plan", PLAN))
+    request = keys.decode_query(_query("plan", PLAN))
+    head = keys.decode_run_head(_query("plan", PLAN))
     assert isinstance(request, requests.PlanRequest)
     assert head is not None
     assert (head.run_id, head.allowed_planning_time, head.seed) == (request.run_id, request.allowed_planning_time, 0)
-    assert keys.run_head(_query("kinematics", PLAN)) is None
+    assert keys.decode_run_head(_query("kinematics", PLAN)) is None
 
 
 def test_a_judgement_is_read_and_its_head_is_the_same_run() -> None:
     asked = b'{"robot": "panda", "scene": "table", "path": [[0]], "allowed_time": 7, "run_id": "r"}'
-    request, head = keys.request_of(_query("certify", asked)), keys.run_head(_query("certify", asked))
+    request, head = keys.decode_query(_query("certify", asked)), keys.decode_run_head(_query("certify", asked))
     assert isinstance(request, requests.CertifyRequest)
     assert head == keys.CertifyHead("r", 7.0)
     assert (request.run_id, request.allowed_time) == ("r", 7.0)
-    tagged = keys.request_of(_query("certify", b'{"type": "certify", ' + asked[1:]))
+    tagged = keys.decode_query(_query("certify", b'{"type": "certify", ' + asked[1:]))
     assert tagged == request
 
 
 @pytest.mark.parametrize(("given_", "allowed"), [(7.0, 7.0), (-1.0, 5.0), (float("nan"), 5.0), (1e300, 3600.0)])
 def test_an_impossible_planning_time_waits_long_enough_to_be_refused(given_: float, allowed: float) -> None:
     payload = msgspec.msgpack.encode({"allowed_planning_time": given_})
-    head = keys.run_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
+    head = keys.decode_run_head(keys.Query(("plan",), {}, payload, Encoding.MSGPACK))
     assert head is not None
     assert head.allowed == allowed
 
@@ -109,7 +109,7 @@ def test_an_impossible_planning_time_waits_long_enough_to_be_refused(given_: flo
 )
 def test_what_does_not_fit_is_said(query: keys.Query, says: str) -> None:
     with pytest.raises(MalformedRequest) as malformed:
-        keys.request_of(query)
+        keys.decode_query(query)
     assert says in malformed.value.message
 
 
@@ -126,7 +126,7 @@ def test_only_runs_and_streams_have_recordings() -> None:
 def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict[str, str], payload: bytes) -> None:
     for encoding in Encoding:
         query = keys.Query(tuple(key), parameters, payload, encoding)
-        for read in (keys.check, keys.request_of, keys.run_head):
+        for read in (keys.check, keys.decode_query, keys.decode_run_head):
             with contextlib.suppress(GuidefieldError):
                 read(query)
 

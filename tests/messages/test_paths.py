@@ -17,7 +17,7 @@ import guidefield
 from guidefield.errors import GuidefieldError, MalformedRequest
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
-from guidefield.messages.faults import no_number, number_out_of_range, of_field
+from guidefield.messages.faults import field_path, find_nonfinite_word, find_number_out_of_range
 
 GOAL = {"type": "joints", "positions": {"elbow_joint": 1.2}}
 LINE = {"type": "polygon", "name": "line", "vertices": [[0, 0, 0], [1, 0, 0], [2, 0, 0]]}
@@ -88,8 +88,8 @@ def test_a_number_that_no_float_holds_is_named_with_its_joint(number: str) -> No
 )
 def test_only_odd_numbers_are_found(plain: Any) -> None:
     payload = json.dumps(plain).encode()
-    assert number_out_of_range(payload) is None
-    assert (no_number(payload) is None) == (json.dumps(plain) == msgspec_would_read(payload))
+    assert find_number_out_of_range(payload) is None
+    assert (find_nonfinite_word(payload) is None) == (json.dumps(plain) == msgspec_would_read(payload))
 
 
 def msgspec_would_read(payload: bytes) -> str | None:
@@ -162,6 +162,6 @@ def test_a_fault_is_placed_from_the_root(request_: dict[str, Any], path: str) ->
 
 
 def test_only_a_message_that_begins_with_a_field_is_about_one() -> None:
-    assert of_field("`points[1][1]` must be finite", "$.a") == "$.a.points[1][1]"
-    assert of_field("`stop: false` needs a step", "$.steps[0]") == "$.steps[0].stop"
-    assert of_field("a `path` has no times", "$") == "$"
+    assert field_path("`points[1][1]` must be finite", "$.a") == "$.a.points[1][1]"
+    assert field_path("`stop: false` needs a step", "$.steps[0]") == "$.steps[0].stop"
+    assert field_path("a `path` has no times", "$") == "$"

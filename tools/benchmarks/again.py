@@ -70,7 +70,7 @@ def _written(form: str, made: Callable[[str], Made]) -> Iterator[tuple[str, Ask]
     for encoding in Encoding:
         payload = codec.encode(made(f"{form} {encoding.name}"), encoding)
         query = keys.Query(("plan",), {}, payload, encoding)
-        yield f"{form}, {encoding.name}", lambda engine, query=query: engine.answer(keys.request_of(query))
+        yield f"{form}, {encoding.name}", lambda engine, query=query: engine.answer(keys.decode_query(query))
 
 
 def _named(request: Made, name: str) -> Made:

@@ -12,7 +12,7 @@ from rich.markdown import Markdown
 from rich.table import Table
 
 from guidefield.errors import UnknownObject
-from guidefield.messages.faults import LONGEST, meant
+from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
 
 _PACKAGE = "guidefield.docs"
 
@@ -38,9 +38,9 @@ def page(subject: str) -> str:
     available = subjects()
     if subject not in available:
         raise UnknownObject(
-            f"there is no page about {subject[:LONGEST]!r}; {meant(subject, available)}"
+            f"there is no page about {subject[:MAX_QUOTED_CHARACTERS]!r}; {suggest(subject, available)}"
             f"there are {', '.join(available)}",
-            subject=subject[:LONGEST],
+            subject=subject[:MAX_QUOTED_CHARACTERS],
             available=list(available),
         )
     return resources.files(_PACKAGE).joinpath(f"{subject}.md").read_text(encoding="utf-8")

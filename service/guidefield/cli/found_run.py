@@ -13,7 +13,7 @@ import typer
 
 from guidefield.cli.stream_replaying import record_stream, stream_files
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.identities import PLAIN, check_user
 from guidefield.messages.replies import MotionReply, PlanReply
 from guidefield.messages.requests import MotionRequest
 from guidefield.stores.files import default_data_folder
@@ -75,7 +75,7 @@ def kept_run(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
     owner, colon, own = run.partition(":")
     if not colon:
         return kept_runs(data, name), run
-    return kept_runs(data, name, owner if owner == PLAIN else checked_user(owner)), own
+    return kept_runs(data, name, owner if owner == PLAIN else check_user(owner)), own
 
 
 def find_run(run: str, data: Path | None, name: str) -> FoundRun:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from guidefield.cli.rights import Roles, access_control
 from guidefield.errors import MalformedRequest
-from guidefield.messages.identities import checked_user
+from guidefield.messages.identities import check_user
 
 if TYPE_CHECKING:
     from guidefield.cli.certificates import Certificates
@@ -43,7 +43,7 @@ def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> lis
 
     names = roles.everybody()
     for name in names:
-        checked_user(name)
+        check_user(name)
     if len(set(names)) < len(names):
         raise MalformedRequest(f"each name has one role, got {', '.join(names)}", names=list(names))
     made = certificates(hosts)

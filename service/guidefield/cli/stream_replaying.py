@@ -8,7 +8,7 @@ from pathlib import Path
 from guidefield.engine import Engine
 from guidefield.engines import Engines
 from guidefield.errors import UnknownObject
-from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.identities import PLAIN, check_user
 from guidefield.messages.streams import Piece, StreamState
 from guidefield.stores.by_user import StoresByUser
 
@@ -36,7 +36,7 @@ def stream_files(name: str, folder: Path) -> list[Path]:
         user, own = PLAIN, name
     if "/" in own or own in ("", ".", ".."):
         return []
-    streams = folder if user == PLAIN else folder / "users" / checked_user(user)
+    streams = folder if user == PLAIN else folder / "users" / check_user(user)
     return sorted((streams / "streams" / own).glob(f"*{ENDING}"))
 
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from guidefield.errors import Status
-from guidefield.messages.certify_reply import certified, place_in_words
+from guidefield.messages.certify_reply import describe_certificate, describe_place
 from guidefield.messages.replies import CertifyReply, ClearanceFigures, LimitUse, MotionReply, PlanReply, Stage, Timing
 
 
@@ -57,16 +57,16 @@ def _judged_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
         ("certificate", Text.assemble(verdict, f", {certificate.covers}: {certificate.method}, {evaluations}")),
     ]
     if not certificate.collision_free:
-        rows.append(("free until", Text(place_in_words(certificate.free_until.row, certificate.free_until.time))))
+        rows.append(("free until", Text(describe_place(certificate.free_until.row, certificate.free_until.time))))
     if certificate.place is not None:
-        where = f"{place_in_words(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
+        where = f"{describe_place(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
         rows.append(("refused at", Text(where)))
     rows += _distances(reply)
     for name in reply.limits.__struct_fields__:
         use: LimitUse = getattr(reply.limits, name)
         if use.joint is not None and use.row is not None:
             share = "jumps below it" if use.share is None else f"{100 * use.share:.1f} %"
-            rows.append((f"{name} limit", Text(f"{share} by {use.joint}, at {place_in_words(use.row, use.time)}")))
+            rows.append((f"{name} limit", Text(f"{share} by {use.joint}, at {describe_place(use.row, use.time)}")))
     return rows
 
 
@@ -148,7 +148,7 @@ def _clearance(clearance: ClearanceFigures) -> str:
 
 def _certificate(reply: PlanReply) -> Text:
     figures = reply.certificate
-    said = (certified(reply), "green" if figures.collision_free else "yellow")
+    said = (describe_certificate(reply), "green" if figures.collision_free else "yellow")
     return Text.assemble(said, f", {_counted(figures.evaluations, 'evaluation')}")
 
 

@@ -18,7 +18,7 @@ from guidefield.client.streams import ServiceStream
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages import codec
-from guidefield.messages.identities import checked_user
+from guidefield.messages.identities import check_user
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
@@ -513,7 +513,7 @@ def connect_exchange(
     deadline = time.monotonic() + wait
     where = (DEFAULT_ENDPOINT,) if not endpoints and config is None else endpoints
     settings = build_config(where, config)
-    asking = checked_user(user) if user is not None else read_user(settings)
+    asking = check_user(user) if user is not None else read_user(settings)
     exchange = Exchange(open_session(settings, deadline), instance, asking)
     try:
         exchange.await_instance(deadline - time.monotonic())

@@ -12,7 +12,7 @@ from pathlib import Path
 import zenoh
 
 from guidefield.errors import NoService, without_source
-from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.identities import PLAIN, check_user
 
 RETRY_PERIOD = 0.05
 """Time between two attempts to find a service [s]."""
@@ -90,7 +90,7 @@ def read_user(settings: zenoh.Config) -> str:
     metadata = json.loads(settings.get_json("metadata"))
     ours = metadata.get("guidefield") if isinstance(metadata, dict) else None
     user = ours.get("user") if isinstance(ours, dict) else None
-    return PLAIN if user is None else checked_user(str(user))
+    return PLAIN if user is None else check_user(str(user))
 
 
 def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:

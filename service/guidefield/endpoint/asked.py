@@ -15,7 +15,7 @@ import zenoh
 from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.identities import PLAIN, Asker, divided, owned
+from guidefield.messages.identities import PLAIN, Asker, split_owner, split_user
 from guidefield.messages.replies import error_reply
 from guidefield.pool.waiting import Answer
 
@@ -100,8 +100,8 @@ class Asked:
         chunks = self._key.split("/")
         if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
             raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
-        user, below = divided(chunks[2:])
-        owner, key = owned(user, below)
+        user, below = split_user(chunks[2:])
+        owner, key = split_owner(user, below)
         self._asker = Asker(user, self._asker.client)
         told = keys.Query(
             key=key,
@@ -117,7 +117,7 @@ class Asked:
         payload = self._query.payload
         size = 0 if payload is None else len(payload)
         let_in(told, size)
-        codec.require_readable(size)
+        codec.require_size(size)
         return told if payload is None else replace(told, payload=payload.to_bytes())
 
     def _client(self) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import zenoh
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages.identities import USERS, Asker, divided
+from guidefield.messages.identities import USERS, Asker, split_user
 
 GRACE = 6.0
 """A client that isn't back in so long is gone [s]: a cut link is noticed after two, and asked again within three."""
@@ -46,7 +46,7 @@ class Clients:
 
     def _heard(self, token: zenoh.Sample) -> None:
         try:
-            user, key = divided(str(token.key_expr).split("/")[2:])
+            user, key = split_user(str(token.key_expr).split("/")[2:])
         except MalformedRequest:  # nobody who can ask
             return
         client = Asker(user, key[-1])

@@ -265,7 +265,7 @@ class Endpoint:
             kind, name = _thing(read)
             shared = self._engines.share(read.owner, kind, name, shared="unshare" not in read.parameters)
             return True, codec.encode(shared, read.encoding)
-        reply = self._engines.answer(read.user, read.owner, keys.request_of(read))
+        reply = self._engines.answer(read.user, read.owner, keys.decode_query(read))
         answer = True, codec.encode(reply, read.encoding)
         if keys.is_scene(read) and "delete" in read.parameters:
             self._tell_changed(read, SceneChanged(name=read.key[1], version=None))
@@ -275,7 +275,7 @@ class Endpoint:
         """Have a worker answer a query."""
         self._condition.require_ready()
         self._allowances.work(read.user)
-        head = keys.run_head(read)
+        head = keys.decode_run_head(read)
         if head is None:
             return self._hand_work_over(read, received)
         run_id = head.run_id or uuid.uuid4().hex
@@ -311,7 +311,7 @@ class Endpoint:
 
     def _hand_work_over(self, read: keys.Query, received: float) -> Future[Answer]:
         """Have a query answered that makes no run."""
-        head = keys.work_head(read)
+        head = keys.decode_work_head(read)
 
         def expire(stage: Stage) -> Answer:
             return error_answer(read.encoding, expired_work(head.allowed, stage))
@@ -345,7 +345,7 @@ class Endpoint:
         if future.cancelled() or future.exception() is not None or not future.result()[0]:
             return
         done = codec.decode(future.result()[1], Done, read.encoding)
-        self._tell_changed(read, SceneChanged(name=read.key[1], version=done.version, diff=keys.diff_of(read)))
+        self._tell_changed(read, SceneChanged(name=read.key[1], version=done.version, diff=keys.decode_diff(read)))
 
     def _tell_changed(self, read: keys.Query, told: SceneChanged) -> None:
         self._publish(f"{base_key(self._instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
@@ -372,7 +372,7 @@ def _kind(key: str) -> str:
 
 def _answer_again(runs: UserRuns, run_id: str, read: keys.Query) -> Answer:
     """What a run was answered that has ended; MalformedRequest if its request was another one."""
-    request = keys.request_of(read)
+    request = keys.decode_query(read)
     assert isinstance(request, MotionRequest), "it makes a run"
     return True, codec.encode(answered_before(runs, request, run_id), read.encoding)
 

@@ -12,7 +12,7 @@ from guidefield.endpoint.readers import MOST_READS
 from guidefield.endpoint.under_way import MOST_REMEMBERED, REMEMBERED
 from guidefield.messages import codec
 from guidefield.messages.certify_request import MOST_ROWS
-from guidefield.messages.keys import LONGEST_STORING
+from guidefield.messages.keys import STORE_TIME_LIMIT
 from guidefield.messages.kinematics_requests import DEFAULT_TIME
 from guidefield.messages.service_replies import DeliveryRule, LimitInfo
 from guidefield.messages.store_requests import LARGEST_PAGE
@@ -73,7 +73,7 @@ _OF_PAYLOADS = (
 _OF_TIME = (
     _limit("kinematics_default", DEFAULT_TIME, "s", "that a kinematics request has without `allowed_time`"),
     _limit("longest_time", LONGEST_TIME, "s", "that a request may allow itself"),
-    _limit("storing", LONGEST_STORING, "s", "for storing or describing a robot or scene, and for the list of robots"),
+    _limit("storing", STORE_TIME_LIMIT, "s", "for storing or describing a robot or scene, and for the list of robots"),
     _limit("late", LATE, "s", "after its time an answer comes, at most, where a robot is still loaded for it"),
     _limit("late_share", LATE_SHARE, "of the time allowed", "that may be added to that"),
     _limit("backstop", BACKSTOP, "s", "after its time a worker that still works is ended, and its request CRASH"),

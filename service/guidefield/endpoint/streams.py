@@ -33,7 +33,7 @@ from guidefield.errors import (
 )
 from guidefield.messages import codec, stream_keys
 from guidefield.messages.codec import Encoding
-from guidefield.messages.identities import PLAIN, Asker, base_key, divided
+from guidefield.messages.identities import PLAIN, Asker, base_key, split_user
 from guidefield.messages.keys import Query
 from guidefield.messages.quotas import Quotas
 from guidefield.messages.replies import Done
@@ -152,7 +152,7 @@ class Streams:
         """
         self._counters["updates"] += 1
         try:
-            user, chunks = divided(key.split("/")[2:])
+            user, chunks = split_user(key.split("/")[2:])
             stream = self._named(user, chunks[1])
         except (GuidefieldError, IndexError):  # nobody is there to be told
             self._counters["updates_astray"] += 1

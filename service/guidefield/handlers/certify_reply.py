@@ -12,7 +12,7 @@ from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
-from guidefield.messages.certify_reply import place_in_words
+from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.given_leaving import Leaving
 from guidefield.planner.judgement import GivenProblem, Judgement
@@ -73,11 +73,11 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
         return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
     if verdict.free:
         return _beyond_a_rate(problem, judgement)
-    where = place_in_words(*_refused(problem, verdict))
+    where = describe_place(*_refused(problem, verdict))
     details = refused_at(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
         status = problem.deadline.status() or Status.TIMED_OUT
-        until = place_in_words(*_free_until(problem, verdict))
+        until = describe_place(*_free_until(problem, verdict))
         return Ending(
             status, f"{end_reason(status)} before the motion was certified; it is free until {until}", details
         )
@@ -126,9 +126,9 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     place = motion.along(use.piece, use.at)
     more = f" (and {', '.join(other for other in exceeded if other != name)})" if len(exceeded) > 1 else ""
     if use.share is None:
-        message = f"the acceleration of joint {joint} jumps at {place_in_words(*place)}, so that it keeps no jerk limit"
+        message = f"the acceleration of joint {joint} jumps at {describe_place(*place)}, so that it keeps no jerk limit"
     else:
-        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {place_in_words(*place)}"
+        message = f"joint {joint} uses {100 * use.share:.4g} % of its {name} limit{more}, at {describe_place(*place)}"
     details: dict[str, Any] = {"stage": "limits", "limit": name, "joint": joint, "share": use.share}
     return Ending(Status.INVALID_MOTION_PLAN, message, details)
 

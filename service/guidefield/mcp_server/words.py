@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from guidefield.errors import GuidefieldError, Status
-from guidefield.messages.certify_reply import certified
+from guidefield.messages.certify_reply import describe_certificate
 from guidefield.messages.replies import (
     CertifyReply,
     ClearanceFigures,
@@ -32,7 +32,7 @@ def plan_told(reply: PlanReply) -> str:
             f"The motion takes {reply.metrics.duration:.2f} s over {len(reply.path)} waypoints; the tip moves"
             f" {reply.metrics.tip_path_length:.3f} m."
         )
-    told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {certified(reply)}."]
+    told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {describe_certificate(reply)}."]
     if reply.trajectory is not None:
         told.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
     return _joined(told, reply.warnings)

@@ -1,4 +1,4 @@
-"""The answer to a certify request, and what it is made of."""
+"""The reply to a certify request, and its parts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Along(Reply):
     """A place along a motion as it was given.
 
     Attributes:
-        row: Index of the row before it, and the share of the way to the next: 12.25 is a quarter of the way from row 12
-            to row 13; in a trajectory a quarter of the time.
+        row: Index of the row before it plus a fraction of the step to the next: 12.25 is a quarter of the path from row
+            12 to row 13; in a trajectory a quarter of the time.
         time: When [s]; null where the motion has no times.
     """
 
@@ -43,9 +43,9 @@ class MotionCertificate(CertificateFigures):
     Attributes:
         reason: "free", or why it is refused: "contact", "too close", "beyond limits", "violates a path constraint",
             "undecided" or "stopped".
-        free_until: How far the motion is certified from its beginning; its end if it is free.
-        pair: The two bodies that were refused; null if it is free, or where no pair is to blame.
-        place: Where it was refused; null if it is free.
+        free_until: The place up to which the motion is certified from its beginning; its end if it is free.
+        pair: The two bodies that were refused; null if the motion is free, or no pair is the cause.
+        place: The place of the refusal; null if the motion is free.
     """
 
     reason: str
@@ -55,10 +55,10 @@ class MotionCertificate(CertificateFigures):
 
 
 class MotionClearance(ClearanceFigures):
-    """`ClearanceFigures` along a motion that was given.
+    """`ClearanceFigures` along a given motion.
 
     Attributes:
-        row: Where it is smallest, as in `Along`; null without such a pair.
+        row: Place of the smallest clearance, as in `Along`; null without such a pair.
     """
 
     row: float | None = None
@@ -68,12 +68,12 @@ class LimitUse(Reply):
     """The largest share of a limit that a motion uses, exactly, between its rows too.
 
     Attributes:
-        share: 1 is the limit: of a position the distance from the middle of its range, as a share of half of it; of a
-            rate its size, as a share of the most. Null where nothing is limited, or where the curve has no such rate.
-        joint: Whose it is.
-        row: Where, as in `Along`.
-        time: When [s].
-        steps: Whether the rate below jumps there, so that no limit is kept: then the share is null.
+        share: 1 is the limit: of a position the distance from the middle of its range, divided by half the range; of a
+            rate its magnitude, divided by the largest one. Null if nothing is limited, or the curve has no such rate.
+        joint: The joint.
+        row: The place, as in `Along`.
+        time: The time [s].
+        steps: Whether the rate of the next lower order jumps there, so that no limit is kept: then the share is null.
     """
 
     share: float | None = None
@@ -102,26 +102,26 @@ class LimitShares(Reply):
 class CertifyReply(Reply):
     """The verdict about a motion, an honest "no" included.
 
-    Look at `status` first: SUCCESS where the motion is free, keeps what was asked for and is within all limits;
-    INVALID_MOTION_PLAN where it isn't, and `certificate` or `limits` says why; TIMED_OUT or PREEMPTED where that can't
-    be told, with how far it is free.
+    Look at `status` first: SUCCESS if the motion is free, keeps the request's conditions and is within all limits;
+    INVALID_MOTION_PLAN if it doesn't, and `certificate` or `limits` says why; TIMED_OUT or PREEMPTED if the work ended
+    before the verdict, with the part that is free.
 
     Attributes:
         run_id: Name of the run.
         status: The verdict.
-        curve: Which curve was judged: "hermite", cubic through knots with velocities; "spline", cubic and twice
+        curve: The curve that was certified: "hermite", cubic through knots with velocities; "spline", cubic and twice
             continuously differentiable through samples; "linear", straight pieces.
         position_names: Columns of configurations, in the robot's order.
         velocity_names: Columns of rates.
-        certificate: Whether it is free, and how far.
-        clearance: From obstacles, along the motion; null where time was up before it was measured.
+        certificate: Whether the motion is free, and up to which place.
+        clearance: From obstacles, along the motion; null if time was up before it was measured.
         self_clearance: Of the robot from itself; null as `clearance`.
-        limits: How much of each limit is used.
-        timing: Where time went.
-        counters: What was done how often.
+        limits: The largest share of each limit that is used.
+        timing: Time by stage.
+        counters: Numbers of operations.
         recording: Key or file of the recording, if there is one.
         schema: Version of this message.
-        warnings: What was odd but harmless.
+        warnings: Harmless peculiarities of the request.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
 
     Example:
@@ -150,13 +150,13 @@ class CertifyReply(Reply):
     proof: str | None = None
 
 
-def place_in_words(row: float, time: float | None) -> str:
-    """A place along a motion that was given: its row, and when it has times."""
+def describe_place(row: float, time: float | None) -> str:
+    """Name a place along a given motion: its row, and its time if it has one."""
     return f"row {row:.6g}" if time is None else f"{time:.6g} s (row {row:.6g})"
 
 
-def certified(reply: PlanReply) -> str:
-    """Return whether what was judged is free, and what that was: of a plan that failed, the motion as far as it got."""
+def describe_certificate(reply: PlanReply) -> str:
+    """Say in words what a plan's certificate covers, and whether that is free."""
     covers = reply.certificate.covers
     if covers == "nothing":
         return "nothing was judged"

@@ -1,4 +1,4 @@
-"""The certify request: a motion that anybody made is to be judged."""
+"""The certify request: certify a given motion, from any source."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from guidefield.messages.values import (
 )
 
 MOST_ROWS = 1_000_000
-"""Rows that a motion may have."""
+"""The largest number of rows of a motion."""
 
-TOGETHER = 20_000
-"""So many rows are checked at one go, in some milliseconds."""
+ROWS_PER_CHECK = 20_000
+"""Rows checked by one call, which holds the interpreter for some milliseconds."""
 
 _ROWS = ("positions", "velocities", "accelerations")
 
@@ -42,10 +42,10 @@ class GivenTrajectory(Message):
 
     Attributes:
         positions: A row for each time, in the columns of `position_names` [rad, m, or entries of a quaternion].
-        times: Increasing [s]; null: the request's `time_step` says them.
+        times: Increasing [s]; null: multiples of the request's `time_step`.
         velocities: A row for each time, in the columns of `velocity_names` [rad/s or m/s].
-        accelerations: May stand here, as in a plan's reply. The curve follows from the others; a warning says where it
-            has other accelerations.
+        accelerations: Optional, as in a plan's reply. The curve follows from the others; if it has other accelerations,
+            a warning names the place.
     """
 
     positions: GivenRows
@@ -73,7 +73,7 @@ class GivenTrajectory(Message):
 
 
 class CertifyRequest(Message, tag_field="type", tag="certify"):
-    """Ask whether a motion is free and within limits: one of your own, of another planner's, or one that was kept.
+    """Ask whether a motion is free and within limits: your own, another planner's, or one of a stored run.
 
     Give `path`, waypoints with straight pieces between them, or `trajectory`, a motion in time. Rows are joint values
     in the columns of `position_names`, as a plan's reply names them, in any order.
@@ -84,27 +84,28 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         path: Waypoints, a row for each; between them the motion is straight in the joints' coordinates.
         trajectory: Knots or samples in time, instead of a path.
         schema: Version of this message.
-        run_id: What to call the run; null: the service makes a name.
+        run_id: Name of the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: those of the columns.
-        tip: Frame whose way a recording shows; null: the robot's own.
-        start: Of joints without a column, which stand still; those left out here are at rest as the robot has it.
+        tip: Frame whose path a recording shows; null: the robot's own.
+        start: Positions of joints without a column, which stand still; joints left out here too are at the robot's rest
+            configuration.
         position_names: Columns of positions; null: those of a plan's reply for this group.
         velocity_names: Columns of velocities; null: those of the same joints in the same order.
-        time_step: Between rows of the trajectory, in place of its times [s].
-        interpolation: Which curve through samples is judged: "spline", twice continuously differentiable, or "linear",
-            straight pieces.
-        min_clearance: What moving links have to keep from obstacles [m].
-        attached_objects: What links hold.
+        time_step: Between rows of the trajectory, instead of its times [s].
+        interpolation: The curve through samples: "spline", twice continuously differentiable, or "linear", straight
+            pieces.
+        min_clearance: Smallest allowed distance of moving links to obstacles [m].
+        attached_objects: Objects held by links.
         allowed_collisions: Pairs of links and obstacles that may touch.
-        path_constraints: What frames have to keep all along the motion.
-        limits: Of joints, by name.
-        max_velocity_scaling_factor: Share of the velocity limits that may be used.
-        max_acceleration_scaling_factor: Share of the acceleration limits that may be used.
+        path_constraints: Constraints of frames along the whole motion.
+        limits: Limits of joints, by name.
+        max_velocity_scaling_factor: Allowed fraction of the velocity limits.
+        max_acceleration_scaling_factor: Allowed fraction of the acceleration limits.
         leave_start_contact: Whether a start in slight contact may be left, instead of being refused.
         allowed_time: From the request's arrival [s].
-        recording: How much is recorded.
-        proof: Whether a proof that the motion is free is kept with the run: anybody can check it (`referee.md`).
+        recording: Extent of the recording.
+        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
 
     Example:
         >>> from guidefield import CertifyRequest
@@ -113,7 +114,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
         >>> request.interpolation, request.allowed_time
         ('spline', 5.0)
 
-        `guidefield.answer(request)` judges it here, `Client.certify(request)` in a service.
+        `guidefield.answer(request)` certifies it in this process, `Client.certify(request)` in a service.
     """
 
     robot: RobotReference
@@ -160,7 +161,7 @@ class CertifyRequest(Message, tag_field="type", tag="certify"):
             return
         given: object = self.trajectory
         if not isinstance(given, GivenTrajectory):
-            return  # plain data, in Python: it is checked when it is decoded
+            return  # plain data, in Python: the decoder checks it
         if (given.times is None) == (self.time_step is None):
             raise ValueError("a `trajectory` has either `times`, or the request a `time_step`")
         if self.velocity_names is not None and given.velocities is None:
@@ -171,13 +172,14 @@ def require_finite_rows(field: str, rows: Sequence[Sequence[float]]) -> None:
     """Raise ValueError if a number is NaN, infinite or too large, or the rows aren't equally long.
 
     Args:
-        field: What they are called.
-        rows: The rows.
+        field: Name of the field.
+        rows: Its rows.
     """
-    for begin in range(0, len(rows), TOGETHER):
-        some = rows[begin : begin + TOGETHER]
+    for begin in range(0, len(rows), ROWS_PER_CHECK):
+        some = rows[begin : begin + ROWS_PER_CHECK]
         if {*map(len, some)} == {len(rows[0])} and math.hypot(*chain.from_iterable(some)) <= LARGEST:
-            continue  # the norm of all is more than that of each
+            continue  # the norm of all is at least that of each
+
         for index, row in enumerate(some, begin):
             if not sum(map(abs, row)) <= LARGEST:
                 require_finite(f"{field}[{index}]", row)

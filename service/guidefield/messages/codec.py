@@ -1,4 +1,4 @@
-"""Bytes to request, reply to bytes: JSON or MessagePack, strict about requests. Built once at import."""
+"""Decode requests and encode replies, as JSON or MessagePack; decoders are strict and built once at import."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from guidefield.messages.stream_requests import (
 from guidefield.messages.streams import Piece, StreamOpen, StreamState, StreamUpdate
 
 MAX_REQUEST_BYTES = 64 * 2**20
-"""Largest payload that is looked at."""
+"""Largest payload that is decoded."""
 
-EXPLAINED_BYTES = 2**20
-"""Largest payload whose fault is looked at again, to tell what would have been right."""
+MAX_EXPLAINED_BYTES = 2**20
+"""Largest payload that is decoded again after a fault, to list the valid choices."""
 
 
 class Encoding(enum.StrEnum):
@@ -37,20 +37,20 @@ class Encoding(enum.StrEnum):
 
 
 class _Tag(msgspec.Struct):
-    """Just enough of a request to tell which decoder it wants."""
+    """The field of a request that selects its decoder."""
 
     type: str | None = None
 
 
-def _listed(value: Any) -> Any:
+def _convert_array(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"{type(value).__name__!r} is neither a number, a text, a list nor a dict")
 
 
 _ENCODERS: dict[Encoding, Any] = {
-    Encoding.JSON: msgspec.json.Encoder(enc_hook=_listed),
-    Encoding.MSGPACK: msgspec.msgpack.Encoder(enc_hook=_listed),
+    Encoding.JSON: msgspec.json.Encoder(enc_hook=_convert_array),
+    Encoding.MSGPACK: msgspec.msgpack.Encoder(enc_hook=_convert_array),
 }
 
 
@@ -84,20 +84,20 @@ def decode(data: bytes, kind: Any, encoding: Encoding = Encoding.JSON) -> Any:
         RequestTooLarge: if the payload is longer than `MAX_REQUEST_BYTES`.
         MalformedRequest: if it isn't such a message; names the path of the first fault.
     """
-    require_readable(len(data))
+    require_size(len(data))
     try:
         return _decoder(kind, encoding).decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise _malformed(error, data, kind, encoding) from None
+        raise _make_decode_error(error, data, kind, encoding) from None
 
 
-def split(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
-    """Return the bytes of each field of a message; nothing of what isn't one.
+def split_fields(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
+    """Return the bytes of each field of a message; no fields if the data is malformed.
 
     Raises:
         RequestTooLarge: as `decode`.
     """
-    require_readable(len(data))
+    require_size(len(data))
     try:
         fields: dict[str, msgspec.Raw] = _decoder(dict[str, msgspec.Raw], encoding).decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -105,11 +105,11 @@ def split(data: bytes, encoding: Encoding) -> dict[str, msgspec.Raw]:
     return fields
 
 
-def require_readable(size: int) -> None:
-    """Refuse a payload that is too long to be looked at.
+def require_size(size: int) -> None:
+    """Refuse a payload that is too long to be decoded.
 
     Args:
-        size: How long it is [bytes].
+        size: Its length [bytes].
 
     Raises:
         RequestTooLarge: if it is longer than `MAX_REQUEST_BYTES`.
@@ -121,9 +121,7 @@ def require_readable(size: int) -> None:
 
 
 def decode_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """Any request in any of its forms: JSON bytes, plain data, or a Struct already.
-
-    A request without a `type` is a plan request.
+    """Decode a request in any form: JSON bytes, plain data, or a Struct; one without a `type` is a plan request.
 
     Raises:
         RequestTooLarge, MalformedRequest: as in `decode`.
@@ -137,12 +135,12 @@ def decode_request(request: bytes | dict[str, Any] | requests.Request) -> reques
         return converted
     if not isinstance(request, bytes | bytearray | memoryview | str):
         raise MalformedRequest(f"a request is JSON, a dict or a message, not {type(request).__name__}", path="$")
-    decoded: requests.Request = decode(request, kind_of(request), Encoding.JSON)
+    decoded: requests.Request = decode(request, request_kind(request), Encoding.JSON)
     return decoded
 
 
-def kind_of(request: bytes) -> Any:
-    """The class of a request in JSON, or the union of all that say which they are.
+def request_kind(request: bytes) -> Any:
+    """Return the class of a request in JSON: of a plan request, or the union of all tagged requests.
 
     Raises:
         RequestTooLarge, MalformedRequest: as in `decode`.
@@ -152,7 +150,7 @@ def kind_of(request: bytes) -> Any:
 
 
 def convert(plain: Any, kind: Any) -> Any:
-    """A message of plain data, in which NumPy's numbers and arrays may stand.
+    """Convert plain data, which may contain NumPy's numbers and arrays, to a message.
 
     Args:
         plain: The message as a dict, or a list of some.
@@ -165,25 +163,25 @@ def convert(plain: Any, kind: Any) -> Any:
         try:
             return msgspec.convert(plain, kind)
         except msgspec.ValidationError:
-            plain = without_arrays(plain)
+            plain = replace_arrays(plain)
             return msgspec.convert(plain, kind)
     except msgspec.ValidationError as error:
-        raise _refused(error, plain, kind) from None
+        raise _make_refusal(error, plain, kind) from None
 
 
 def plain_fields(fields: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a message by name as plain data: what is a message itself among them, or in them, as a dict."""
-    return {name: msgspec.to_builtins(value, enc_hook=_listed) for name, value in fields.items()}
+    """Return fields of a message by name as plain data; messages in them become dicts."""
+    return {name: msgspec.to_builtins(value, enc_hook=_convert_array) for name, value in fields.items()}
 
 
-def without_arrays(request: Any) -> Any:
-    """A request, or a part, as plain data, with NumPy's numbers and arrays, or whatever has a `tolist`, as Python's.
+def replace_arrays(request: Any) -> Any:
+    """Return a request, or a part, as plain data; NumPy's numbers and arrays, and all with a `tolist`, become Python's.
 
     Raises:
         MalformedRequest: if it holds anything that no message can.
     """
     try:
-        return msgspec.to_builtins(request, builtin_types=(bytes,), enc_hook=_listed)
+        return msgspec.to_builtins(request, builtin_types=(bytes,), enc_hook=_convert_array)
     except TypeError as error:
         raise MalformedRequest(f"the request holds what no message can: {error}", path="$") from None
 
@@ -222,38 +220,38 @@ def json_schemas() -> dict[str, Any]:
     }
 
 
-def _malformed(error: Exception, data: bytes, kind: Any, encoding: Encoding) -> MalformedRequest:
-    is_explained = encoding is Encoding.JSON and len(data) <= EXPLAINED_BYTES
+def _make_decode_error(error: Exception, data: bytes, kind: Any, encoding: Encoding) -> MalformedRequest:
+    is_explained = encoding is Encoding.JSON and len(data) <= MAX_EXPLAINED_BYTES
     if isinstance(error, msgspec.ValidationError):
-        if is_explained and (found := faults.number_out_of_range(data)) is not None:
+        if is_explained and (found := faults.find_number_out_of_range(data)) is not None:
             path, said = found
-            message = f"`{path.rpartition('.')[2]}` must be a finite number, got {said[: faults.LONGEST]}"
+            message = f"`{path.rpartition('.')[2]}` must be a finite number, got {said[: faults.MAX_QUOTED_CHARACTERS]}"
             return MalformedRequest(f"{message} (at {path})", path=path)
-        return _refused(error, _plain(data, encoding), kind)
-    if is_explained and (found := faults.no_number(data)) is not None:
+        return _make_refusal(error, _decode_plain(data, encoding), kind)
+    if is_explained and (found := faults.find_nonfinite_word(data)) is not None:
         path, said = found
-        place = faults.place_in_text(str(error), data).rpartition(" (")[2]
+        place = faults.locate_in_text(str(error), data).rpartition(" (")[2]
         hint = f"{said} is no number of JSON, a finite one is needed"
         return MalformedRequest(f"the payload is not {encoding.value}: {hint} ({place} (at {path})", path=path)
-    text = faults.place_in_text(str(error), data) if encoding is Encoding.JSON else str(error)
+    text = faults.locate_in_text(str(error), data) if encoding is Encoding.JSON else str(error)
     return MalformedRequest(f"the payload is not {encoding.value}: {text}", path="$")
 
 
-def _plain(data: bytes, encoding: Encoding) -> Any:
-    """A payload as plain data; None where it is too much to be looked at again, or broken behind its first fault."""
+def _decode_plain(data: bytes, encoding: Encoding) -> Any:
+    """Return a payload as plain data; None if it is too large, or malformed after its first fault."""
     try:
-        return _decoder(Any, encoding).decode(data) if len(data) <= EXPLAINED_BYTES else None
+        return _decoder(Any, encoding).decode(data) if len(data) <= MAX_EXPLAINED_BYTES else None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return None
 
 
-def _refused(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
-    """Return the error of plain data; without advice if it can't be looked at again."""
+def _make_refusal(error: msgspec.ValidationError, data: Any, kind: Any) -> MalformedRequest:
+    """Make the error of a fault, with advice unless the plain data is missing."""
     if data is None:
-        message, path = faults.split(str(error))
-        path = faults.of_field(message, path)
+        message, path = faults.split_message(str(error))
+        path = faults.field_path(message, path)
         return MalformedRequest(f"{message} (at {path})", path=path)
     check = functools.partial(msgspec.convert, type=kind)
-    message, path, choices = faults.explained(str(error), data, kind, check)
-    path = faults.of_field(message, path)
+    message, path, choices = faults.explain(str(error), data, kind, check)
+    path = faults.field_path(message, path)
     return MalformedRequest(f"{message} (at {path})", path=path, **({"available": choices} if choices else {}))

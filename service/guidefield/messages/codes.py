@@ -1,4 +1,4 @@
-"""Every code of the wire: whether it is a reply or an error, what it means, and its exception in Python."""
+"""Every status code of the wire: its meaning, its Python exception, and whether it travels as reply or error."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from guidefield.messages.values import Reply
 
 
 class CodeInfo(Reply):
-    """One code.
+    """One status code.
 
     Attributes:
         code: Its number.
         name: Its name.
-        travels: As the status of a reply, as an error, as either, or never: then a client finds it out by itself.
-        meaning: What it says.
-        exception: Name of the exception in Python that an error is; null where it is never one.
+        travels: As the status of a reply, as an error, as either, or never: only a client raises it.
+        meaning: Its meaning in words.
+        exception: Name of the Python exception of the error; null if it is never an error.
     """
 
     code: int
@@ -61,7 +61,8 @@ MEANINGS = {
     Status.DISK_REFUSED: "the service's disk is full, or can't be written or read",
     Status.FAILURE: "a bug, logged with its trace",
 }
-"""What each code says."""
+"""Meaning of each code."""
+
 
 _EITHER = (Status.TIMED_OUT, Status.PREEMPTED)
 """Replies to plans and judgements, errors to anything else."""

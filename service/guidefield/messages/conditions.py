@@ -17,24 +17,24 @@ from guidefield.messages.values import (
 )
 
 MOST_HELD = 1_000
-"""Objects that a robot may hold."""
+"""The largest number of held objects."""
 MOST_PAIRS = 100_000
-"""Pairs of links and obstacles that may be allowed to touch."""
+"""The largest number of allowed pairs of links and obstacles."""
 MOST_CONSTRAINTS = 100
-"""Path constraints of a motion."""
+"""The largest number of path constraints of a motion."""
 
 Objective = Literal["balanced", "time", "clearance"]
-"""What a motion is optimised for."""
+"""The quantity for which a motion is optimised."""
 
 
 class AttachedObject(Message):
     """An object held by a link.
 
     Attributes:
-        obstacle: Its shape; its name stands for it in replies.
-        link: What holds it.
-        placement: Of its frame in the link's.
-        touch_links: Links that it may touch beside that one.
+        obstacle: Its shape; replies name the object by the shape's name.
+        link: The link that holds it.
+        placement: Of its frame in the link's frame.
+        touch_links: Further links that it may touch.
     """
 
     obstacle: Obstacle
@@ -47,7 +47,7 @@ class OrientationCone(Message, tag_field="type", tag="orientation_cone"):
     """Keep an axis of a frame within a cone.
 
     Attributes:
-        frame: Whose axis.
+        frame: The frame.
         axis: The axis in the frame, of any length but 0.
         target_axis: The cone's axis in the world, of any length but 0.
         half_angle: Largest angle between them [rad].
@@ -63,7 +63,7 @@ class PlaneConstraint(Message, tag_field="type", tag="plane"):
     """Keep a frame's origin near a plane.
 
     Attributes:
-        frame: Whose origin.
+        frame: The frame.
         point: On the plane [m, world].
         normal: Of the plane, in the world, of any length but 0.
         tolerance: Largest distance [m].
@@ -79,8 +79,9 @@ class LineConstraint(Message, tag_field="type", tag="line"):
     """Keep a frame's origin near a line.
 
     Attributes:
-        frame: Whose origin.
+        frame: The frame.
         point: On the line [m, world].
+
         direction: Of the line, in the world, of any length but 0.
         tolerance: Largest distance [m].
     """

@@ -1,4 +1,4 @@
-"""Faults of a payload, told so that they can be mended: the place, and what would be right there."""
+"""Explain faults of a payload: the place, and the valid choices there."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-MOST_NAMED = 40
-"""Most choices that are named."""
+MAX_LISTED = 40
+"""The largest number of choices that a message lists."""
 
-FEW = 10
-"""So many choices are all named, also where one of them may have been meant."""
+MAX_FULLY_LISTED = 10
+"""The largest number of choices that are all listed although one of them resembles the wrong word."""
 
-MOST_KEYS = 1_000
-"""Objects with more keys are not searched for the one that is wrong."""
 
-LONGEST = 64
-"""Longest part of what was sent that is repeated [characters]."""
+MAX_SEARCHED_KEYS = 1_000
+"""Objects with more keys aren't searched for the wrong one."""
 
-OTHER_THAN_VALUES = {inspect.ListType: ("a list",), inspect.NoneType: ("null",)}
-"""What may stand where a value of a few may, too."""
+MAX_QUOTED_CHARACTERS = 64
+"""Longest part of the payload that a message quotes [characters]."""
+
+ALTERNATIVES = {inspect.ListType: ("a list",), inspect.NoneType: ("null",)}
+"""Names of other types that a union may contain beside a literal."""
 
 Check = Callable[[Any], object]
 """Converts plain data to the message; raises msgspec.ValidationError where it isn't one."""
 
 Step = str | int | None
-"""From a value to one inside it: a field or a key, an index, or some key that msgspec doesn't name."""
+"""A step of a path into a value: a field or key, an index, or None for a key that msgspec leaves out."""
 
 _STEP = re.compile(r"\.(?P<field>[^.\[\]]+)|\[(?P<index>\d+)\]|\[\.\.\.\]")
 _INDEX = re.compile(r"\$\[(\d+)\]")
@@ -41,41 +42,41 @@ _NAMED = re.compile(r"`(?P<field>[a-z_][a-z0-9_]*(?:[.\[][^`:]*)?)(?:: [^`]*)?`"
 _BYTE = re.compile(r" \(byte (?P<byte>\d+)\)$")
 
 
-def split(text: str) -> tuple[str, str]:
-    """The message and the path of what msgspec says; `$` where it names none."""
+def split_message(text: str) -> tuple[str, str]:
+    """Split msgspec's text into message and path; `$` if it has no path."""
     message, _, path = text.rpartition(" - at `")
     return (message, path.rstrip("`")) if message else (text, "$")
 
 
-def of_field(message: str, path: str) -> str:
-    """The path of the value that a message of ours is about: it begins with the field's name, in backticks.
+def field_path(message: str, path: str) -> str:
+    """Return the path of the field that a message begins with, in backticks; the given path if it names none.
 
     Args:
-        message: What is wrong.
-        path: Of what holds the field.
+        message: The message.
+        path: Path of the object with the field.
     """
     named = _NAMED.match(message)
     return path if named is None else f"{path}.{named['field']}"
 
 
-def number_out_of_range(payload: bytes) -> tuple[str, str] | None:
-    """The path and the text of the first number of a JSON payload that no float can hold; None if there is none."""
-    return _first_odd(payload, lambda text: math.isinf(_as_float(text)), lambda _: False)
+def find_number_out_of_range(payload: bytes) -> tuple[str, str] | None:
+    """Return path and text of the first number of a JSON payload that overflows a float; None if there is none."""
+    return _find_first_odd(payload, lambda text: math.isinf(_parse_float(text)), lambda _: False)
 
 
-def no_number(payload: bytes) -> tuple[str, str] | None:
-    """The path and the word of the first NaN or Infinity, which aren't JSON; None where it is otherwise malformed."""
-    return _first_odd(payload, lambda _: False, lambda _: True)
+def find_nonfinite_word(payload: bytes) -> tuple[str, str] | None:
+    """Return path and word of the first NaN or Infinity, which aren't JSON; None if it is otherwise malformed."""
+    return _find_first_odd(payload, lambda _: False, lambda _: True)
 
 
 class _Odd(str):
-    """A number's text as it stood in a payload."""
+    """The text of a number in a payload."""
 
 
-def _first_odd(
+def _find_first_odd(
     payload: bytes, is_odd: Callable[[str], bool], is_odd_word: Callable[[str], bool]
 ) -> tuple[str, str] | None:
-    """The path and the text of the first number, or word in a number's place, that is odd."""
+    """Return path and text of the first number, or word instead of a number, that is odd."""
 
     def number(text: str) -> Any:
         return _Odd(text) if is_odd(text) else 0
@@ -89,62 +90,62 @@ def _first_odd(
         )
     except (ValueError, RecursionError):
         return None
-    return _odd_in(plain, "$")
+    return _find_odd(plain, "$")
 
 
-def _odd_in(plain: Any, path: str) -> tuple[str, str] | None:
+def _find_odd(plain: Any, path: str) -> tuple[str, str] | None:
     if isinstance(plain, _Odd):
         return path, str(plain)
     inner: Iterable[tuple[str, Any]] = ()
     if isinstance(plain, dict):
-        inner = ((_written(key), value) for key, value in plain.items())
+        inner = ((_format_key(key), value) for key, value in plain.items())
     elif isinstance(plain, list):
         inner = ((f"[{index}]", value) for index, value in enumerate(plain))
     for step, value in inner:
-        if (found := _odd_in(value, f"{path}{step}")) is not None:
+        if (found := _find_odd(value, f"{path}{step}")) is not None:
             return found
     return None
 
 
-def _as_float(text: str) -> float:
+def _parse_float(text: str) -> float:
     try:
         return float(text)
     except OverflowError:
         return math.inf
 
 
-def explained(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, list[Any]]:
-    """A fault that msgspec found, with the choices there are, and with the key that it leaves out of its path.
+def explain(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, list[Any]]:
+    """Add the valid choices, and the key that msgspec leaves out of the path, to msgspec's description of a fault.
 
     Args:
-        text: What it says.
+        text: msgspec's text.
         data: The payload as plain data.
-        kind: The message that it should have been.
-        check: Converts plain data to that.
+        kind: The expected type of message.
+        check: Converts plain data to that type.
 
     Returns:
-        The message, the path of the fault, and all that would be right there: empty where that can't be listed.
+        The message, the path of the fault, and the valid choices: empty if they can't be listed.
     """
-    message, path = split(text)
+    message, path = split_message(text)
     steps: list[Step] = [
         step["field"] or (None if step["index"] is None else int(step["index"])) for step in _STEP.finditer(path)
     ]
     if steps.count(None) == 1:
         key = _wrong_key(text, steps, data, check)
-        path = path if key is None else path.replace("[...]", _written(key))
+        path = path if key is None else path.replace("[...]", _format_key(key))
         steps = [key if step is None else step for step in steps]
     if (found := _VALUE.fullmatch(message)) is not None:
         values = _values_at(steps, data, kind)
-        others = [word for node in _nodes_at(steps, data, kind) for word in OTHER_THAN_VALUES.get(type(node), ())]
-        return _advised(message, found["value"].strip("'"), values, repr, others), path, values
+        others = [word for node in _nodes_at(steps, data, kind) for word in ALTERNATIVES.get(type(node), ())]
+        return _add_advice(message, found["value"].strip("'"), values, repr, others), path, values
     if (found := _FIELD.fullmatch(message)) is not None:
         fields = _fields_at(steps, data, kind)
-        return _advised(message, found["field"], fields, "`{}`".format), path, fields
+        return _add_advice(message, found["field"], fields, "`{}`".format), path, fields
     return message, path, []
 
 
-def place_in_text(text: str, payload: bytes) -> str:
-    """Return msgspec's message about bytes that are no JSON, with line and column instead of the byte."""
+def locate_in_text(text: str, payload: bytes) -> str:
+    """Return msgspec's message about malformed JSON with line and column instead of the byte."""
     if not payload.strip():
         return "it is empty"
     found = _BYTE.search(text)
@@ -155,78 +156,79 @@ def place_in_text(text: str, payload: bytes) -> str:
     return f"{text[: found.start()]} (line {line}, column {column})"
 
 
-def nearest(said: str, choices: Iterable[str]) -> list[str]:
-    """Those choices that may have been meant, the likeliest first."""
+def find_nearest(said: str, choices: Iterable[str]) -> list[str]:
+    """Return the choices that resemble a word, the most similar first."""
     lowered = {choice.lower(): choice for choice in choices}
-    return [lowered[near] for near in difflib.get_close_matches(said[:LONGEST].lower(), lowered, n=3, cutoff=0.6)]
+    word = said[:MAX_QUOTED_CHARACTERS].lower()
+    return [lowered[near] for near in difflib.get_close_matches(word, lowered, n=3, cutoff=0.6)]
 
 
-def meant(said: str, choices: Sequence[str]) -> str:
-    """A question that names those choices that may have been meant, and a space; empty without one."""
-    near = nearest(said, choices)
+def suggest(said: str, choices: Sequence[str]) -> str:
+    """Ask whether one of the choices that resemble a word was meant, with a space behind; empty if none does."""
+    near = find_nearest(said, choices)
     return f"did you mean {' or '.join(near)}? " if near else ""
 
 
-def listed(choices: Sequence[str]) -> str:
-    """Choices in a row, the first `MOST_NAMED`, and how many more there are."""
-    more = f" and {len(choices) - MOST_NAMED} more" if len(choices) > MOST_NAMED else ""
-    return f"{', '.join(choices[:MOST_NAMED])}{more}"
+def list_choices(choices: Sequence[str]) -> str:
+    """List the first `MAX_LISTED` choices, and the number of the others."""
+    more = f" and {len(choices) - MAX_LISTED} more" if len(choices) > MAX_LISTED else ""
+    return f"{', '.join(choices[:MAX_LISTED])}{more}"
 
 
-def _advised(
+def _add_advice(
     message: str, said: str, choices: Sequence[Any], written: Callable[[Any], str], others: Sequence[str] = ()
 ) -> str:
-    near = nearest(said, [choice for choice in choices if isinstance(choice, str)])
+    near = find_nearest(said, [choice for choice in choices if isinstance(choice, str)])
     advice = f"; did you mean {' or '.join(map(written, near))}?" if near else ""
-    if choices and (len(choices) <= FEW or not near):
-        more = f" and {len(choices) - MOST_NAMED} more" if len(choices) > MOST_NAMED else ""
-        advice += f"{'' if near else ';'} valid: {', '.join([*map(written, choices[:MOST_NAMED]), *others])}{more}"
+    if choices and (len(choices) <= MAX_FULLY_LISTED or not near):
+        more = f" and {len(choices) - MAX_LISTED} more" if len(choices) > MAX_LISTED else ""
+        advice += f"{'' if near else ';'} valid: {', '.join([*map(written, choices[:MAX_LISTED]), *others])}{more}"
     return message + advice
 
 
 def _values_at(steps: Sequence[Step], data: Any, kind: Any) -> list[Any]:
-    """The values that may stand at a place: those of a literal, or the tags of the messages that hold it."""
+    """Return the valid values at a place: those of a literal, or the tags of the messages with this tag field."""
     literals = [node for node in _nodes_at(steps, data, kind) if isinstance(node, inspect.LiteralType)]
     if literals or not steps:
         return [value for literal in literals for value in literal.values]
-    holders = _structs(_nodes_at(steps[:-1], data, kind))
+    holders = _select_structs(_nodes_at(steps[:-1], data, kind))
     return [holder.tag for holder in holders if holder.tag_field == steps[-1] and holder.tag is not None]
 
 
 def _fields_at(steps: Sequence[Step], data: Any, kind: Any) -> list[str]:
-    structs = _chosen(_structs(_nodes_at(steps, data, kind)), _value_at(steps, data))
+    structs = _match_tag(_select_structs(_nodes_at(steps, data, kind)), _value_at(steps, data))
     return list(dict.fromkeys(field.encode_name for struct in structs for field in struct.fields))
 
 
 def _nodes_at(steps: Sequence[Step], data: Any, kind: Any) -> list[inspect.Type]:
-    """The types that may stand at a place, as far as the tags in the data tell."""
-    nodes = _flat(inspect.type_info(kind))
+    """Return the possible types at a place, given the tags in the data."""
+    nodes = _flatten(inspect.type_info(kind))
     for step in steps:
-        fields = [field for struct in _chosen(_structs(nodes), data) for field in struct.fields]
+        fields = [field for struct in _match_tag(_select_structs(nodes), data) for field in struct.fields]
         following = [field.type for field in fields if field.encode_name == step]
         following += [node.value_type for node in nodes if isinstance(node, inspect.DictType)]
         following += [node.item_type for node in nodes if isinstance(node, inspect.ListType)]
-        nodes, data = [one for node in following for one in _flat(node)], _inside(data, step)
+        nodes, data = [one for node in following for one in _flatten(node)], _step_into(data, step)
     return nodes
 
 
-def _flat(node: inspect.Type) -> list[inspect.Type]:
+def _flatten(node: inspect.Type) -> list[inspect.Type]:
     if isinstance(node, inspect.Metadata):
-        return _flat(node.type)
-    return [one for part in node.types for one in _flat(part)] if isinstance(node, inspect.UnionType) else [node]
+        return _flatten(node.type)
+    return [one for part in node.types for one in _flatten(part)] if isinstance(node, inspect.UnionType) else [node]
 
 
-def _structs(nodes: Iterable[inspect.Type]) -> list[inspect.StructType]:
+def _select_structs(nodes: Iterable[inspect.Type]) -> list[inspect.StructType]:
     return [node for node in nodes if isinstance(node, inspect.StructType)]
 
 
-def _chosen(structs: list[inspect.StructType], data: Any) -> list[inspect.StructType]:
-    """Those that the tag in the data chooses; all of them where the data has none."""
+def _match_tag(structs: list[inspect.StructType], data: Any) -> list[inspect.StructType]:
+    """Select the messages with the tag in the data; all of them if the data has none."""
     tags = data if isinstance(data, dict) else {}
     return [one for one in structs if one.tag_field is None or tags.get(one.tag_field, one.tag) == one.tag]
 
 
-def _inside(data: Any, step: Step) -> Any:
+def _step_into(data: Any, step: Step) -> Any:
     if isinstance(data, dict):
         return data.get(step)
     if isinstance(data, list | tuple) and isinstance(step, int) and step < len(data):
@@ -236,29 +238,29 @@ def _inside(data: Any, step: Step) -> Any:
 
 def _value_at(steps: Sequence[Step], data: Any) -> Any:
     for step in steps:
-        data = _inside(data, step)
+        data = _step_into(data, step)
     return data
 
 
 def _wrong_key(text: str, steps: Sequence[Step], data: Any, check: Check) -> str | None:
-    """The key that msgspec doesn't name, found by halving the object that has it; None if it can't be told."""
+    """Find the key that msgspec leaves out, by bisection of the object's keys; None if that fails."""
     before = steps[: steps.index(None)]
     within = _value_at(before, data)
-    if not isinstance(within, dict) or not 0 < len(within) <= MOST_KEYS:
+    if not isinstance(within, dict) or not 0 < len(within) <= MAX_SEARCHED_KEYS:
         return None
     keys = list(within)
     while len(keys) > 1:
         first, rest = keys[: len(keys) // 2], keys[len(keys) // 2 :]
-        keys = first if _fails_alike(text, _with_only(first, before, data), check) else rest
-    found = isinstance(keys[0], str) and _fails_alike(text, _with_only(keys, before, data), check)
+        keys = first if _fails_alike(text, _keep_keys(first, before, data), check) else rest
+    found = isinstance(keys[0], str) and _fails_alike(text, _keep_keys(keys, before, data), check)
     return keys[0] if found else None
 
 
-def _with_only(keys: list[Any], steps: Sequence[Step], data: Any) -> Any:
-    """The data with nothing but some keys in the object at a place."""
+def _keep_keys(keys: list[Any], steps: Sequence[Step], data: Any) -> Any:
+    """Return the data with only some keys in the object at a place."""
     if not steps:
         return {key: data[key] for key in keys}
-    inner = _with_only(keys, steps[1:], _inside(data, steps[0]))
+    inner = _keep_keys(keys, steps[1:], _step_into(data, steps[0]))
     if isinstance(data, dict):
         return {**data, steps[0]: inner}
     return [inner if index == steps[0] else item for index, item in enumerate(data)]
@@ -272,5 +274,5 @@ def _fails_alike(text: str, data: Any, check: Check) -> bool:
     return False
 
 
-def _written(key: str) -> str:
-    return f".{key}" if re.fullmatch(r"[\w-]{1,64}", key) else f"[{key[:LONGEST]!r}]"
+def _format_key(key: str) -> str:
+    return f".{key}" if re.fullmatch(r"[\w-]{1,64}", key) else f"[{key[:MAX_QUOTED_CHARACTERS]!r}]"

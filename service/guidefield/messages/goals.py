@@ -1,4 +1,4 @@
-"""Configurations and goals as requests name them."""
+"""Configurations and goals of requests."""
 
 from __future__ import annotations
 
@@ -20,26 +20,23 @@ from guidefield.messages.values import (
 )
 
 MOST_GOALS = 10_000
-"""Configurations any of which may be the goal."""
-
-TOGETHER = 1000
-"""So many configurations are checked at one go, in some milliseconds."""
+"""The largest number of configurations of a `JointSetGoal`."""
 
 JointValue = float | list[float]
 Positions = dict[str, JointValue]
 """A configuration: joint name to value.
 
-Revolute and prismatic joints: a number [rad or m]; continuous: an angle [rad], whose whole turns don't count; planar:
-[x, y, theta]; spherical: a unit quaternion (x, y, z, w); floating: [x, y, z, qx, qy, qz, qw]. A planar or free root is
-`root_joint`. Joints that mimic others are not given: they are at multiplier * value + offset. A continuous joint with
-such a follower that is elsewhere after a whole turn is listed as revolute, and its whole turns count.
+Revolute and prismatic joints: a number [rad or m]; continuous: an angle [rad] modulo whole turns; planar: [x, y,
+theta]; spherical: a unit quaternion (x, y, z, w); floating: [x, y, z, qx, qy, qz, qw]. A planar or floating root is
+`root_joint`. Mimic joints are left out: they are at multiplier * value + offset. If a whole turn of a continuous joint
+moves one of its mimic joints elsewhere, the joint is listed as revolute, and its whole turns count.
 """
 
 Tolerance3 = tuple[NonNegative | None, NonNegative | None, NonNegative | None]
 
 
 def require_finite_positions(field: str, positions: Positions) -> None:
-    """Raise ValueError if a joint value is NaN or infinite; `field` is what it is called."""
+    """Raise ValueError if a joint value is NaN or infinite; `field` names the configuration."""
     try:
         if math.hypot(*positions.values()) <= LARGEST:  # type: ignore[arg-type] # as is each: there may be thousands
             return
@@ -90,8 +87,8 @@ class PoseGoal(Message, tag_field="type", tag="pose"):
     Attributes:
         position: Of the tip [m, world].
         quaternion_xyzw: Its rotation in the world.
-        position_tolerance: How far off it may be along each axis of the goal's own frame [m]; null leaves an axis free.
-        orientation_tolerance: The same for the rotation vector in that frame [rad].
+        position_tolerance: Largest offset along each axis of the goal's own frame [m]; null leaves an axis free.
+        orientation_tolerance: Largest components of the rotation vector in that frame [rad]; null leaves one free.
     """
 
     position: Vector3
@@ -107,7 +104,7 @@ class PoseGoal(Message, tag_field="type", tag="pose"):
 
 
 class GuidePlaneGoal(Message, tag_field="type", tag="guide_plane"):
-    """Reach the last guide plane with the tip, anywhere on it and turned as it comes."""
+    """Reach the last guide plane with the tip, at any point of it and in any orientation."""
 
 
 Goal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal

@@ -1,7 +1,7 @@
-"""Who asks: the user that a query's key names, and the name that a client gives itself.
+"""The identity of a caller: the user in a query's key, and the name that a client gives itself.
 
-A payload or an attachment can say anything. A key can't, where access control lets nobody but a user use the keys of
-this user. So the identity is the key: `guidefield/<i>/as/<user>/…` is the user's, and all other keys are those of one
+A payload or an attachment can claim anything. A key can't, if access control lets only a user use the keys of this
+user. So the identity is the key: `guidefield/<i>/as/<user>/…` belongs to the user, and all other keys belong to one
 identity, `PLAIN`.
 """
 
@@ -14,28 +14,28 @@ from typing import NamedTuple
 from guidefield.errors import MalformedRequest
 
 PLAIN = "plain"
-"""Whoever asks on keys without a user: operators, where there is access control; everybody, where there is none."""
+"""The identity of keys without a user: operators if there is access control, else everybody."""
 USERS = "as"
 """The chunk before a user's name."""
 _USER = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}")
 
 
 class Asker(NamedTuple):
-    """Who asks: an identity, and one of its clients, by the name that this gave itself; empty if it gave none."""
+    """A caller: an identity, and one of its clients by the name that this gave itself; empty if it gave none."""
 
     user: str = PLAIN
     client: str = ""
 
 
-SOMEBODY = Asker()
+ANONYMOUS = Asker()
 """A client without a name on the keys without a user."""
 
 
-def checked_user(user: str) -> str:
-    """The name itself, if a user can have it.
+def check_user(user: str) -> str:
+    """Return a valid user name.
 
     Raises:
-        MalformedRequest: otherwise.
+        MalformedRequest: if no user can have this name.
     """
     if not _USER.fullmatch(user) or user == PLAIN:
         raise MalformedRequest(
@@ -46,36 +46,34 @@ def checked_user(user: str) -> str:
     return user
 
 
-def owned(user: str, key: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    """Whose thing a key below a user's names, and the key of this thing below its owner's.
-
-    Another user's thing has the user before its name: ``scenes/alice:shelf``.
+def split_owner(user: str, key: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """Split the owner off a key below a user's: ``scenes/alice:shelf`` is alice's; without an owner it is the user's.
 
     Raises:
-        MalformedRequest: if it names one that can't be a user.
+        MalformedRequest: if no user can have the owner's name.
     """
     if len(key) < 2 or ":" not in key[1]:
         return user, key
     owner, _, name = key[1].partition(":")
-    return owner if owner == PLAIN else checked_user(owner), (key[0], name, *key[2:])
+    return owner if owner == PLAIN else check_user(owner), (key[0], name, *key[2:])
 
 
 def base_key(instance: str, user: str) -> str:
-    """The key below which a user has an instance's keys."""
+    """Return the prefix of a user's keys of an instance."""
     return f"guidefield/{instance}" if user == PLAIN else f"guidefield/{instance}/{USERS}/{user}"
 
 
 def shared_key(instance: str) -> str:
-    """The key below which everybody hears of what others share."""
+    """Return the prefix of the keys on which changes of shared things are published."""
     return f"guidefield/{instance}/shared"
 
 
-def divided(chunks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
-    """The user that the chunks below an instance's key name, and those below the user's.
+def split_user(chunks: Sequence[str]) -> tuple[str, tuple[str, ...]]:
+    """Split the chunks of a key below an instance's into the user and the chunks below the user's.
 
     Raises:
-        MalformedRequest: if they name one that can't be a user.
+        MalformedRequest: if no user can have that name.
     """
     if len(chunks) > 1 and chunks[0] == USERS:
-        return checked_user(chunks[1]), tuple(chunks[2:])
+        return check_user(chunks[1]), tuple(chunks[2:])
     return PLAIN, tuple(chunks)

@@ -1,4 +1,4 @@
-"""Keys to requests: what a query below an instance's key asks for."""
+"""Decode queries: the request of a key below an instance's, its parameters and its payload."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from guidefield.messages.scene_changes import SceneDiff
 from guidefield.messages.served import SERVED, SHARING
 from guidefield.messages.values import LONGEST_TIME, PLANNING_TIME, RunId
 
-LONGEST_STORING = 120.0
-"""How long a robot or scene may take that is stored or described, the list of robots, a stream's recording [s]."""
+STORE_TIME_LIMIT = 120.0
+"""Allowed time to store or describe a robot or scene, to list robots, or to make a stream's recording [s]."""
 
 
 MIN_BESIDE = 1 << 16
@@ -31,16 +31,16 @@ MIN_BESIDE = 1 << 16
 
 @dataclass(frozen=True)
 class Query:
-    """A query as it came.
+    """A query before its payload is decoded.
 
     Attributes:
         key: Chunks of its key below the instance's or the user's, such as ("scenes", "shelf").
         parameters: Those after the question mark.
-        payload: Empty where there is none.
-        encoding: How the payload is written, and the reply is to be.
-        user: Whose keys it uses.
-        owner: Whose things it is about.
-        client: Which client of this user asks, as far as it says so.
+        payload: Empty if there is none.
+        encoding: The encoding of the payload and of the reply.
+        user: The user whose keys it uses.
+        owner: The user whose things it is about.
+        client: The client of this user that asks; empty if it gives no name.
         names_owner: Whether its key has the owner before the thing's name.
     """
 
@@ -54,7 +54,7 @@ class Query:
     names_owner: bool = False
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
-        """Leave a large payload out of what is pickled, where whoever pickles takes it along beside that."""
+        """Pickle a large payload out of band (protocol 5)."""
         if index(protocol) < 5 or len(self.payload) < MIN_BESIDE:
             return super().__reduce_ex__(protocol)
         rest = {name: value for name, value in vars(self).items() if name != "payload"}
@@ -62,7 +62,7 @@ class Query:
 
     @property
     def asker(self) -> Asker:
-        """Who asks."""
+        """The user and client that ask."""
         return Asker(self.user, self.client)
 
 
@@ -70,13 +70,13 @@ def _with_payload(rest: dict[str, Any], payload: bytes | bytearray) -> Query:
     return Query(payload=bytes(payload), **rest)
 
 
-def _allowed(asked: float, default: float) -> float:
-    """A time [s] within what a valid request can ask for; who asks for none at all is refused when it is read."""
+def _limit_time(asked: float, default: float) -> float:
+    """Limit a time [s] to that of a valid request; the decoder later refuses a request with a time of 0 or less."""
     return min(asked, LONGEST_TIME) if asked > 0.0 else default
 
 
 class PlanHead(msgspec.Struct, frozen=True):
-    """The fields of a plan request about the run itself, read without looking at the rest."""
+    """The fields of a plan request about the run itself, decoded without the others."""
 
     run_id: RunId | None = None
     allowed_planning_time: float = PLANNING_TIME
@@ -86,12 +86,12 @@ class PlanHead(msgspec.Struct, frozen=True):
 
     @property
     def allowed(self) -> float:
-        """The allowed planning time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_planning_time, PLANNING_TIME)
+        """The allowed planning time, limited to that of a valid request [s]."""
+        return _limit_time(self.allowed_planning_time, PLANNING_TIME)
 
 
 class CertifyHead(msgspec.Struct, frozen=True):
-    """The fields of a certify request about the run itself, read without looking at the rest."""
+    """The fields of a certify request about the run itself, decoded without the others."""
 
     run_id: RunId | None = None
     allowed_time: float = PLANNING_TIME
@@ -99,10 +99,10 @@ class CertifyHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_time, PLANNING_TIME)
+        return _limit_time(self.allowed_time, PLANNING_TIME)
 
 
-class _Head(msgspec.Struct):
+class _TypeTag(msgspec.Struct):
     """The type of a payload, if it has one."""
 
     type: str | None = None
@@ -112,7 +112,7 @@ RunHead = PlanHead | CertifyHead
 
 
 class WorkHead(msgspec.Struct, frozen=True):
-    """The name and allowed time of a request that makes no run, read without looking at the rest."""
+    """The name and allowed time of a request that makes no run, decoded without the other fields."""
 
     request_id: str | None = None
     allowed_time: float = DEFAULT_TIME
@@ -120,7 +120,7 @@ class WorkHead(msgspec.Struct, frozen=True):
     @property
     def allowed(self) -> float:
         """The allowed time, brought within what a valid request can ask for [s]."""
-        return _allowed(self.allowed_time, DEFAULT_TIME)
+        return _limit_time(self.allowed_time, DEFAULT_TIME)
 
 
 def check(query: Query) -> None:
@@ -130,26 +130,26 @@ def check(query: Query) -> None:
         MalformedRequest: if the key is not served, or the query has parameters or a payload that don't fit it.
     """
     if is_file(query) or is_cancel(query):
-        _refuse_payload(query)
+        _require_no_payload(query)
     else:
-        _rule(query)
+        _find_rule(query)
 
 
-def request_of(query: Query) -> requests.Request:
-    """The request that a query makes.
+def decode_query(query: Query) -> requests.Request:
+    """Decode the request of a query.
 
     Raises:
         MalformedRequest: if the key is not served, or its parameters or payload don't fit it.
-        RequestTooLarge: if the payload is too long to be looked at.
+        RequestTooLarge: if the payload is too long to be decoded.
     """
-    return _rule(query).read(query)
+    return _find_rule(query).read(query)
 
 
-def run_head(query: Query) -> RunHead | None:
-    """The head of a request that makes a run, a plan or a judgement; None if the query asks for something else.
+def decode_run_head(query: Query) -> RunHead | None:
+    """Decode the head of a plan or certify request; None for any other query.
 
     Raises:
-        MalformedRequest, RequestTooLarge: as `request_of`, for what was looked at.
+        MalformedRequest, RequestTooLarge: as `decode_query`, for the fields of the head.
     """
     kind = _HEADS.get(query.key)
     if kind is None:
@@ -158,20 +158,20 @@ def run_head(query: Query) -> RunHead | None:
     return head
 
 
-def work_head(query: Query) -> WorkHead:
-    """The head of a kinematics request; of anything else that takes work, how long that may take.
+def decode_work_head(query: Query) -> WorkHead:
+    """Decode the head of a kinematics request; any other query gets a head with the longest time.
 
     Raises:
-        MalformedRequest, RequestTooLarge: as `request_of`, for what was looked at.
+        MalformedRequest, RequestTooLarge: as `decode_query`, for the fields of the head.
     """
     if query.key != ("kinematics",):
-        return WorkHead(allowed_time=LONGEST_STORING)
+        return WorkHead(allowed_time=STORE_TIME_LIMIT)
     head: WorkHead = codec.decode(query.payload, WorkHead, query.encoding)
     return head
 
 
 def changes_store(query: Query) -> bool:
-    """Return whether the query stores or deletes something: once begun it comes to its end, whoever waits for it."""
+    """Return whether the query stores or deletes something: once begun it is finished, even without its caller."""
     return query.key[0] in ("robots", "scenes", "runs") and (bool(query.payload) or "delete" in query.parameters)
 
 
@@ -200,16 +200,16 @@ def is_scene(query: Query) -> bool:
     return len(query.key) == 2 and query.key[0] == "scenes"
 
 
-def diff_of(query: Query) -> SceneDiff | None:
-    """Return the changes that an answered query made to a scene; None if it stored the scene anew."""
-    if codec.decode(query.payload, _Head, query.encoding).type is None:
+def decode_diff(query: Query) -> SceneDiff | None:
+    """Decode the changes that an answered query made to a scene; None if it stored a whole scene."""
+    if codec.decode(query.payload, _TypeTag, query.encoding).type is None:
         return None
     diff: SceneDiff = codec.decode(query.payload, SceneDiff, query.encoding)
     return diff
 
 
 def is_sharing(query: Query) -> bool:
-    """Return whether the query is to share something with everybody, or with nobody any more."""
+    """Return whether the query shares something with all users, or ends that."""
     return bool(query.parameters.keys() & SHARING)
 
 
@@ -219,51 +219,51 @@ def is_reading(query: Query) -> bool:
 
 
 def is_brief(query: Query) -> bool:
-    """Return whether the query asks for info, and for its figures only."""
+    """Return whether the query asks only for the figures of info."""
     return "brief" in query.parameters
 
 
 def is_list(query: Query) -> bool:
-    """Return whether the query asks for all that there is of a kind, or for all of info."""
+    """Return whether the query asks for a list of robots, scenes or runs, or for all of info."""
     return query.key in (("robots",), ("scenes",), ("runs",)) or (query.key == ("info",) and not is_brief(query))
 
 
-def _plan(query: Query) -> requests.Request:
+def _decode_plan(query: Query) -> requests.Request:
     request: requests.Request = request_reader.read_payload(query.payload, requests.PlanRequest, query.encoding)
     return request
 
 
-def _certify(query: Query) -> requests.Request:
+def _decode_certify(query: Query) -> requests.Request:
     request: requests.Request = request_reader.read_payload(query.payload, requests.CertifyRequest, query.encoding)
     return request
 
 
-def _kinematics(query: Query) -> requests.Request:
+def _decode_kinematics(query: Query) -> requests.Request:
     request: requests.Request = request_reader.read_payload(query.payload, requests.KinematicsRequest, query.encoding)
     return request
 
 
-def _robot(query: Query) -> requests.Request:
+def _decode_robot(query: Query) -> requests.Request:
     name = query.key[1]
     if "delete" in query.parameters:
-        _refuse_payload(query)
+        _require_no_payload(query)
         return requests.DeleteRobot(name)
     if not query.payload:
         return requests.ReadRobot(name)
     return requests.StoreRobot(name, codec.decode(query.payload, requests.RobotFiles, query.encoding))
 
 
-def _scene(query: Query) -> requests.Request:
+def _decode_scene(query: Query) -> requests.Request:
     name = query.key[1]
     if "delete" in query.parameters:
-        _refuse_payload(query)
+        _require_no_payload(query)
         return requests.DeleteScene(name)
-    version = _version(query.parameters.get("version"))
+    version = _parse_version(query.parameters.get("version"))
     if not query.payload:
         return requests.ReadScene(name, version)
     if version is not None:
         raise MalformedRequest("`version` is for reading; a change says itself which it means", parameter="version")
-    if codec.decode(query.payload, _Head, query.encoding).type is not None:
+    if codec.decode(query.payload, _TypeTag, query.encoding).type is not None:
         return requests.ChangeScene(name, codec.decode(query.payload, SceneDiff, query.encoding))
     scene: Scene = codec.decode(query.payload, Scene, query.encoding)
     if scene.name != name:
@@ -273,8 +273,8 @@ def _scene(query: Query) -> requests.Request:
     return requests.StoreScene(name, scene)
 
 
-def _version(text: str | None) -> int | None:
-    """The version of a scene that a parameter names, if any."""
+def _parse_version(text: str | None) -> int | None:
+    """Parse the parameter that names a version of a scene; None without one."""
     if text is None:
         return None
     if not (text.isascii() and text.isdigit() and 0 < int(text) < 2**63):
@@ -282,7 +282,7 @@ def _version(text: str | None) -> int | None:
     return int(text)
 
 
-def _runs(query: Query) -> requests.Request:
+def _decode_runs(query: Query) -> requests.Request:
     since = query.parameters.get("since")
     try:
         began_after = None if since is None else float(since)
@@ -300,14 +300,14 @@ def _runs(query: Query) -> requests.Request:
         raise MalformedRequest(fault, parameter=fault.split("`")[1]) from None
 
 
-def _run(query: Query) -> requests.Request:
+def _decode_run(query: Query) -> requests.Request:
     kind = requests.DeleteRun if "delete" in query.parameters else requests.ReadRun
     return kind(query.key[1])
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """The rule of one key: the reader of its queries, and the parameters that they may have."""
+    """The rule of one key: the decoder of its queries, and their valid parameters."""
 
     read: Callable[[Query], requests.Request]
     parameters: frozenset[str] = frozenset()
@@ -315,24 +315,24 @@ class _Rule:
 
 
 _RULES = {
-    ("plan", 1): _Rule(_plan, takes_payload=True),
-    ("certify", 1): _Rule(_certify, takes_payload=True),
-    ("kinematics", 1): _Rule(_kinematics, takes_payload=True),
+    ("plan", 1): _Rule(_decode_plan, takes_payload=True),
+    ("certify", 1): _Rule(_decode_certify, takes_payload=True),
+    ("kinematics", 1): _Rule(_decode_kinematics, takes_payload=True),
     ("robots", 1): _Rule(lambda _: requests.ReadRobots()),
-    ("robots", 2): _Rule(_robot, frozenset({"delete", *SHARING}), takes_payload=True),
+    ("robots", 2): _Rule(_decode_robot, frozenset({"delete", *SHARING}), takes_payload=True),
     ("scenes", 1): _Rule(lambda _: requests.ReadScenes()),
-    ("scenes", 2): _Rule(_scene, frozenset({"delete", "version", *SHARING}), takes_payload=True),
-    ("runs", 1): _Rule(_runs, frozenset(requests.ReadRuns.__struct_fields__)),
-    ("runs", 2): _Rule(_run, frozenset({"delete", *SHARING})),
+    ("scenes", 2): _Rule(_decode_scene, frozenset({"delete", "version", *SHARING}), takes_payload=True),
+    ("runs", 1): _Rule(_decode_runs, frozenset(requests.ReadRuns.__struct_fields__)),
+    ("runs", 2): _Rule(_decode_run, frozenset({"delete", *SHARING})),
     ("info", 1): _Rule(lambda _: requests.ReadInfo(), frozenset({"brief"})),
 }
 """Rules by the first chunk of the key and the number of chunks."""
 
 _HEADS: dict[tuple[str, ...], type[RunHead]] = {("plan",): PlanHead, ("certify",): CertifyHead}
-"""Keys of requests that make a run, and what is read of them at once."""
+"""Heads of the requests that make a run, by key."""
 
 
-def _rule(query: Query) -> _Rule:
+def _find_rule(query: Query) -> _Rule:
     rule = _RULES.get((query.key[0] if query.key else "", len(query.key)))
     if rule is None:
         raise MalformedRequest(
@@ -347,11 +347,11 @@ def _rule(query: Query) -> _Rule:
             f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}; valid: {valid}", parameter=unknown[0]
         )
     if not rule.takes_payload or is_sharing(query):
-        _refuse_payload(query)
+        _require_no_payload(query)
     return rule
 
 
-def _refuse_payload(query: Query) -> None:
+def _require_no_payload(query: Query) -> None:
     if query.payload:
         raise MalformedRequest(
             f"a query on {'/'.join(query.key)!r} of this kind takes no payload", key="/".join(query.key)

@@ -14,7 +14,7 @@ import msgspec
 from guidefield.messages.conditions import AllowedCollisions, AttachedObjects
 from guidefield.messages.goals import Positions, Tolerance3, require_finite_configurations
 from guidefield.messages.references import RobotReference, SceneReference, settle_scene
-from guidefield.messages.triples import TOGETHER
+from guidefield.messages.triples import VALUES_PER_CHECK
 from guidefield.messages.values import (
     LARGEST,
     ORIGIN,
@@ -109,9 +109,9 @@ def require_packed_rows(field: str, packed: bytes, width: int, most: int) -> Non
     numbers = array("d", packed)
     if sys.byteorder == "big":
         numbers.byteswap()
-    for begin in range(0, len(numbers), TOGETHER):
-        if not math.hypot(*numbers[begin : begin + TOGETHER]) <= LARGEST:
-            for index, number in enumerate(numbers[begin : begin + TOGETHER], begin):
+    for begin in range(0, len(numbers), VALUES_PER_CHECK):
+        if not math.hypot(*numbers[begin : begin + VALUES_PER_CHECK]) <= LARGEST:
+            for index, number in enumerate(numbers[begin : begin + VALUES_PER_CHECK], begin):
                 row, column = divmod(index, width)
                 require_finite_number(f"{field}[{row}][{column}]", number)
 
@@ -387,8 +387,8 @@ KinematicsRequest = ForwardKinematics | InverseKinematics | Clearance | Potentia
 
 def require_finite_points(field: str, points: Sequence[Vector3]) -> None:
     """Raise ValueError if a number is NaN, infinite or too large."""
-    for begin in range(0, len(points), TOGETHER):
-        some = points[begin : begin + TOGETHER]
+    for begin in range(0, len(points), VALUES_PER_CHECK):
+        some = points[begin : begin + VALUES_PER_CHECK]
         if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
             for index, point in enumerate(some, begin):
                 require_finite(f"{field}[{index}]", point)

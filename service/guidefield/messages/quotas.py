@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 
 from guidefield.errors import MalformedRequest
-from guidefield.messages.identities import PLAIN, checked_user
+from guidefield.messages.identities import PLAIN, check_user
 from guidefield.messages.values import Message, Positive
 
 
@@ -60,7 +60,7 @@ class Quotas(Message):
     def __post_init__(self) -> None:
         for user in self.users:
             try:
-                checked_user(user)
+                check_user(user)
             except MalformedRequest as error:
                 raise ValueError(error.message) from None
 

@@ -40,9 +40,9 @@ def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
     """
     fields: Mapping[str, msgspec.Raw] = {}
     if len(data) >= MIN_HASHED_BYTES:
-        fields = codec.split(data, encoding)
+        fields = codec.split_fields(data, encoding)
     if kind is None:
-        kind = codec.kind_of(b'{"type":%s}' % fields.get("type", b"null") if fields else data)
+        kind = codec.request_kind(b'{"type":%s}' % fields.get("type", b"null") if fields else data)
     scene = fields.get("scene", b"")
     return _read(
         scene if len(scene) >= MIN_HASHED_BYTES else None,
@@ -149,13 +149,13 @@ def _convert(request: Any) -> requests.Request:
         if isinstance(scene, dict):
             request["scene"] = {name: _plain(value) for name, value in scene.items()}
         return codec.decode_request({name: _plain(value) for name, value in request.items()})
-    return codec.decode_request(codec.without_arrays(request))
+    return codec.decode_request(codec.replace_arrays(request))
 
 
 def _plain(value: Any) -> Any:
     """Return plain data where a message, or a list with some, is given; all else as it is."""
     some = value if isinstance(value, list | tuple) else (value,)
-    return codec.without_arrays(value) if any(isinstance(one, msgspec.Struct) for one in some) else value
+    return codec.replace_arrays(value) if any(isinstance(one, msgspec.Struct) for one in some) else value
 
 
 def _pack_held(attached: Any) -> Any:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Protocol
 import msgspec
 
 from guidefield.errors import SceneInvalid
-from guidefield.messages.faults import listed, meant
+from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.own_scenes import Before, Own, Places, make_own, own, places_of
 from guidefield.messages.scene import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, Sphere
 from guidefield.messages.values import Message, Name, Placement, Reply
@@ -224,8 +224,8 @@ def _moved(obstacle: Obstacle, placement: Placement) -> Obstacle:
 
 def _absent(scene: str, name: str, there: Iterable[Obstacle], path: str) -> SceneInvalid:
     names = [one.name for one in there]
-    others = f"there are {listed(names)}" if names else "there is none left"
-    return _refused(f"scene {scene!r} has no obstacle {name!r}; {meant(name, names)}{others}", name, path)
+    others = f"there are {list_choices(names)}" if names else "there is none left"
+    return _refused(f"scene {scene!r} has no obstacle {name!r}; {suggest(name, names)}{others}", name, path)
 
 
 def _refused(message: str, obstacle: str, path: str) -> SceneInvalid:

@@ -23,7 +23,7 @@ MAX_VERTICES = 1_000_000
 
 Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
 
-TOGETHER = 20_000
+VALUES_PER_CHECK = 20_000
 """So many points or triangles are read or checked at one go, in a few milliseconds."""
 
 
@@ -43,8 +43,8 @@ def check_points(field: str, points: Points) -> int:
             _require_packed_finite(field, points.float32)
     else:
         count = len(points)
-        for begin in range(0, count, TOGETHER):
-            some = points[begin : begin + TOGETHER]
+        for begin in range(0, count, VALUES_PER_CHECK):
+            some = points[begin : begin + VALUES_PER_CHECK]
             if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
                 for index, point in enumerate(some, begin):
                     require_finite(f"{field}[{index}]", point)
@@ -71,8 +71,8 @@ def check_triangles(count: int, triangles: Triangles) -> None:
         ValueError: if one names a vertex that there isn't, or there are too many or none that are packed.
     """
     if not isinstance(triangles, Uint32Array):
-        for begin in range(0, len(triangles), TOGETHER):
-            some = triangles[begin : begin + TOGETHER]
+        for begin in range(0, len(triangles), VALUES_PER_CHECK):
+            some = triangles[begin : begin + VALUES_PER_CHECK]
             if not _all_below(count, _packed(some)):  # of a million triangles this is found in a sixth of the time
                 _require_below(count, begin, some)
         return

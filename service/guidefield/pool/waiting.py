@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from guidefield.errors import ServerBusy
-from guidefield.messages.identities import SOMEBODY, Asker
+from guidefield.messages.identities import ANONYMOUS, Asker
 
 Answer = tuple[bool, bytes]
 """True for a reply, False for an error; and the payload."""
@@ -101,7 +101,7 @@ class Task(Future[Answer]):
         *,
         deadline: TimedAnswer | None = None,
         late: TimedAnswer | None = None,
-        asker: Asker = SOMEBODY,
+        asker: Asker = ANONYMOUS,
         size: int = 0,
         hear: Callable[[bytes], None] = _hear_nothing,
         begin: Callable[[], None] = _ignore,

@@ -15,7 +15,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages import codec
-from guidefield.messages.certify_reply import certified, place_in_words
+from guidefield.messages.certify_reply import describe_certificate, describe_place
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, as_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.recorder.chunks import still
@@ -233,7 +233,7 @@ def _plan_results(reply: PlanReply, group: PlanningGroup) -> list[str]:
         ways = f"{metrics.joint_path_length:.2f} {unit} / {metrics.tip_path_length:.2f} m"
         rows.append(("way of the joints / the tip", ways))
         rows.append(("peak jerk", f"{metrics.peak_jerk:.0f} {unit}/s³"))
-    rows.append(("certificate", certified(reply)))
+    rows.append(("certificate", describe_certificate(reply)))
     counters = reply.counters
     rows.append(("waypoints", f"{len(reply.path)}, {counters.iterations} iterations"))
     work = [
@@ -336,9 +336,9 @@ def _judgement_results(reply: CertifyReply) -> list[str]:
     said = f"{judged}{pair(certificate.pair)}: {certificate.covers}, as the curve {reply.curve}"
     rows = [("certificate", said)]
     if not certificate.collision_free:
-        rows.append(("free until", place_in_words(certificate.free_until.row, certificate.free_until.time)))
+        rows.append(("free until", describe_place(certificate.free_until.row, certificate.free_until.time)))
     if certificate.place is not None:
-        rows.append(("refused", place_in_words(certificate.place.row, certificate.place.time)))
+        rows.append(("refused", describe_place(certificate.place.row, certificate.place.time)))
     rows += distances(reply)
     return [*table(("result", ""), rows), "", f"Judged by: {certificate.method}", ""]
 
@@ -352,5 +352,5 @@ def _limits(reply: CertifyReply) -> list[str]:
 
 def _used(use: LimitUse) -> tuple[str, str, str]:
     share = "it jumps" if use.share is None else f"{100 * use.share:.1f} %"
-    where = "" if use.row is None else place_in_words(use.row, use.time)
+    where = "" if use.row is None else describe_place(use.row, use.time)
     return share, use.joint or "", where

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from guidefield.errors import RequestTooLarge, SceneInvalid
-from guidefield.messages.faults import listed, meant
+from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import SceneDiff
 from guidefield.scene import library
@@ -180,7 +180,7 @@ Scenes = PackagedScenes | SceneStore
 def _unknown(name: str, names: list[str]) -> SceneInvalid:
     file = "a scene in a file is sent itself, as the file holds it; " if name.endswith(".json") else ""
     return SceneInvalid(
-        f"there is no scene {name[:64]!r}; {meant(name, names)}{file}there are {listed(names)}",
+        f"there is no scene {name[:64]!r}; {suggest(name, names)}{file}there are {list_choices(names)}",
         scene=name[:64],
         available=names,
     )

@@ -18,7 +18,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import folder
-from guidefield.messages.faults import nearest
+from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
 from guidefield.robot.catalog.library import Entry, entries
@@ -229,7 +229,7 @@ class Catalog:
             hint = f"there are {', '.join(variants)}" if variants else "`guidefield robots` lists those there are"
             if name.lower().endswith((".urdf", ".xacro", ".xml")):
                 hint = f'a file is named by {{"type": "urdf_file", "path": "{name[:64]}"}}'
-            elif not variants and (near := nearest(name, self.names())):
+            elif not variants and (near := find_nearest(name, self.names())):
                 hint = f"did you mean {' or '.join(near)}? {hint}"
             raise RobotInvalid(
                 f"there is no robot {name[:64]!r}; {hint}",

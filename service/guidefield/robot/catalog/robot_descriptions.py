@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.errors import RobotInvalid
-from guidefield.messages.faults import nearest
+from guidefield.messages.faults import find_nearest
 from guidefield.messages.requests import ROBOT_DESCRIPTIONS, UrdfFile
 
 MAX_DOWNLOAD_SECONDS = 300.0
@@ -65,7 +65,7 @@ def find_description(name: str) -> UrdfFile:
             robot=name,
         )
     if "names" in found:
-        close = nearest(own, found["names"]) or [one for one in found["names"] if one.startswith(f"{own}_")]
+        close = find_nearest(own, found["names"]) or [one for one in found["names"] if one.startswith(f"{own}_")]
         hint = f"; did you mean {' or '.join(close)}?" if close else ""
         raise RobotInvalid(f"robot_descriptions has no {own!r}{hint}", robot=name, available=found["names"])
     path = next((found[key] for key in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH") if key in found), None)
