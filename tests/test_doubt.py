@@ -368,3 +368,24 @@ def test_a_link_inside_of_another_is_refused_by_everybody(tmp_path: Path) -> Non
     outcome, found = refereed(known, replace(asked, path=[[0.0, 0.0], [0.0, 0.1]]), lie)
     assert outcome is Outcome.DISAGREES
     assert "inside a closed mesh" in found[0].said
+
+
+def test_proofs_are_replayed_and_refused_where_they_are_false(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Proofs of a slice of motions hold, changed ones don't; a referee that believes too much is found out."""
+    from doubting import proofs
+    from doubting.proofs import doubt_proof
+    from guidefield.referee.replay import _Replay
+
+    robot, earlier = loaded(tmp_path), list[Any]()
+    for until in (0.3, 0.4, 0.5):
+        request = slide(until)
+        counts, found = doubt_proof(np.random.default_rng(3), robot, request, ENGINE.answer(request), earlier)
+        assert found == []
+        assert counts["proof:replayed"] == 1
+        assert counts["proof:changed and refused"] >= 5
+    assert len(earlier) == 3
+    monkeypatch.setattr(proofs, "_false", lambda *_: "")  # else it is found out at once
+    right = _Replay._apart
+    monkeypatch.setattr(_Replay, "_apart", lambda self, *asked: right(self, *asked) + 0.3)
+    _, found = doubt_proof(np.random.default_rng(3), robot, slide(0.5), ENGINE.answer(slide(0.5)), [])
+    assert [one.said for one in found] == [f"after more_{what}: it is false" for what in ("clearance", "claimed")]

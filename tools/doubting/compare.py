@@ -57,6 +57,7 @@ class Kind(enum.StrEnum):
     ENDS = "it doesn't begin or end where it should"
     MEASURE = "Coal and another algorithm measure different distances"
     CRASH = "the request failed with a bug"
+    PROOF = "a proof doesn't hold, or one holds that is false"
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,7 @@ def told(folder: Path) -> str:
         "near",
         "left out",
         "referee",
+        "proof",
         "hpp",
     ):
         rows = {key.partition(":")[2]: count for key, count in counts.items() if key.startswith(f"{group}:")}

@@ -17,6 +17,7 @@ from doubting.case import Case, Request
 from doubting.doubted import Doubted, doubted
 from doubting.judge import Sampled
 from doubting.loaded import Loaded
+from doubting.proofs import Proved, doubt_proof
 from doubting.refereed import Outcome, refereed, validated
 from doubting.shrink import contradicted, shrunk
 from doubting.tally import Unit, commit
@@ -51,6 +52,7 @@ class Work:
         self.counts: Counter[str] = Counter()
         self.files: list[str] = []
         self.engine = Engine() if engine is None else engine
+        self.proofs: list[Proved] = []
 
     def done(self, plans: int = PLANS, changed: int = MUTANTS, motions: int = ALIGNED) -> Unit:
         """Do it: every second unit judges motions with exact symmetries."""
@@ -157,6 +159,10 @@ class Work:
             self.counts["referee plans" if kind == "same" else "referee mutants"] += 1
             self.counts[f"referee:{outcome}"] += 1
             self.counts[f"referee {outcome}"] += outcome in (Outcome.UNDECIDED, Outcome.NOT_JUDGED)
+        if came.reply.status.name == "SUCCESS" and " after " not in came.reply.certificate.covers:
+            counts, wrong = doubt_proof(np.random.default_rng([self.seed, 2]), loaded, request, came.reply, self.proofs)
+            self.counts.update(counts)
+            found = [*found, *wrong]
         heard, more = validated(loaded, request, came.reply)
         self.counts[f"hpp:{heard}"] += heard is not Outcome.NOT_ASKED
         return dataclasses.replace(came, found=(*came.found, *found, *more))

@@ -54,8 +54,8 @@ class Proof(ReadOnly):
     """A proof of a motion, in the names of a case (referee.md).
 
     Attributes:
-        claims: Begin, end, 1 for own pairs and 0 for others, and the distance that they keep at least beyond what is
-            required of a motion, shape (c, 4) [s, s, -, m].
+        claims: Begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts
+            where it is more than what is required of a motion, shape (c, 4) [s, s, -, m].
         segments: Begin and end of each, those that contain others before them, shape (s, 2) [s, or knots].
         slab_segments: The segment of each slab, shape (k,).
         slab_nodes: The two nodes between which it is, shape (k, 2).

@@ -28,7 +28,8 @@ class Proof:
     """What a proof tells; nothing of it is believed.
 
     Attributes:
-        claims: Begin, end, 1 for own pairs and 0 for others, and what they keep at least, shape (c, 4) [s, s, -, m].
+        claims: Begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts
+            where it is more than what is required, shape (c, 4) [s, s, -, m].
         segments: Begin and end of each, shape (s, 2) [s, or knots].
         slab_segments: The segment of each slab, shape (k,).
         slab_nodes: The two nodes that it is between, shape (k, 2).
@@ -130,11 +131,13 @@ def proof_of(arrays: dict[str, np.ndarray]) -> Proof:
     nodes, shapes, child = len(p.node_bodies), len(p.shape_numbers), p.node_children
     divided = child[:, 0] >= 0
     once = np.bincount(child[divided].ravel(), minlength=nodes) if divided.any() else np.zeros(nodes, int)
+    counts = np.diff(p.shape_begins)[:shapes]
     balls = np.where(np.isinf(p.shape_numbers[:, 0]), 0.0, p.shape_numbers[:, 0])
     right = [
         *(len({len(getattr(p, name)) for name in names}) == 1 for names in LENGTHS),
+        len(p.segments) > 0,
         len(p.shape_begins) == shapes + 1 and p.shape_begins[0] == 0 and p.shape_begins[-1] == len(p.corners),
-        (np.diff(p.shape_begins) > 0).all() or (np.isinf(p.shape_numbers[np.diff(p.shape_begins) <= 0, 0])).all(),
+        ((counts > 0) | ((counts == 0) & np.isinf(p.shape_numbers[: len(counts), 0]))).all(),
         np.isfinite(p.shape_numbers[:, 1:]).all() and (balls >= 0.0).all(),
         _within(p.slab_segments, len(p.segments)) and _within(p.slab_nodes, nodes),
         _within(p.views[:, :2], len(p.bodies)) and _within(p.views[:, 2], len(p.joints)),
