@@ -171,6 +171,14 @@ def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
     root, files = xml.parse(robot.source.urdf_text), {}
     for visual in list(root.iter("visual")):
         visual.getparent().remove(visual)
+    names = {joint.get("name") for joint in root.iter("joint")}
+    followed = {joint.name: joint.mimic for joint in robot.joints}
+    for joint in root.findall("joint"):
+        for mimic in joint.findall("mimic"):
+            meant = followed.get(joint.get("name"))
+            if meant is not None and mimic.get("joint") not in names:  # it lacks a prefix
+                law = {"joint": meant.driver, "multiplier": str(meant.multiplier), "offset": str(meant.offset)}
+                mimic.attrib.update(law)
     folders: dict[str, str] = {}
     for mesh in root.iter("mesh"):
         path = Path(mesh.get("filename"))

@@ -216,3 +216,19 @@ def test_a_planar_joint_moves_as_its_axis_says(axis: str) -> None:
     beside = there + 0.25 * data.oMi[1].rotation[:, 2]
     (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02,) * 3, beside)]), [0.9 * z, 1.1 * z]))
     assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.FREE
+
+
+FOLLOWING = """<robot name="hand"><link name="palm"/>
+<link name="l1"><collision><geometry><box size="0.1 0.02 0.02"/></geometry></collision></link>
+<link name="l2"><collision><geometry><box size="0.1 0.02 0.02"/></geometry></collision></link>
+<joint name="left_finger1" type="revolute"><parent link="palm"/><child link="l1"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="left_finger2" type="revolute"><origin xyz="0.2 0 0"/><parent link="l1"/><child link="l2"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+<mimic joint="finger1" multiplier="0.5" offset="0.1"/></joint></robot>"""
+
+
+def test_a_follower_whose_source_lacks_a_prefix_follows_the_one_that_is_meant() -> None:
+    case = read(straight(world_of(grouped(UrdfText(text=FOLLOWING), "l2"), []), [[0.0], [0.3]]))
+    assert case.spread.tolist() == [[1.0], [0.5]]
+    assert case.offset.tolist() == [0.0, 0.1]

@@ -30,8 +30,9 @@ SINGLE = 1e-6
 def check_tables(world: World) -> dict[str, float]:
     """How far each moving link and each obstacle stands out of its nodes at most, as a share of 1 m and its size.
 
-    It is infinite where a triangle is in no leaf. Every node is put into a slab, once by its sphere and once by its
-    part: so the referee asks of each triangle whether it is in a leaf and in all that holds this one.
+    It is infinite where a triangle is in no leaf, and there is nothing where no link moves that has a shape. Every node
+    is put into a slab, once by its sphere and once by its part: so the referee asks of each triangle whether it is in a
+    leaf and in all that holds this one.
 
     Args:
         world: The robot among at least one obstacle.
@@ -42,9 +43,11 @@ def check_tables(world: World) -> dict[str, float]:
     for row, body in enumerate(pairs.moving.tolist()):
         nodes = _below(robot.parts.links, int(robot.roots[body]))
         rows.append(_rows(first + row * count, nodes, np.full(len(nodes), obstacles.roots[0])))
-    for index, root in enumerate(obstacles.roots.tolist()):
+    for index, root in enumerate(obstacles.roots.tolist() if len(pairs.moving) else ()):
         nodes = _below(obstacles.parts.links, root)
         rows.append(_rows(first + index, np.full(len(nodes), robot.roots[pairs.moving[0]]), nodes))
+    if not rows:
+        return {}
     straight = np.outer([0.0, 1e-6], np.ones(world.group.nv))
     motion = Motion(world, Placement(), (), None, straight, None)
     proof = _Writer(world, Goal(0.0), np.concatenate(rows)).proof(np.empty((0, 4)), np.array([[0.0, 1.0, 0.5]]))
