@@ -14,7 +14,7 @@ from pathlib import Path
 from guidefield.deadline import Deadline
 from guidefield.errors import RobotInvalid
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.pool.companion import Taken
 from guidefield.pool.process import Call, Work
 from guidefield.stream_worker import Open, Refused, Told, Update
@@ -264,7 +264,7 @@ class StreamInWords:
 
     def __call__(self, line: Connection) -> None:
         if self.refuses:
-            line.send(Refused(error_reply(RobotInvalid("there is no robot 'ur55'"))))
+            line.send(Refused(make_error_reply(RobotInvalid("there is no robot 'ur55'"))))
             return
         line.send(Open("ur5", ("a",), (0.5,), 1, ("odd",)))
         with contextlib.suppress(EOFError):

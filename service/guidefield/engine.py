@@ -35,7 +35,7 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
 from guidefield.messages import requests
 from guidefield.messages.faults import field_path
-from guidefield.messages.own_scenes import to_give
+from guidefield.messages.frozen_scenes import copy_scene
 from guidefield.messages.replies import (
     CertifyReply,
     Done,
@@ -49,7 +49,7 @@ from guidefield.messages.replies import (
 )
 from guidefield.messages.request_reader import read_request
 from guidefield.messages.scene import Obstacle, Scene as SceneMessage
-from guidefield.messages.scene_changes import RequestScene, SceneDiff, changed
+from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
 from guidefield.progress import ProgressTold, Watcher
@@ -460,7 +460,7 @@ class Engine:
 
     def _read_scene(self, request: requests.ReadScene) -> SceneReply:
         scene, version = self._scenes.read(request.name, request.version)
-        return SceneReply(to_give(scene), version)
+        return SceneReply(copy_scene(scene), version)
 
     def _store_scene(self, request: requests.StoreScene) -> Done:
         built = self._scene(request.scene)
@@ -472,7 +472,7 @@ class Engine:
         with at_path("$.diff"):
             warnings: Sequence[str] = ()
             if coming:
-                added = changed(SceneMessage(request.name), SceneDiff(add=coming))
+                added = apply_change(SceneMessage(request.name), SceneDiff(add=coming))
                 with _at_added(coming):
                     warnings = self._loaded.built.of(added).warnings
             _, version = self._scenes.change(request.name, request.diff)
@@ -545,7 +545,7 @@ class Engine:
         if not isinstance(reference, RequestScene) or reference.base is None:
             return reference
         base = self._stored_scene(reference.base, reference.version)
-        return changed(base, reference, reference.name)
+        return apply_change(base, reference, reference.name)
 
     def _stored_scene(self, reference: str, version: int | None) -> SceneMessage:
         holder, name = self._holder("scenes", reference)

@@ -27,7 +27,7 @@ from guidefield.errors import GuidefieldError, ServerBusy, unforeseen
 from guidefield.first_start import compile_kernels, processor
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import Done, ErrorReply, error_reply
+from guidefield.messages.replies import Done, ErrorReply, make_error_reply
 from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamJudge, StreamJudged
 from guidefield.messages.streams import Observation, Piece, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
@@ -165,11 +165,11 @@ class StreamConversation:
         try:
             stream = self._opened(journal)
         except GuidefieldError as error:
-            line.send(Refused(error_reply(error)))
+            line.send(Refused(make_error_reply(error)))
             return
         except Exception as error:
             _log.exception("a stream could not be opened")
-            line.send(Refused(error_reply(unforeseen(error))))
+            line.send(Refused(make_error_reply(unforeseen(error))))
             return
         line.send(_open(stream))
         gc.collect()
@@ -288,7 +288,7 @@ class _Answering:
             time=None,
             executing=commit.number,
             stops=commit.stops,
-            error=error_reply(error),
+            error=make_error_reply(error),
         )
 
     def _tell(self, answer: Piece | StreamState) -> None:
@@ -302,7 +302,7 @@ class _Answering:
         try:
             reply: msgspec.Struct | None = answered()
         except GuidefieldError as error:
-            self._send_answer(asked, False, codec.encode(error_reply(error), encoding))
+            self._send_answer(asked, False, codec.encode(make_error_reply(error), encoding))
             return
         if reply is not None:
             self._send_answer(asked, True, codec.encode(reply, encoding))
@@ -358,5 +358,11 @@ def ended_state(executing: int, stops: float, error: GuidefieldError) -> StreamS
     """Return the state of a stream that is over, if its process can't tell it any more."""
     reason: Literal["ended"] = "ended"
     return StreamState(
-        update=None, reason=reason, pair=None, time=None, executing=executing, stops=stops, error=error_reply(error)
+        update=None,
+        reason=reason,
+        pair=None,
+        time=None,
+        executing=executing,
+        stops=stops,
+        error=make_error_reply(error),
     )

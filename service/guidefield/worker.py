@@ -20,7 +20,7 @@ from guidefield.errors import GuidefieldError, Preempted, Status, unforeseen
 from guidefield.messages import codec, keys
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.messages.replies import MotionReply, error_reply
+from guidefield.messages.replies import MotionReply, make_error_reply
 from guidefield.messages.requests import ChangeScene, MotionRequest, PlanRequest, Request, StoreRobot, StoreScene
 from guidefield.pool.process import Call
 from guidefield.stores.by_user import StoresByUser
@@ -103,12 +103,12 @@ class EngineWorker:
         except Preempted as error:
             if call.set_back():
                 return None
-            return False, codec.encode(error_reply(error), encoding)
+            return False, codec.encode(make_error_reply(error), encoding)
         except GuidefieldError as error:
-            return False, codec.encode(error_reply(error), encoding)
+            return False, codec.encode(make_error_reply(error), encoding)
         except Exception as error:
             _log.exception("an answer could not be written")
-            return False, codec.encode(error_reply(unforeseen(error)), encoding)
+            return False, codec.encode(make_error_reply(unforeseen(error)), encoding)
 
     def _replied(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         query = job.query

@@ -19,7 +19,7 @@ from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from tests.journeys.service import ANSWERED_WITHIN, await_that
 
 INTERRUPTED_IN_ANOTHER_THREAD = """
@@ -84,7 +84,7 @@ def _config(mode: str, way: str, port: int) -> zenoh.Config:
 
 def _busy(query: zenoh.Query) -> None:
     with query:
-        query.reply_err(codec.encode(error_reply(ServerBusy("later", retry_after=1.0)), Encoding.MSGPACK))
+        query.reply_err(codec.encode(make_error_reply(ServerBusy("later", retry_after=1.0)), Encoding.MSGPACK))
 
 
 def _named(query: zenoh.Query) -> None:

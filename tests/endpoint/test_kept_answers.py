@@ -14,7 +14,7 @@ from guidefield.errors import GuidefieldError, InvalidGoal, ServerBusy, WorkerCr
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import PlanReply, error_reply
+from guidefield.messages.replies import PlanReply, make_error_reply
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.pool.waiting import Answer, Task, TimedAnswer
 from guidefield.stores.run_file import FILE
@@ -81,11 +81,11 @@ def test_an_error_that_is_not_the_requests_fault_is_kept(database: RunDatabase) 
     crash = WorkerCrashed("it took too much memory", mebibytes=4)
     with pytest.raises(WorkerCrashed):
         _answer(database, crash)
-    assert database.of(PLAIN).read("r1").error == error_reply(crash)
+    assert database.of(PLAIN).read("r1").error == make_error_reply(crash)
 
 
 def test_a_refusal_leaves_no_run(database: RunDatabase) -> None:
-    refusal = False, codec.encode(error_reply(InvalidGoal("no such joint")))
+    refusal = False, codec.encode(make_error_reply(InvalidGoal("no such joint")))
     assert _answer(database, refusal) == refusal
     assert database.of(PLAIN).list(ReadRuns()).runs == []
     with pytest.raises(ServerBusy):

@@ -23,7 +23,7 @@ from guidefield.handlers.certify import answer_certify
 from guidefield.handlers.certify_problem import certify_problem
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, requests, scene as messages
-from guidefield.messages.replies import CertifyReply, PlanReply, as_plain_data
+from guidefield.messages.replies import CertifyReply, PlanReply, to_plain_data
 from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
 from guidefield.planner.motion.limit_shares import Uses
@@ -52,7 +52,7 @@ def certify(scene: str | dict = "table", model: str = "panda", **request) -> Cer
 
 def motion_of(reply: PlanReply) -> dict:
     assert reply.trajectory is not None
-    return {"trajectory": as_plain_data(reply.trajectory), "position_names": reply.position_names}
+    return {"trajectory": to_plain_data(reply.trajectory), "position_names": reply.position_names}
 
 
 @functools.cache
@@ -167,7 +167,7 @@ def scene_of(request: requests.MotionRequest):
 
 def judged(request: requests.PlanRequest, reply: PlanReply) -> CertifyReply:
     """The plan's own motion, as whoever kept its request and reply would ask."""
-    fields = msgspec.json.decode(msgspec.json.encode(recorded_fields(request, as_plain_data(reply), "run")))
+    fields = msgspec.json.decode(msgspec.json.encode(recorded_fields(request, to_plain_data(reply), "run")))
     return certify(**{"model": request.robot, **fields, "scene": request.scene, "robot": request.robot})
 
 
@@ -198,7 +198,7 @@ def test_a_plan_among_moving_obstacles_is_certified_at_its_times_only(title: str
     made = answer_plan(request, robot(request.robot), scene_of(request), run_id="r", received=time.monotonic())
     assert made.status.name == "SUCCESS"
     require_same(request, made)
-    hurried = as_plain_data(made)
+    hurried = to_plain_data(made)
     hurried["trajectory"]["times"] = [0.3 * moment for moment in hurried["trajectory"]["times"]]
     reply = certify(model=request.robot, **{**recorded_fields(request, hurried, "run"), "scene": request.scene})
     assert reply.certificate.reason in ("contact", "undecided")
@@ -278,7 +278,7 @@ def _until(rows: np.ndarray, row: float) -> list[list[float]]:
 
 
 def test_what_exceeds_a_limit_is_told_with_joint_and_time() -> None:
-    made = as_plain_data(planned())
+    made = to_plain_data(planned())
     quick = {**made["trajectory"], "times": [0.5 * moment for moment in made["trajectory"]["times"]]}
     quick["velocities"] = [[2.0 * value for value in row] for row in quick["velocities"]]
     reply = certify(trajectory=quick, position_names=made["position_names"])

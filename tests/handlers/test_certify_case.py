@@ -13,7 +13,7 @@ import pytest
 from guidefield import case_file
 from guidefield.handlers.certify import answer_certify, motion_of
 from guidefield.messages import codec
-from guidefield.messages.replies import as_plain_data
+from guidefield.messages.replies import to_plain_data
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer, Verdict
@@ -30,7 +30,7 @@ FLOOR = {"type": "half_space", "name": "floor", "normal": [0, 0, 1], "offset": -
 @functools.cache
 def planned() -> dict[str, Any]:
     reply = ask(start=READY, goal=joints(panda_joint1=0.6, panda_joint4=-1.6), guide_planes=[])
-    return {"trajectory": as_plain_data(reply.trajectory), "position_names": reply.position_names}
+    return {"trajectory": to_plain_data(reply.trajectory), "position_names": reply.position_names}
 
 
 def both(obstacles: list[dict[str, Any]], **request: Any) -> tuple[str, list[Verdict]]:

@@ -9,7 +9,7 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.requests import PlanRequest
 from guidefield.messages.scene import Box, GuidePlane, HalfSpace, Mesh, ObstacleTrajectory, Polygon, Scene, Sphere
-from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 
 CORNERS = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]
@@ -37,7 +37,7 @@ def test_what_goes_moves_and_comes_does_so_and_all_else_stays():
     diff = SceneDiff(
         add=[post], move={"crate": Placement((1, 2, 3), TURNED), "ball": Placement((4, 5, 6), TURNED)}, remove=["part"]
     )
-    after = changed(HALL, diff)
+    after = apply_change(HALL, diff)
     assert names(after) == ["crate", "ball", "floor", "door", "cart", "post"]
     assert after.obstacles[0] == Box(name="crate", size=(0.1, 0.2, 0.3), position=(1, 2, 3), quaternion_xyzw=TURNED)
     assert after.obstacles[1] == Sphere(name="ball", radius=0.1, position=(4, 5, 6))
@@ -48,7 +48,7 @@ def test_what_goes_moves_and_comes_does_so_and_all_else_stays():
 
 
 def test_what_is_removed_and_added_in_one_change_is_replaced():
-    after = changed(HALL, SceneDiff(add=[Sphere(name="door", radius=1.0)], remove=["door"]))
+    after = apply_change(HALL, SceneDiff(add=[Sphere(name="door", radius=1.0)], remove=["door"]))
     assert after.obstacles[-1] == Sphere(name="door", radius=1.0)
 
 
@@ -72,7 +72,7 @@ def test_what_is_removed_and_added_in_one_change_is_replaced():
 )
 def test_a_change_that_does_not_fit_is_refused_and_names_what(diff, fault, obstacle, path):
     with pytest.raises(SceneInvalid, match=fault) as refused:
-        changed(HALL, diff)
+        apply_change(HALL, diff)
     assert (refused.value.details["obstacle"], refused.value.details["path"]) == (obstacle, path)
 
 
@@ -83,9 +83,9 @@ def test_a_change_and_its_opposite_leave_the_same_obstacles(before, after):
 
     scene = Scene("s", obstacles=[ball(name) for name in before])
     add, remove = [ball(n) for n in after if n not in before], [n for n in before if n not in after]
-    there = changed(scene, SceneDiff(add=add, remove=remove))
+    there = apply_change(scene, SceneDiff(add=add, remove=remove))
     assert set(names(there)) == set(after)
-    back = changed(there, SceneDiff(add=[ball(n) for n in remove], remove=[one.name for one in add]))
+    back = apply_change(there, SceneDiff(add=[ball(n) for n in remove], remove=[one.name for one in add]))
     assert sorted(names(back)) == sorted(before)
 
 
@@ -134,5 +134,5 @@ def test_a_scene_that_is_neither_is_refused(scene, fault):
 def test_two_of_one_name_in_a_change_are_refused_with_their_path():
     twins = [Sphere(name="a", radius=0.1), Sphere(name="a", radius=0.2)]
     with pytest.raises(SceneInvalid, match="two obstacles 'a'") as refused:
-        changed(HALL, SceneDiff(add=twins))
+        apply_change(HALL, SceneDiff(add=twins))
     assert refused.value.details == {"obstacle": "a", "path": "$.add[1].name"}

@@ -16,8 +16,8 @@ from guidefield.messages.stream_keys import (
     OpenStream,
     ReadStream,
     RecordStream,
+    decode_stream_query,
     is_stream,
-    stream_query,
 )
 
 OPEN = b'{"robot": "ur5", "scene": "table"}'
@@ -28,16 +28,16 @@ def query(key: str, payload: bytes = b"", **parameters: str) -> Query:
 
 
 def test_what_is_asked_for() -> None:
-    assert stream_query(query("streams")) == ListStreams()
-    opened = stream_query(query("streams", OPEN))
+    assert decode_stream_query(query("streams")) == ListStreams()
+    opened = decode_stream_query(query("streams", OPEN))
     assert isinstance(opened, OpenStream)
     assert opened.request.robot == "ur5"
-    assert stream_query(query("streams/a")) == ReadStream("a")
-    assert stream_query(query("streams/a", delete="")) == EndStream("a")
-    assert stream_query(query("streams/a/goal", b"{}")) == AimStream("a")
-    assert stream_query(query("streams/a/judge", b"{}")) == JudgeStream("a")
-    assert stream_query(query("streams/a/stop")) == HaltStream("a")
-    assert stream_query(query("streams/a/recording")) == RecordStream("a")
+    assert decode_stream_query(query("streams/a")) == ReadStream("a")
+    assert decode_stream_query(query("streams/a", delete="")) == EndStream("a")
+    assert decode_stream_query(query("streams/a/goal", b"{}")) == AimStream("a")
+    assert decode_stream_query(query("streams/a/judge", b"{}")) == JudgeStream("a")
+    assert decode_stream_query(query("streams/a/stop")) == HaltStream("a")
+    assert decode_stream_query(query("streams/a/recording")) == RecordStream("a")
     assert is_stream(query("streams/a"))
     assert not is_stream(query("scenes/streams"))
 
@@ -62,4 +62,4 @@ def test_what_is_asked_for() -> None:
 )
 def test_what_does_not_fit(asked: Query, words: str) -> None:
     with pytest.raises(MalformedRequest, match=words):
-        stream_query(asked)
+        decode_stream_query(asked)

@@ -8,10 +8,10 @@ import pytest
 from guidefield.bounded_map import BYTES_PER_FACE, BoundedMap, Limit
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.messages import scene as messages
-from guidefield.messages.own_scenes import make_own
+from guidefield.messages.frozen_scenes import freeze
 from guidefield.messages.request_reader import read_request
 from guidefield.messages.requests import JointsGoal, PlanRequest
-from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Float32Array, Placement
 from guidefield.scene import built, obstacle
 from guidefield.scene.built import BuiltScenes
@@ -45,11 +45,11 @@ def test_a_scene_of_very_many_changes_is_built_though_all_before_are_held() -> N
     """Each was found from the one before it: of 1000 that somebody held that was too deep."""
     kept, held = (
         BuiltScenes(Limit(2, 2**29)),
-        [make_own(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5)]))],
+        [freeze(messages.Scene(name="a", obstacles=[messages.Sphere(name="b", radius=0.5)]))],
     )
     kept.of(held[0])
     for k in range(1, 3001):
-        held.append(changed(held[-1], SceneDiff(move={"b": Placement((float(k), 0.0, 0.0))})))
+        held.append(apply_change(held[-1], SceneDiff(move={"b": Placement((float(k), 0.0, 0.0))})))
     assert kept.of(held[-1]).obstacles[0].placement.translation.tolist() == [3000.0, 0.0, 0.0]
     assert kept.of(held[-1]) is kept.of(held[-1])
 

@@ -17,8 +17,8 @@ from guidefield.collision.lanes import scene_tables
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.messages import codec, scene as messages
-from guidefield.messages.own_scenes import make_own
-from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.frozen_scenes import freeze
+from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 from guidefield.prove.tables import obstacle_bodies
 from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
@@ -132,11 +132,11 @@ def copied(scene: messages.Scene) -> messages.Scene:
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
     rng, kept = np.random.default_rng(seed), BuiltScenes(Limit(16, 2**29))
     kinds = {"odd": odd, "moves": moves}
-    message = make_own(messages.Scene("s", obstacles=[some(rng, f"o{k}", **kinds) for k in range(count)]))
+    message = freeze(messages.Scene("s", obstacles=[some(rng, f"o{k}", **kinds) for k in range(count)]))
     versions, seen = [message], [kept.of(message)]
     before = [bits(tables(seen[0]))]
     for k in range(4):
-        versions.append(changed(versions[-1], diff(rng, versions[-1], f"n{k}_", **kinds)))
+        versions.append(apply_change(versions[-1], diff(rng, versions[-1], f"n{k}_", **kinds)))
         if rng.random() < 0.3:
             continue  # a version that nobody asks for
         scene = kept.of(versions[-1])
@@ -153,7 +153,7 @@ def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count
 
 def boxes(count: int) -> messages.Scene:
     rng = np.random.default_rng(count)
-    return make_own(messages.Scene("s", obstacles=[PLACED[0](f"b{k}", rng) for k in range(count)]))
+    return freeze(messages.Scene("s", obstacles=[PLACED[0](f"b{k}", rng) for k in range(count)]))
 
 
 def test_only_what_is_another_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,14 +162,14 @@ def test_only_what_is_another_is_built(monkeypatch: pytest.MonkeyPatch) -> None:
     built: list[str] = []
     make = obstacle.build
     monkeypatch.setattr(obstacle, "build", lambda one, *rest: built.append(one.name) or make(one, *rest))
-    after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
+    after = apply_change(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
     second = kept.of(after)
     assert built == ["b7"]
     assert [k for k in range(500) if second.obstacles[k] is not first.obstacles[k]] == [7]
     assert second.obstacles[7].message.position == (1.0, 2.0, 3.0)
     assert first.obstacles[7].message == scene.obstacles[7]
     assert kept.of(scene) is first
-    assert kept.of(changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))) is second, (
+    assert kept.of(apply_change(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))) is second, (
         "the same change again"
     )
 
@@ -178,7 +178,7 @@ def test_a_scene_of_which_the_one_before_is_gone_is_built_alone() -> None:
     kept, scene = BuiltScenes(Limit(1, 2**29)), boxes(300)
     kept.of(scene)
     kept.of(messages.Scene("other"))
-    after = changed(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
+    after = apply_change(scene, SceneDiff(move={"b7": Placement((1.0, 2.0, 3.0))}))
     assert bits(tables(kept.of(after))) == bits(tables(build(copied(after))))
 
 
@@ -188,7 +188,7 @@ def test_a_mesh_that_comes_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> No
     real = content.content_of
     for where in (content, obstacle):
         monkeypatch.setattr(where, "content_of", lambda one, *look: hashed.append(one.name) or real(one, *look))
-    after = changed(scene, SceneDiff(add=[mesh("m", np.random.default_rng(0))]))
+    after = apply_change(scene, SceneDiff(add=[mesh("m", np.random.default_rng(0))]))
     assert kept.of(after) is kept.of(after)
     assert hashed == ["m"]
 
@@ -198,7 +198,7 @@ def test_scenes_that_others_may_change_are_known_by_all_that_is_in_them() -> Non
     first = kept.of(scene)
     scene.obstacles[3] = messages.Sphere(name="b3", radius=0.5)
     assert kept.of(scene) is not first
-    after = changed(scene, SceneDiff(remove=["b0"]))
+    after = apply_change(scene, SceneDiff(remove=["b0"]))
     seen = kept.of(after)
     after.obstacles[2] = messages.Sphere(name="b3", radius=0.25)
     assert seen is not kept.of(after)
@@ -279,11 +279,11 @@ def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_w
     kept, message = BuiltScenes(Limit(8, 2**29)), boxes(MANY)
     table(kept.of(message))
     for k in range(3):
-        message = changed(message, SceneDiff(move={f"b{k}": Placement()}))
+        message = apply_change(message, SceneDiff(move={f"b{k}": Placement()}))
         scene = kept.of(message)
     assert table(scene) is table(scene)
     assert calls == ["made", "over 3"]
-    message = changed(message, SceneDiff(move={f"b{k}": Placement() for k in range(MANY // 2)}))
+    message = apply_change(message, SceneDiff(move={f"b{k}": Placement() for k in range(MANY // 2)}))
     table(kept.of(message))
     assert calls == ["made", "over 3", "made"]
     assert room.FEW < 0.5
@@ -293,7 +293,7 @@ def test_where_one_of_many_moves_nothing_is_sorted_nor_made_anew(monkeypatch: py
     kept, message = BuiltScenes(Limit(8, 2**29)), boxes(500)
     first = kept.of(message)
     before = bits(tables(first))
-    moved = kept.of(changed(message, SceneDiff(move={"b7": Placement((0.1, 0.2, 0.3))})))
+    moved = kept.of(apply_change(message, SceneDiff(move={"b7": Placement((0.1, 0.2, 0.3))})))
     for where in (box_tree, of_distances):
         monkeypatch.setattr(where, "along_curve", None)
     monkeypatch.setattr(scene_tables, "primitive_tables", only_one(scene_tables.primitive_tables))
@@ -320,7 +320,7 @@ def test_an_obstacle_that_leaves_the_box_about_all_is_carried_over_alike() -> No
     kept, message = BuiltScenes(Limit(8, 2**29)), boxes(400)
     tables(kept.of(message))
     for place in ((90.0, 0.0, 0.0), (0.0, 0.0, 0.0)):
-        message = changed(message, SceneDiff(move={"b7": Placement(place)}))
+        message = apply_change(message, SceneDiff(move={"b7": Placement(place)}))
         assert bits(tables(kept.of(message))) == bits(tables(build(copied(message))))
 
 
@@ -334,7 +334,7 @@ def test_tables_of_two_versions_are_at_hand_and_those_of_an_earlier_one_are_made
 
     kept, messages_ = BuiltScenes(Limit(8, 2**29)), [boxes(MANY)]
     for k in range(3):
-        messages_.append(changed(messages_[-1], SceneDiff(move={f"b{k}": Placement()})))
+        messages_.append(apply_change(messages_[-1], SceneDiff(move={f"b{k}": Placement()})))
     scenes = [kept.of(message) for message in messages_]
     for scene in scenes:
         table(scene)
@@ -347,7 +347,7 @@ def test_tables_of_two_versions_are_at_hand_and_those_of_an_earlier_one_are_made
 
 def test_nothing_of_what_is_known_of_a_scene_travels() -> None:
     scene = boxes(3)
-    after = changed(scene, SceneDiff(remove=["b1"]))
-    assert b"own" not in codec.encode(after)
+    after = apply_change(scene, SceneDiff(remove=["b1"]))
+    assert b"frozen" not in codec.encode(after)
     assert not vars(msgspec.structs.replace(after, name="t"))
     assert after == messages.Scene("s", obstacles=[scene.obstacles[0], scene.obstacles[2]])

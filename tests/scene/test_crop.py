@@ -8,8 +8,8 @@ import pytest
 
 from guidefield.bounded_map import Limit
 from guidefield.messages import scene as messages
-from guidefield.messages.own_scenes import make_own
-from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.frozen_scenes import freeze
+from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
 from guidefield.scene.carried import MANY
@@ -125,14 +125,14 @@ def test_where_nothing_is_another_what_is_left_is_the_very_same_scene() -> None:
     rng = np.random.default_rng(3)
     places = rng.uniform(-6.0, 6.0, (2000, 3)).tolist()
     boxes = [messages.Box(name=f"b{k}", size=(0.1, 0.1, 0.1), position=tuple(place)) for k, place in enumerate(places)]
-    scene = make_own(messages.Scene("s", obstacles=boxes))
+    scene = freeze(messages.Scene("s", obstacles=boxes))
     first = nearest_obstacles(kept.of(scene), ball)
     out, within = f"b{(set(range(2000)) - set(first.chosen.tolist())).pop()}", f"b{first.chosen[0]}"
-    moved = changed(scene, SceneDiff(move={out: Placement((5.0, 5.0, 5.0))}))
+    moved = apply_change(scene, SceneDiff(move={out: Placement((5.0, 5.0, 5.0))}))
     assert nearest_obstacles(kept.of(moved), ball).some is first.some
-    removed = changed(moved, SceneDiff(remove=[out]))
+    removed = apply_change(moved, SceneDiff(remove=[out]))
     assert nearest_obstacles(kept.of(removed), ball).some is first.some
-    comes = changed(removed, SceneDiff(move={within: Placement((0.5, 0.0, 0.0))}))
+    comes = apply_change(removed, SceneDiff(move={within: Placement((0.5, 0.0, 0.0))}))
     last = nearest_obstacles(kept.of(comes), ball).some
     assert last is not first.some
     assert first.some.obstacle(within).message == scene.obstacles[first.chosen[0]]

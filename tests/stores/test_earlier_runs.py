@@ -12,7 +12,7 @@ import pytest
 from guidefield.errors import DiskRefused, UnknownObject, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.messages.store_requests import UNREADABLE, ReadRuns
 from guidefield.stores import run_rows, runs as module
 from guidefield.stores.run_file import FILE
@@ -20,7 +20,7 @@ from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import REQUEST
 from tests.replies import plan_reply
 
-CRASH = error_reply(WorkerCrashed("left behind"))
+CRASH = make_error_reply(WorkerCrashed("left behind"))
 
 
 def _kept(folder: Path, *, began: float, **files: bytes) -> None:

@@ -14,7 +14,7 @@ from guidefield.engine import Engine
 from guidefield.errors import DiskRefused, Status, WorkerCrashed
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, RobotFiles, StoreRobot, StoreScene
 from guidefield.messages.scene import Scene, Sphere
 from guidefield.messages.store_requests import ReadRuns
@@ -90,7 +90,7 @@ def test_a_disk_that_is_full_from_the_start_is_told_and_used_once_it_has_room(
     filler = _filled(small_disk)
     database = RunDatabase(small_disk)
     with pytest.raises(DiskRefused, match="disk"):
-        database.sweep(error_reply(WorkerCrashed("left behind")))
+        database.sweep(make_error_reply(WorkerCrashed("left behind")))
     with pytest.raises(DiskRefused, match="disk"):
         keep(database, "r1")
     filler.unlink()

@@ -21,7 +21,7 @@ from guidefield.errors import DiskRefused, InvalidGoal, MalformedRequest, Status
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import JointsGoal, PlanRequest, UrdfText
 from guidefield.messages.scene import Scene
 from guidefield.messages.store_requests import RUNNING, UNREADABLE, ReadRuns
@@ -32,7 +32,7 @@ from guidefield.stores.runs import NoRuns, Retention, RunDatabase, UserRuns, ans
 from tests.kept_runs import REQUEST, begin, fail, keep, new_run
 from tests.replies import plan_reply
 
-CRASH = error_reply(WorkerCrashed("the process died", signal=9))
+CRASH = make_error_reply(WorkerCrashed("the process died", signal=9))
 ALL = ReadRuns()
 
 
@@ -84,7 +84,7 @@ def test_a_run_says_how_it_stands(database: RunDatabase, runs: UserRuns) -> None
     keep(database, "found")
     keep(database, "stuck", Status.STUCK_IN_MINIMUM)
     fail(database, "crashed", CRASH)
-    fail(database, "refused", error_reply(InvalidGoal("no such joint")))
+    fail(database, "refused", make_error_reply(InvalidGoal("no such joint")))
     assert _statuses(runs) == {
         "crashed": "CRASH",
         "stuck": "STUCK_IN_MINIMUM",

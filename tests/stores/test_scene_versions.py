@@ -11,7 +11,7 @@ import pytest
 from guidefield.errors import SceneInvalid
 from guidefield.messages import codec
 from guidefield.messages.scene import Mesh, Scene, Sphere
-from guidefield.messages.scene_changes import VERSIONS_KEPT, SceneDiff
+from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff
 from guidefield.messages.values import Placement
 from guidefield.stores import scene_versions
 from guidefield.stores.scenes import SceneStore
@@ -41,13 +41,13 @@ def test_each_change_is_a_version_and_the_last_ones_can_be_read(store: SceneStor
         assert (place(after), number) == (version, version)
         for reader in (store, SceneStore(tmp_path)) if version % 17 == 0 else ():
             assert place(reader.read("s")[0]) == version
-            for back in range(min(VERSIONS_KEPT, version - 1)):
+            for back in range(min(MAX_VERSIONS, version - 1)):
                 scene, number = reader.read("s", version - back)
                 assert (place(scene), number) == (version - back, version - back)
-            if version > VERSIONS_KEPT:
-                with pytest.raises(SceneInvalid, match=f"no version {version - VERSIONS_KEPT}; the last") as gone:
-                    reader.read("s", version - VERSIONS_KEPT)
-                assert gone.value.details["available"] == list(range(version - VERSIONS_KEPT + 1, version + 1))
+            if version > MAX_VERSIONS:
+                with pytest.raises(SceneInvalid, match=f"no version {version - MAX_VERSIONS}; the last") as gone:
+                    reader.read("s", version - MAX_VERSIONS)
+                assert gone.value.details["available"] == list(range(version - MAX_VERSIONS + 1, version + 1))
     with pytest.raises(SceneInvalid, match="no version 200"):
         store.read("s", 200)
     assert (tmp_path / "s.changes").stat().st_size < 20_000
@@ -55,13 +55,13 @@ def test_each_change_is_a_version_and_the_last_ones_can_be_read(store: SceneStor
 
 def test_a_scene_that_is_stored_anew_has_its_next_version(store: SceneStore, tmp_path: Path) -> None:
     other = SceneStore(tmp_path)
-    for version in range(1, 3 * VERSIONS_KEPT):
+    for version in range(1, 3 * MAX_VERSIONS):
         scene = Scene("s", obstacles=[Sphere(name="ball", radius=float(version))])
         assert (store, other)[version % 2].write(scene) == version
         assert other.read("s") == store.read("s") == (scene, version)
         if version > 1:
             assert store.read("s", version - 1) == other.read("s", version - 1)
-    assert len((tmp_path / "s.changes").read_bytes().splitlines()) <= VERSIONS_KEPT
+    assert len((tmp_path / "s.changes").read_bytes().splitlines()) <= MAX_VERSIONS
     store.delete("s")
     assert not list(tmp_path.glob("s.*"))
     assert other.write(BALL) == 1
@@ -198,7 +198,7 @@ def test_a_change_is_made_though_the_disk_refuses_to_tidy_up(
     monkeypatch.undo()
     assert store.change("s", to(100.0))[1] == 100
     assert SceneStore(tmp_path).read("s")[1] == 100
-    assert len((tmp_path / "s.changes").read_bytes().splitlines()) < VERSIONS_KEPT
+    assert len((tmp_path / "s.changes").read_bytes().splitlines()) < MAX_VERSIONS
 
 
 def test_files_of_a_large_scene_are_not_written_again_for_every_few_lines(store: SceneStore, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from guidefield.batch.results import CannotWork, Outcome, crashed
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, WorkerCrashed, without_path
 from guidefield.messages import codec
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.pool.pool import Pool
 from guidefield.pool.process import Call, Setup
@@ -40,7 +40,7 @@ def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred
             return True, codec.encode(engine.answer(decoded, record_to=record_to, deferred=deferred))
         return True, codec.encode(engine.answer(decoded))
     except GuidefieldError as error:
-        return False, codec.encode(error_reply(error))
+        return False, codec.encode(make_error_reply(error))
 
 
 def seconds_for(request: bytes) -> float:

@@ -14,7 +14,7 @@ import msgspec
 from guidefield.batch.request_file import BLANK, Item, RequestFile
 from guidefield.errors import MalformedRequest, Status, WorkerCrashed
 from guidefield.messages import codec
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 
 RESULTS = "results.jsonl"
 LINE_BEGIN = b'{"line":'
@@ -157,4 +157,4 @@ class Results:
 
 def crashed(item: Item, error: WorkerCrashed) -> Outcome:
     """Return the outcome of a request whose worker died."""
-    return Outcome(item, False, codec.encode(error_reply(error)))
+    return Outcome(item, False, codec.encode(make_error_reply(error)))

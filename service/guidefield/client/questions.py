@@ -34,7 +34,7 @@ from guidefield.messages.replies import (
     RunsReply,
     SceneReply,
     ScenesReply,
-    error_of,
+    make_error,
     run_reply_kind,
 )
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
@@ -365,7 +365,7 @@ def refusal(payload: bytes) -> GuidefieldError | None:
         error = msgspec.msgpack.decode(payload, type=ErrorReply)
     except msgspec.DecodeError:
         return None
-    return error_of(error)
+    return make_error(error)
 
 
 def _run(key: str, request: MotionRequest, allowed: float, kind: type[_M]) -> Question[_M]:

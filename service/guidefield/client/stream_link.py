@@ -21,7 +21,7 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.goals import Positions
 from guidefield.messages.identities import base_key
-from guidefield.messages.replies import error_of, error_reply
+from guidefield.messages.replies import make_error, make_error_reply
 from guidefield.messages.stream_requests import StreamAimed, StreamReply
 from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 
@@ -205,7 +205,7 @@ class StreamLink:
         """Why it has ended."""
         if self.ended is None or self.ended.error is None:
             return StreamUnknown(f"stream {self.stream_id!r} isn't open", stream=self.stream_id)
-        return error_of(self.ended.error)
+        return make_error(self.ended.error)
 
     def _take_piece(self, sample: zenoh.Sample) -> None:
         piece = msgspec.msgpack.decode(sample.payload.to_bytes(), type=Piece)
@@ -283,6 +283,6 @@ class StreamLink:
                 time=None,
                 executing=executing,
                 stops=now if stops is None else stops,
-                error=error_reply(error),
+                error=make_error_reply(error),
             )
         self._changed()

@@ -16,7 +16,7 @@ from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, unf
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, split_owner, split_user
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.pool.waiting import Answer
 
 JSON_NAMES = ("", "zenoh/bytes", "zenoh/string", "application/json", "text/json")
@@ -137,7 +137,7 @@ class Asked:
         told = "answered" if answer[0] else "refused"
         if not self._post(self._asker, len(answer[1]), partial(self._send, answer)):
             told = "refused"
-            unread = False, codec.encode(error_reply(_unread()), self._encoding)
+            unread = False, codec.encode(make_error_reply(_unread()), self._encoding)
             if not self._post(self._asker, 0, partial(self._send, unread)):
                 told = "dropped"
                 self._query.drop()
@@ -165,6 +165,6 @@ class Asked:
 
     def _refuse(self, error: GuidefieldError) -> None:
         try:
-            self.answer((False, codec.encode(error_reply(error), self._encoding)))
+            self.answer((False, codec.encode(make_error_reply(error), self._encoding)))
         except Exception:  # Zenoh refuses to send: there is nobody to tell
             _log.exception("an error could not be sent")

@@ -13,7 +13,7 @@ from guidefield.errors import GuidefieldError, ServerBusy, StreamUnknown, TimedO
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
-from guidefield.messages.replies import error_of, error_reply
+from guidefield.messages.replies import make_error, make_error_reply
 from guidefield.messages.stream_requests import StreamReply
 from guidefield.messages.streams import StreamState
 from guidefield.pool.companion import Companion
@@ -110,7 +110,7 @@ class OpenStream:
                 time=None,
                 executing=self._executing,
                 stops=self._stops or 0.0,
-                error=error_reply(error),
+                error=make_error_reply(error),
             )
             self._last = state
         self._publish("state", codec.encode(state, self._encoding), self._encoding)
@@ -198,7 +198,7 @@ class OpenStream:
                 reply = self._reply()
             self.opened.set_result(reply)
         elif isinstance(what, Refused):
-            self.end(error_of(what.error))
+            self.end(make_error(what.error))
 
     def _over(self) -> GuidefieldError | None:
         now = time.monotonic()

@@ -37,7 +37,7 @@ from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN, base_key
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
-from guidefield.messages.replies import Health, InfoReply, error_reply
+from guidefield.messages.replies import Health, InfoReply, make_error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
 from guidefield.renderer import Renderer
@@ -386,7 +386,7 @@ def _prepare(runs: RunDatabase, announce: Callable[[str], None]) -> None:
     stopped = WorkerCrashed("the service stopped while it worked on this run")
     try:
         runs.take_over(announce)
-        runs.sweep(error_reply(stopped))
+        runs.sweep(make_error_reply(stopped))
     except (DiskRefused, OSError) as error:
         told = error.message if isinstance(error, DiskRefused) else f"the disk refuses: {error.strerror}"
         announce(f"no run is kept, and each reply says so: {told}")

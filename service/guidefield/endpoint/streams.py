@@ -120,7 +120,7 @@ class Streams:
         Raises:
             GuidefieldError: if it is refused at once.
         """
-        asked = stream_keys.stream_query(read)
+        asked = stream_keys.decode_stream_query(read)
         if isinstance(asked, Opened):
             return self._opened(read, asked)
         if isinstance(asked, ListStreams):

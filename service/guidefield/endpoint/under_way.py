@@ -21,7 +21,7 @@ import msgspec
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.identities import Asker
-from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, error_reply
+from guidefield.messages.replies import CertifyReply, ErrorReply, MotionReply, PlanReply, make_error_reply
 from guidefield.pool.pool import Pool
 from guidefield.pool.waiting import Answer, Task
 from guidefield.stores.files import decoded
@@ -66,7 +66,7 @@ def _keep(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Task) -> No
         refusal = decoded(task.result()[1], ErrorReply, run.encoding)
         written = runs.discard(run) if refusal is None else runs.fail(run, refusal)
     else:
-        written = runs.fail(run, error_reply(error)) if isinstance(error, GuidefieldError) else runs.discard(run)
+        written = runs.fail(run, make_error_reply(error)) if isinstance(error, GuidefieldError) else runs.discard(run)
     written.add_done_callback(partial(_answer, runs, run, answer, task))
 
 

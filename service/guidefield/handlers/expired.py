@@ -21,7 +21,7 @@ from guidefield.messages.replies import (
     Outcome,
     PlanReply,
     Timing,
-    error_reply,
+    make_error_reply,
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest
 
@@ -99,7 +99,7 @@ def ended_work(expired: DeadlineExpired, allowed: float) -> GuidefieldError:
 
 def error_answer(encoding: Encoding, error: GuidefieldError) -> tuple[bool, bytes]:
     """Return an error as it is sent."""
-    return False, codec.encode(error_reply(error), encoding)
+    return False, codec.encode(make_error_reply(error), encoding)
 
 
 def _field(head: RunHead) -> str:

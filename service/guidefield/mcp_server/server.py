@@ -22,8 +22,8 @@ from guidefield.messages.replies import (
     InverseKinematicsReply,
     PlanReply,
     RunReply,
-    as_plain_data,
-    error_reply,
+    make_error_reply,
+    to_plain_data,
 )
 from guidefield.messages.requests import CertifyRequest, Clearance, InverseKinematics, PlanRequest
 
@@ -317,7 +317,7 @@ async def _asked(
     except Exception as error:
         _log.exception("tool %s failed by itself", name)
         failure = unforeseen(error)
-    return error_told(failure), as_plain_data(error_reply(failure)), True
+    return error_told(failure), to_plain_data(make_error_reply(failure)), True
 
 
 def _refuse_other_arguments(tool: Tool, given: dict[str, Any]) -> None:

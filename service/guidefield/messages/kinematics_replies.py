@@ -1,4 +1,4 @@
-"""The answers to kinematics requests, in the order asked."""
+"""Replies to kinematics requests, in the order of the request."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class PackedNumbers(Reply):
     """Numbers packed row by row.
 
     Attributes:
-        shape: How many there are along each axis.
+        shape: The size along each axis.
         float64: Little-endian float64: bytes in MessagePack and in Python, base64 text in JSON.
 
     Example:
@@ -30,9 +30,9 @@ class ForwardKinematicsReply(Reply):
     """Placements of frames in the world.
 
     Attributes:
-        placements: By configuration, then by frame; empty where `packed` was asked for.
+        placements: By configuration, then by frame; empty if the request has `packed`.
         packed: The same as positions [m] and unit quaternions (x, y, z, w), shape (configurations, frames, 7).
-        warnings: What was odd about the robot or the scene but harmless.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -47,8 +47,8 @@ class InverseKinematicsReply(Reply):
 
     Attributes:
         configurations: By pose.
-        reasons: By pose, why there are none or not more; else empty.
-        warnings: What was odd about the robot or the scene but harmless.
+        reasons: By pose, the reason for fewer solutions than requested; else empty.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -59,14 +59,14 @@ class InverseKinematicsReply(Reply):
 
 
 class PackedClearance(Reply):
-    """The lists of a clearance reply, packed as `PackedNumbers`; not a number where they have null.
+    """The lists of a clearance reply, packed as `PackedNumbers`; NaN instead of null.
 
     Attributes:
         minimum, self_minimum: Shape (n,) [m].
         witness_points: Shape (n, 2, 3) [m, world].
         pairs: Every closest link and obstacle, once.
-        pair: Which of `pairs` each configuration has, shape (n,); -1 where it has none.
-        gradient, self_gradient: Shape (n, columns of `velocity_names`); null unless they were asked for.
+        pair: Index into `pairs` by configuration, shape (n,); -1 for none.
+        gradient, self_gradient: Shape (n, columns of `velocity_names`); null unless requested.
     """
 
     minimum: PackedNumbers
@@ -86,14 +86,14 @@ class ClearanceReply(Reply):
         pair: The closest link and obstacle.
         witness_points: Their closest points [m, world].
         self_minimum: Smallest distance of the robot to itself [m].
-        contacts: Pairs that touch, or of which one is wholly inside the other; null unless they were asked for.
-        free: Whether nothing touches and nothing is wholly inside something else; null unless `verdict` asked for it.
-        gradient: Derivatives of `minimum` in the columns of `velocity_names` [m per rad or m]; null unless they were
-            asked for, and at configurations where there is no such pair, or its bodies touch so that none is defined.
+        contacts: Pairs that touch, or of which one is wholly inside the other; null unless requested.
+        free: Whether nothing touches and nothing is wholly inside something else; null unless requested by `verdict`.
+        gradient: Derivatives of `minimum` in the columns of `velocity_names` [m per rad or m]; null unless
+            requested, and at configurations without such a pair, or whose pair touches so that none is defined.
         self_gradient: The same of `self_minimum`.
         velocity_names: Columns of the gradients, in the tangent space.
-        packed: What was asked to be packed, instead of the lists above.
-        warnings: What was odd about the robot or the scene but harmless.
+        packed: The packed lists, instead of those above.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -117,8 +117,8 @@ class PointPotentialReply(Reply):
     Attributes:
         potential: [1/m].
         gradient: [1/m^2], in the world.
-        winding: How often solids wind around the point: 0 outside.
-        warnings: What was odd about the robot or the scene but harmless.
+        winding: Winding number of the solids around the point: 0 outside.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -149,7 +149,7 @@ class RobotPotentialReply(Reply):
         generalized_force: -dU/dv, in the columns of `velocity_names`.
         velocity_names: Names of the columns, in the tangent space.
         links: By name.
-        warnings: What was odd about the robot or the scene but harmless.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -165,13 +165,13 @@ class JacobianReply(Reply):
     """Jacobians of frames; rows are those of a twist: linear velocity first, then angular, as Pinocchio has them.
 
     Attributes:
-        jacobian: By configuration, then by frame; six rows in the columns of `velocity_names`. Empty where `packed` was
-            asked for.
+        jacobian: By configuration, then by frame; six rows in the columns of `velocity_names`. Empty if the request
+            has `packed`.
         velocity_names: Names of the columns, in the tangent space.
         twist: By configuration, then by frame [m/s, rad/s]; null unless velocities were given.
         packed: The Jacobians, shape (configurations, frames, 6, columns).
         packed_twist: The twists, shape (configurations, frames, 6).
-        warnings: What was odd about the robot or the scene but harmless.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 
@@ -185,7 +185,7 @@ class JacobianReply(Reply):
 
 
 class DynamicsReply(Reply):
-    """Dynamics, by configuration; what wasn't asked for is null.
+    """Dynamics, by configuration; quantities that the request doesn't name are null.
 
     Attributes:
         velocity_names: Names of the columns, in the tangent space.
@@ -194,8 +194,8 @@ class DynamicsReply(Reply):
         gravity: The same that hold the robot still.
         mass_matrix: Symmetric, in these columns.
         centre_of_mass: Of the robot and its payload [m, world].
-        packed: By the names of the fields above, what was asked to be packed; they are null then.
-        warnings: What was odd about the robot or the scene but harmless.
+        packed: The packed fields by name; the fields above are null then.
+        warnings: Harmless peculiarities of the robot or the scene.
         schema: Version of this message.
     """
 

@@ -31,25 +31,25 @@ from guidefield.messages.values import (
 )
 
 DEFAULT_TIME = 60.0
-"""How long a request may take that doesn't say it [s]."""
+"""Default of the allowed time of a request [s]."""
 
 MOST_CONFIGURATIONS = 100_000
-"""Configurations that a request may ask about."""
+"""The largest number of configurations of a request."""
 MOST_POSES = 10_000
-"""Poses that one may ask to be reached."""
+"""The largest number of poses of a request."""
 MOST_STARTS = 10_000
-"""Configurations from which they may be looked for."""
+"""The largest number of configurations from which a search may start."""
 MOST_POINTS = 1_000_000
-"""Points that one may ask about."""
+"""The largest number of points of a request."""
 MOST_COLUMNS = 2_000
-"""Columns that a table of configurations may have."""
+"""The largest number of columns of a table of configurations."""
 
 
 class ConfigurationTable(Message):
-    """Configurations as the rows of a table: smaller and sooner read than one object for each.
+    """Configurations as the rows of a table: smaller and faster to decode than one object for each.
 
     Attributes:
-        names: The columns, as `position_names` of a plan's reply has them, in any order.
+        names: The columns, named as in `position_names` of a plan's reply, in any order.
         rows: A row for each configuration [rad, m, or entries of a quaternion].
         float64: Instead of `rows` the same numbers packed row by row: little-endian float64, as bytes in MessagePack
             and base64 text in JSON.
@@ -80,8 +80,8 @@ JointRates = Annotated[list[Positions], msgspec.Meta(max_length=MOST_CONFIGURATI
 [vx, vy, wz]; spherical: [wx, wy, wz]; floating: [vx, vy, vz, wx, wy, wz]; in the moved frame)."""
 
 
-def count_of(configurations: ConfigurationBatch) -> int:
-    """Return how many configurations there are."""
+def count_configurations(configurations: ConfigurationBatch) -> int:
+    """Return the number of configurations."""
     if not isinstance(configurations, ConfigurationTable):
         return len(configurations)
     if configurations.float64 is not None:
@@ -93,15 +93,14 @@ def require_rates(field: str, rates: JointRates | None, configurations: Configur
     """Raise ValueError unless there is a finite rate for each configuration, or none at all."""
     if rates is None:
         return
-    if count_of(rates) != count_of(configurations):
-        raise ValueError(
-            f"`{field}` must have one for each of the {count_of(configurations)} configurations, not {count_of(rates)}"
-        )
-    require_finite_rows_of(field, rates)
+    given, needed = count_configurations(rates), count_configurations(configurations)
+    if given != needed:
+        raise ValueError(f"`{field}` must have one for each of the {needed} configurations, not {given}")
+    require_finite_batch(field, rates)
 
 
 def require_packed_rows(field: str, packed: bytes, width: int, most: int) -> None:
-    """Raise ValueError unless packed float64 numbers are whole rows of a width, at most so many, and finite."""
+    """Raise ValueError unless packed float64 numbers are finite, and whole rows of a width, at most `most` of them."""
     if len(packed) % (8 * width):
         raise ValueError(f"`{field}` must hold whole rows of {width} numbers ({8 * width} bytes), not {len(packed)}")
     if len(packed) > 8 * width * most:
@@ -116,8 +115,8 @@ def require_packed_rows(field: str, packed: bytes, width: int, most: int) -> Non
                 require_finite_number(f"{field}[{row}][{column}]", number)
 
 
-def require_finite_rows_of(field: str, configurations: ConfigurationBatch) -> None:
-    """Raise ValueError if a joint value of listed configurations isn't finite; a table has looked at its own."""
+def require_finite_batch(field: str, configurations: ConfigurationBatch) -> None:
+    """Raise ValueError if a joint value of listed configurations isn't finite; a table checks its own."""
     if not isinstance(configurations, ConfigurationTable):
         require_finite_configurations(field, configurations)
 
@@ -128,7 +127,7 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
     Attributes:
         robot: The robot.
         frames: Their names.
-        configurations: Joints left out are at rest as the robot has it.
+        configurations: Joints left out are at the robot's rest configuration.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         packed: Whether the reply packs its numbers.
@@ -146,11 +145,11 @@ class ForwardKinematics(Message, tag_field="type", tag="forward_kinematics"):
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
-        require_finite_rows_of("configurations", self.configurations)
+        require_finite_batch("configurations", self.configurations)
 
 
 class TargetPose(Message):
-    """A pose for inverse kinematics; the fields are those of `PoseGoal`, 0 is as near as can be computed."""
+    """A pose for inverse kinematics; the fields are those of `PoseGoal`, a tolerance of 0 means rounding error."""
 
     position: Vector3
     quaternion_xyzw: QuaternionXYZW
@@ -170,14 +169,14 @@ class InverseKinematics(Message, tag_field="type", tag="inverse_kinematics"):
         poses: The poses.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
-        tip: Name of the frame that is brought there; null: the robot's own.
+        tip: Name of the frame that reaches the poses; null: the robot's own.
         group: Joints that may move, as in `PlanRequest`.
-        scene: What may be in the way.
-        collision_free: Whether only configurations that touch nothing count.
-        attached_objects: What links hold; with `collision_free` it must touch nothing either.
+        scene: The obstacles.
+        collision_free: Whether solutions must be free of collision.
+        attached_objects: Objects held by links; with `collision_free` they must touch nothing either.
         allowed_collisions: Pairs of links and obstacles that may touch.
-        start_configurations: Where to start from, before random ones; joints outside the group are as in the first.
-        solutions: How many to look for at each pose.
+        start_configurations: Starts of the search, before random ones; joints outside the group are as in the first.
+        solutions: The number of solutions to search for at each pose.
         seed: Of the random starts.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
@@ -210,13 +209,13 @@ class Clearance(Message, tag_field="type", tag="clearance"):
     Attributes:
         robot: The robot.
         scene: The obstacles.
-        configurations: Joints left out are at rest as the robot has it.
+        configurations: Joints left out are at the robot's rest configuration.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
-        attached_objects: What links hold; they are measured as links.
+        attached_objects: Objects held by links; they are measured as links.
         allowed_collisions: Pairs of links and obstacles that may touch, and aren't measured.
-        contacts: Whether the reply tells which pairs touch.
-        verdict: Whether only `free` is asked for, which takes a fraction of the time: the other lists are empty.
+        contacts: Whether the reply lists the pairs in contact.
+        verdict: Whether the reply has only `free`, in a fraction of the time; its other lists are empty.
         gradients: Whether the reply has the gradients of both distances by the joints.
         packed: Whether the reply packs its numbers.
         request_id: A name by which it can be cancelled; null: none.
@@ -239,7 +238,7 @@ class Clearance(Message, tag_field="type", tag="clearance"):
 
     def __post_init__(self) -> None:
         settle_scene(self)
-        require_finite_rows_of("configurations", self.configurations)
+        require_finite_batch("configurations", self.configurations)
         if self.verdict and (self.contacts or self.gradients):
             raise ValueError(
                 "`verdict` asks whether configurations are free alone: leave out `contacts` and `gradients`"
@@ -250,12 +249,12 @@ class Potential(Message, tag_field="type", tag="potential"):
     """The field of a scene at points (a unit point charge each), or on a robot at configurations.
 
     Attributes:
-        scene: What is charged.
+        scene: The charged obstacles.
         schema: Version of this message.
-        points: Where [m, world].
-        robot: The robot, where no points are given.
+        points: The points [m, world].
+        robot: The robot, if no points are given.
         robot_placement: Of its root in the world.
-        configurations: Joints left out are at rest as the robot has it.
+        configurations: Joints left out are at the robot's rest configuration.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
     """
@@ -276,12 +275,12 @@ class Potential(Message, tag_field="type", tag="potential"):
         if by_points == by_robot or (self.robot is None) != (self.configurations is None):
             raise ValueError("give either `points`, or `robot` with `configurations`")
         require_finite_points("points", self.points or ())
-        require_finite_rows_of("configurations", self.configurations or [])
+        require_finite_batch("configurations", self.configurations or [])
 
 
 ReferenceFrame = Literal["local", "world", "local_world_aligned"]
-"""Where twists are expressed, as Pinocchio names it: in the frame's own axes at its origin, in the world's axes at the
-world's origin, or in the world's axes at the frame's origin."""
+"""Frame in which twists are expressed, by Pinocchio's names: in the frame's own axes at its origin, in the world's
+axes at the world's origin, or in the world's axes at the frame's origin."""
 
 
 class Jacobian(Message, tag_field="type", tag="jacobian"):
@@ -290,10 +289,10 @@ class Jacobian(Message, tag_field="type", tag="jacobian"):
     Attributes:
         robot: The robot.
         frames: Their names.
-        configurations: Joints left out are at rest as the robot has it.
+        configurations: Joints left out are at the robot's rest configuration.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
-        reference_frame: Where twists are expressed.
+        reference_frame: The frame in which twists are expressed.
         velocities: Velocities of the joints, one for each configuration in the reply's columns [rad/s or m/s]: the
             reply has the frames' twists, too. A joint left out stands still.
         packed: Whether the reply packs its numbers.
@@ -313,7 +312,7 @@ class Jacobian(Message, tag_field="type", tag="jacobian"):
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
-        require_finite_rows_of("configurations", self.configurations)
+        require_finite_batch("configurations", self.configurations)
         require_rates("velocities", self.velocities, self.configurations)
 
 
@@ -345,16 +344,16 @@ class Dynamics(Message, tag_field="type", tag="dynamics"):
 
     Attributes:
         robot: The robot; it needs `<inertial>` elements.
-        configurations: Joints left out are at rest as the robot has it.
-        quantities: What is asked for: "inverse_dynamics", the torques or forces that drive the joints with the given
+        configurations: Joints left out are at the robot's rest configuration.
+        quantities: The results: "inverse_dynamics", the torques or forces that drive the joints with the given
             velocities and accelerations; "gravity", those that hold the robot still; "mass_matrix";
             "centre_of_mass", of the whole robot and its payload, in the world.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
-        velocities: Of the joints, one for each configuration [rad/s or m/s]; null: they stand still.
+        velocities: Of the joints, one for each configuration [rad/s or m/s]; null: they are zero.
         accelerations: The same [rad/s^2 or m/s^2].
         gravity: Acceleration of free fall [m/s^2, world].
-        payload: What links carry.
+        payload: Loads on links.
         packed: Whether the reply packs its numbers.
         request_id: A name by which it can be cancelled; null: none.
         allowed_time: From the request's arrival, queue and loading included [s].
@@ -374,7 +373,7 @@ class Dynamics(Message, tag_field="type", tag="dynamics"):
     allowed_time: AllowedTime = DEFAULT_TIME
 
     def __post_init__(self) -> None:
-        require_finite_rows_of("configurations", self.configurations)
+        require_finite_batch("configurations", self.configurations)
         require_rates("velocities", self.velocities, self.configurations)
         require_rates("accelerations", self.accelerations, self.configurations)
         require_finite("gravity", self.gravity)
@@ -389,6 +388,6 @@ def require_finite_points(field: str, points: Sequence[Vector3]) -> None:
     """Raise ValueError if a number is NaN, infinite or too large."""
     for begin in range(0, len(points), VALUES_PER_CHECK):
         some = points[begin : begin + VALUES_PER_CHECK]
-        if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
+        if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is at least that of each
             for index, point in enumerate(some, begin):
                 require_finite(f"{field}[{index}]", point)

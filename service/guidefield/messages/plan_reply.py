@@ -155,7 +155,7 @@ class Counters(Reply):
 
     Attributes:
         iterations: Of trees, descents and the optimisation.
-        potential_evaluations: ConfigurationBatch at which the field on the robot was evaluated.
+        potential_evaluations: Configurations at which the field on the robot was evaluated.
         collision_checks: Motions, and configurations of the certificate, that were judged.
     """
 
@@ -228,13 +228,13 @@ class PlanReply(Reply):
         self_clearance: Of the robot from itself; null as `clearance`.
         certificate: The judgement of the trajectory, or of the path where there is no trajectory.
         metrics: Of the trajectory.
-        timing: Where time went.
-        counters: What was done how often.
+        timing: Time by stage.
+        counters: Numbers of operations.
         seed: The request's.
         planner: The request's.
         recording: Key or file of the recording, if there is one.
         schema: Version of this message.
-        warnings: What was odd but harmless.
+        warnings: Harmless peculiarities of the request.
         objective: The request's.
         steps: Of a sequence: each step in time. Of one that failed, those before the step that failed; `path` is then
             that step's, and `status.details` has its number as `step`.

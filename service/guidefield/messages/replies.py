@@ -1,4 +1,4 @@
-"""The replies of the service: one Struct per request, and the error that stands in for it."""
+"""The replies of the service, one Struct per request, and the error message."""
 
 from __future__ import annotations
 
@@ -76,18 +76,18 @@ class ErrorReply(Reply):
 
 
 class ScenesReply(Reply):
-    """The scenes that can be named."""
+    """The names of all scenes."""
 
     scenes: list[str]
     schema: int = 1
 
 
 class SceneReply(Reply):
-    """A scene that can be named.
+    """A scene of the package, or a stored one.
 
     Attributes:
         scene: The scene.
-        version: How often it was stored or changed; null: it comes with the package and never changes.
+        version: Number of times that it was stored or changed; null: it is part of the package and never changes.
     """
 
     scene: Scene
@@ -100,15 +100,15 @@ class RunSummary(Reply):
 
     Attributes:
         run_id: Its name.
-        status: Name of the status that it ended with, RUNNING until then; UNREADABLE where its file is damaged.
-        robot: Name of the robot; "urdf" where it was sent. UNREADABLE, as the scene, where the request is damaged.
+        status: Name of its final status, RUNNING until then; UNREADABLE if its file is damaged.
+        robot: Name of the robot; "urdf" if it was sent. UNREADABLE, as the scene, if the request is damaged.
         scene: Name of the scene.
-        began: When [s since 1970].
-        ended: When [s since 1970]; null until then.
-        message: What the status says, in a sentence.
+        began: Begin [s since 1970].
+        ended: End [s since 1970]; null until then.
+        message: The status in a sentence.
         bytes: Size of request, reply, recording and proof.
-        recording: "rendered"; "owed" until it is rendered from the run's log, which asking for it does at once; "lost"
-            if it can't be; "none" if there is none.
+        recording: "rendered"; "owed" until it is rendered from the run's log, at the latest when it is read; "lost" if
+            the log is damaged; "none" if there is none.
     """
 
     run_id: str
@@ -123,12 +123,12 @@ class RunSummary(Reply):
 
 
 class RunsReply(Reply):
-    """The runs that are kept, newest first.
+    """The stored runs, newest first.
 
     Attributes:
         runs: A page of the list.
-        total: How many there are on all pages.
-        next: What to give as `after` for the next page; null: this is the last.
+        total: The number of runs on all pages.
+        next: The `after` of the next page; null: this is the last.
     """
 
     runs: list[RunSummary]
@@ -142,10 +142,10 @@ class RunReply(Reply):
 
     Attributes:
         run_id: Its name.
-        began: When [s since 1970].
-        request: What was asked.
-        reply: The answer, once there is one.
-        error: What ended it instead.
+        began: Begin [s since 1970].
+        request: The request.
+        reply: The reply, once there is one.
+        error: The error that ended it instead.
         schema: Version of this message.
     """
 
@@ -158,7 +158,7 @@ class RunReply(Reply):
 
 
 class CertifyRunReply(Reply):
-    """One run that judged a motion; its fields are those of `RunReply`."""
+    """One run of a certify request; its fields are those of `RunReply`."""
 
     run_id: str
     began: float
@@ -173,11 +173,11 @@ AnyRunReply = RunReply | CertifyRunReply
 
 
 CERTIFY = "certify"
-"""The tag of requests for a judgement."""
+"""The tag of certify requests."""
 
 
 class RequestTag(msgspec.Struct):
-    """Just enough of a request to tell what it asks for: nothing stands there in a plan request."""
+    """The tag of a request; empty in a plan request."""
 
     type: str = ""
 
@@ -187,10 +187,10 @@ class _Tagged(msgspec.Struct):
 
 
 def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]:
-    """Return the kind of run that a reply is about.
+    """Return the type of a reply about a run.
 
     Args:
-        kept: The reply.
+        kept: The encoded reply.
         decode: Takes bytes and a `type`: that of `msgspec.json` or `msgspec.msgpack`.
 
     Raises:
@@ -200,7 +200,7 @@ def run_reply_kind(kept: bytes, decode: Callable[..., Any]) -> type[AnyRunReply]
 
 
 def is_certify(request: bytes) -> bool:
-    """Return whether JSON of a request asks for a judgement, as far as it can be read."""
+    """Return whether JSON is a certify request; False if it can't be decoded."""
     try:
         return msgspec.json.decode(request, type=RequestTag).type == CERTIFY
     except (msgspec.DecodeError, UnicodeDecodeError):
@@ -208,12 +208,12 @@ def is_certify(request: bytes) -> bool:
 
 
 class Done(Reply):
-    """A command was carried out.
+    """The success of a command.
 
     Attributes:
-        done: Which, in words.
-        warnings: What is odd but harmless about the robot or scene that was stored.
-        version: Of the scene that was stored or changed, from now on.
+        done: The command in words.
+        warnings: Harmless peculiarities of the stored robot or scene.
+        version: New version of the stored or changed scene.
     """
 
     done: str
@@ -245,19 +245,19 @@ AnyReply = (
 )
 
 
-def as_plain_data(message: msgspec.Struct) -> Any:
-    """A message as dicts, lists, strings and numbers."""
+def to_plain_data(message: msgspec.Struct) -> Any:
+    """Convert a message to dicts, lists, strings and numbers."""
     return msgspec.to_builtins(message)
 
 
-def error_reply(error: GuidefieldError) -> ErrorReply:
-    """An exception as the message that stands for it on the wire; details that aren't plain data become text."""
+def make_error_reply(error: GuidefieldError) -> ErrorReply:
+    """Make the message of an exception; details that aren't plain data become text."""
     details = msgspec.to_builtins(error.details, enc_hook=str)
     return ErrorReply(code=int(error.code), name=error.code.name, message=error.message, details=details)
 
 
-def error_of(reply: ErrorReply) -> GuidefieldError:
-    """The exception that a message stands for, the inverse of `error_reply`; InternalFailure for an unknown code."""
+def make_error(reply: ErrorReply) -> GuidefieldError:
+    """Make the exception of an error message, as the inverse of `make_error_reply`; unknown codes are failures."""
     kind = _ERRORS.get(reply.code, InternalFailure)
     return kind(reply.message, **reply.details)
 

@@ -1,4 +1,4 @@
-"""Read requests in any form: a large scene in one is decoded once, and then known by a hash of its bytes."""
+"""Read requests in any form; a large scene is decoded once and then found by a hash of its bytes."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from guidefield.bounded_map import READ_SCENES, BoundedMap
 from guidefield.collector import waiting_collector
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
-from guidefield.messages.own_scenes import Own, make_own
+from guidefield.messages.frozen_scenes import FrozenFacts, freeze
 from guidefield.messages.scene import Scene
 from guidefield.messages.scene_changes import RequestScene
 
 MIN_HASHED_BYTES = 2**13
-"""Scenes in fewer bytes are decoded each time, which takes a tenth of a millisecond."""
+"""Smaller scenes are decoded each time, which takes a tenth of a millisecond."""
 
 MANY_OBJECTS_BYTES = 2**16
-"""Requests in as many bytes make a thousand objects or more, which stay."""
+"""Size from which decoding makes more than a thousand long-lived objects, so that the garbage collector waits."""
 
 _SCENES: BoundedMap[bytes, Scene] = BoundedMap(READ_SCENES)
 
 
 def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
-    """Decode a request, as `codec.decode`; a large scene that was decoded before isn't decoded again.
+    """Decode a request, as `codec.decode`; a large scene that was decoded before is reused.
 
     Args:
         data: The payload.
-        kind: A request's class, or a union of tagged ones; None: the one that the payload says it is.
-        encoding: How the payload is written.
+        kind: A request's class, or a union of tagged ones; None: by the payload's tag.
+        encoding: The payload's encoding.
 
     Raises:
         RequestTooLarge, MalformedRequest: as `codec.decode`.
@@ -53,10 +53,9 @@ def read_payload(data: bytes, kind: Any, encoding: Encoding) -> Any:
 
 
 def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests.Request:
-    """Read a request in any of its forms; one that was made in Python, which no decoder has seen, is checked too.
+    """Read and check a request in any form: JSON, plain data or a message.
 
-    A large scene that holds what one did that was read before isn't read again: arrays in it are compared by their
-    bytes.
+    A large scene with the content of an earlier one is reused: arrays in it are compared by their bytes.
 
     Raises:
         RequestTooLarge, MalformedRequest: as `codec.decode_request`.
@@ -67,7 +66,7 @@ def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests
         return made
     if not isinstance(request, dict | msgspec.Struct):
         return codec.decode_request(request)
-    scene = _packed(_get(request, "scene"))
+    scene = _pack_scene(_get(request, "scene"))
     made = _read(
         scene if scene is not None and len(scene) >= MIN_HASHED_BYTES else None,
         lambda: _convert(request),
@@ -80,13 +79,13 @@ def read_request(request: bytes | dict[str, Any] | requests.Request) -> requests
 def _read(
     scene: bytes | msgspec.Raw | None, read_all: Callable[[], Any], read_rest: Callable[[Any], Any], size: int
 ) -> Any:
-    """Read a request, with the scene that is known by its bytes where there is one.
+    """Read a request, reusing the scene with the same bytes if there is one.
 
     Args:
-        scene: The scene's bytes, if they are worth to be hashed.
+        scene: The scene's bytes, if it is large enough to be hashed.
         read_all: Reads the whole request.
-        read_rest: Reads it with another scene in the place of its own.
-        size: Of all that is read [bytes].
+        read_rest: Reads it with another scene instead of its own.
+        size: Size of the request [bytes].
     """
     digest = None if scene is None else hashlib.sha256(scene).digest()
     known = None if digest is None else _SCENES.get(digest)
@@ -101,12 +100,12 @@ def _read(
     if scene is None or digest is None or not isinstance(read, Scene) or isinstance(made, requests.StoreScene):
         return made
     if not (isinstance(read, RequestScene) and read.base):
-        _SCENES.put(digest, make_own(read, Own(content=digest)), len(scene))
+        _SCENES.put(digest, freeze(read, FrozenFacts(content=digest)), len(scene))
     return made
 
 
-def _packed(scene: Any) -> bytes | None:
-    """Pack a scene in Python to be hashed, arrays as their bytes; None of what isn't one, or can't be packed."""
+def _pack_scene(scene: Any) -> bytes | None:
+    """Pack a scene in Python for hashing, arrays as their bytes; None if it isn't a scene, or can't be packed."""
     if not isinstance(scene, dict | Scene):
         return None
     try:
@@ -116,8 +115,8 @@ def _packed(scene: Any) -> bytes | None:
     return packed
 
 
-def _array_bytes(value: Any) -> Any:
-    """Return the bytes of an array as what no payload can hold, behind its kind and shape; of a number, itself."""
+def _pack_array_bytes(value: Any) -> Any:
+    """Return kind, shape and bytes of an array in a form that no payload has; a NumPy number becomes Python's."""
     if not hasattr(value, "tolist"):
         raise TypeError(f"{type(value).__name__} is nothing that a scene holds")
     if not getattr(value, "shape", None):
@@ -130,13 +129,13 @@ def _array_bytes(value: Any) -> Any:
 
 
 _NUMBERS = frozenset("bBhHiIlLqQfd")
-"""Formats of arrays whose bytes say all there is to know."""
+"""Formats of arrays that are equal if their bytes are."""
 
-_HASHED = msgspec.msgpack.Encoder(enc_hook=_array_bytes)
+_HASHED = msgspec.msgpack.Encoder(enc_hook=_pack_array_bytes)
 
 
 def _convert(request: Any) -> requests.Request:
-    """Read a request in Python, with arrays of many points and triangles packed, and messages in a dict checked."""
+    """Read a request in Python; pack its arrays of points and triangles, and check messages in a dict."""
     fields = dict[str, Any]()
     if isinstance(scene := _get(request, "scene"), dict | msgspec.Struct):
         lists = {name: _get(scene, name) for name in ("obstacles", "add")}
@@ -147,20 +146,20 @@ def _convert(request: Any) -> requests.Request:
     if isinstance(request, dict):
         scene = request.get("scene")
         if isinstance(scene, dict):
-            request["scene"] = {name: _plain(value) for name, value in scene.items()}
-        return codec.decode_request({name: _plain(value) for name, value in request.items()})
+            request["scene"] = {name: _to_plain(value) for name, value in scene.items()}
+        return codec.decode_request({name: _to_plain(value) for name, value in request.items()})
     return codec.decode_request(codec.replace_arrays(request))
 
 
-def _plain(value: Any) -> Any:
-    """Return plain data where a message, or a list with some, is given; all else as it is."""
+def _to_plain(value: Any) -> Any:
+    """Convert a message, or a list with some, to plain data; return anything else unchanged."""
     some = value if isinstance(value, list | tuple) else (value,)
     return codec.replace_arrays(value) if any(isinstance(one, msgspec.Struct) for one in some) else value
 
 
 def _pack_held(attached: Any) -> Any:
     obstacle = _get(attached, "obstacle")
-    return _with_fields(attached, {"obstacle": _plain(_pack_arrays(obstacle))}) if obstacle else attached
+    return _with_fields(attached, {"obstacle": _to_plain(_pack_arrays(obstacle))}) if obstacle else attached
 
 
 def _pack_each(obstacles: Any) -> Any:
@@ -168,9 +167,9 @@ def _pack_each(obstacles: Any) -> Any:
 
 
 def _pack_arrays(obstacle: Any) -> Any:
-    """Replace arrays of points and triangles by packed ones where these hold the same numbers.
+    """Replace arrays of points and triangles by packed ones if these hold the same numbers.
 
-    A million triples are packed in a hundredth of the time that it takes to list them.
+    Packing a million triples takes a hundredth of the time of listing them.
     """
     arrays = {field: _get(obstacle, field) for field in ("vertices", "triangles", "points")}
     packed = {
@@ -182,7 +181,7 @@ def _pack_arrays(obstacle: Any) -> Any:
 
 
 def _pack(array: Any, are_triangles: bool) -> dict[str, bytes] | None:
-    """Pack triples of float32, or of integers if they are triangles; None of other arrays."""
+    """Pack triples of float32, or of integers if they are triangles; return None for other arrays."""
     kind = array.dtype.str[1:]
     if array.shape[1:] != (3,) or not len(array):
         return None
@@ -194,12 +193,12 @@ def _pack(array: Any, are_triangles: bool) -> dict[str, bytes] | None:
 
 
 def _get(holder: Any, field: str) -> Any:
-    """Return what stands in a field of a dict or message; None if nothing does."""
+    """Return a field of a dict or message; None if it is missing."""
     return holder.get(field) if isinstance(holder, dict) else getattr(holder, field, None)
 
 
 def _with_fields(holder: Any, fields: dict[str, Any]) -> Any:
-    """Return a dict or message with some fields as they are given, unchecked."""
+    """Return a copy of a dict or message with some fields replaced, unchecked."""
     if not fields:
         return holder
     if isinstance(holder, dict):

@@ -101,24 +101,24 @@ class PlanRequest(Message):
         scene: A name, the scene itself, or a stored one and what is changed about it (`RequestScene`).
         goal: What to reach; null: `steps` say it.
         schema: Version of this message.
-        run_id: What to call the run; null: the service makes a name.
+        run_id: Name of the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
         tip: Frame that goals and guide planes are about; null: the robot's own.
-        start: Joints left out are at rest as the robot has it.
+        start: Joints left out are at the robot's rest configuration.
         start_velocities: With which joints move at the start, by name; others are at rest [rad/s or m/s].
         start_accelerations: The same of accelerations [rad/s^2 or m/s^2].
         end_velocities: With which joints move at a goal of joints, by name; others are at rest [rad/s or m/s].
         guide_planes: Planes to cross, in order; null: the scene's; "auto": derived, and sent back in the reply.
         planner: "guided": guide planes alone; "tree": a connection alone; "auto": first the planes, then a connection.
         minimizer: How the guided planner descends; "univariate" is for chains of ball or universal joints only.
-        min_clearance: What moving links have to keep from obstacles [m].
-        attached_objects: What links hold.
+        min_clearance: Smallest allowed distance of moving links to obstacles [m].
+        attached_objects: Objects held by links.
         allowed_collisions: Pairs of links and obstacles that may touch.
-        path_constraints: What frames have to keep all along the motion.
-        limits: Of joints, by name.
-        max_velocity_scaling_factor: Share of the velocity limits that is used.
-        max_acceleration_scaling_factor: Share of the acceleration limits that is used.
+        path_constraints: Constraints of frames along the whole motion.
+        limits: Limits of joints, by name.
+        max_velocity_scaling_factor: Fraction of the velocity limits that is used.
+        max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
         optimization_iterations: Rounds in which a connection is made shorter, within half of the time that is left, and
             most steps of the optimisation; null: no rounds, and the optimisation's own stopping rule; 0: the path as it
@@ -127,10 +127,10 @@ class PlanRequest(Message):
             found, with more tries; "clearance": in the middle of the free space. `min_clearance` is kept all the same.
         leave_start_contact: Whether a start in slight contact is left first, instead of being refused.
         sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
-        recording: How much is recorded.
+        recording: Extent of the recording.
         seed: Of all randomness.
         steps: In place of a goal: what to do in order, as one motion; guide planes then are the steps' own.
-        proof: Whether a proof that the motion is free is kept with the run: anybody can check it (`referee.md`).
+        proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
 
     Example:
         >>> from guidefield import Box, JointsGoal, PlanRequest, Scene

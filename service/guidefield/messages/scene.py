@@ -202,7 +202,7 @@ class GuidePlane(Message):
 GuidePlanes = Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)]
 
 
-class Scene(Message, weakref=True, dict=True):  # its dict is for `own_scenes`: nothing of it travels or is copied
+class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes`: nothing of it travels or is copied
     """A named set of obstacles, and the guide planes that lead through them."""
 
     name: Name

@@ -1,4 +1,4 @@
-"""The steps of a sequence: goals one after the other, and what is picked up and put down on the way."""
+"""The steps of a sequence: goals in order, and the objects that are attached and detached between them."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from guidefield.messages.values import (
 )
 
 LONGEST_PAUSE = 3600.0
-"""For so long a robot may wait after a step [s]."""
+"""The longest pause after a step [s]."""
 
 
 class RelativeGoal(Message, tag_field="type", tag="relative"):
-    """Move the tip from where it is when the step begins.
+    """Move the tip relative to its placement at the beginning of the step.
 
     Attributes:
-        position: By how much [m].
-        quaternion_xyzw: How it is turned.
-        frame: In whose axes both are: "tip": the tip's own; "world".
+        position: Translation [m].
+        quaternion_xyzw: Rotation.
+        frame: Axes of both: "tip": the tip's own; "world".
     """
 
     position: Vector3 = ORIGIN
@@ -49,14 +49,14 @@ StepGoal = JointsGoal | JointSetGoal | PoseGoal | GuidePlaneGoal | RelativeGoal
 
 
 class Attach(Message):
-    """Have a link hold an obstacle of the scene, where it is, from the end of a step on.
+    """Attach an obstacle of the scene, where it stands, to a link from the end of a step on.
 
     Attributes:
         object: Name of the obstacle: a box, ball, cylinder, capsule or mesh.
-        link: What holds it; null: the link that carries the step's tip.
-        touch_links: Links that it may touch beside that one while it is held.
+        link: The link that holds it; null: the link that carries the step's tip.
+        touch_links: Further links that it may touch while it is held.
         touch_objects: Obstacles that it may touch until it is 5 mm away from them (`min_clearance`, if that is more),
-            and again from when it is last so far away until it is detached.
+            and again after it is last so far away, until it is detached.
     """
 
     object: Name
@@ -66,25 +66,25 @@ class Attach(Message):
 
 
 class PlanStep(Message):
-    """One step of a sequence: a motion, a pause, then `detach` and `attach`, each where it is given.
+    """One step of a sequence: a motion, a pause, then `detach` and `attach`, each optional.
 
     Attributes:
-        goal: What to reach; null: nothing moves.
+        goal: The goal; null: nothing moves.
         group: Joints that move; null: the request's.
-        tip: Frame that the goal is about; null: the request's.
-        linear: Whether the tip goes straight to a pose or relative goal, turning evenly.
-        line_tolerance: How far the tip may be from the straight way, where `linear` [m].
-        turn_tolerance: How far it may be turned otherwise than evenly, where `linear` [rad].
+        tip: Frame of the goal; null: the request's.
+        linear: Whether the tip moves straight to a pose or relative goal, turning at a constant rate.
+        line_tolerance: Largest distance of the tip from the straight line, if `linear` [m].
+        turn_tolerance: Largest deviation from the constant turning, if `linear` [rad].
         guide_planes: Planes to cross, in order; "auto": derived.
-        max_velocity_scaling_factor: Share of the velocity limits that is used; null: the request's.
-        max_acceleration_scaling_factor: Share of the acceleration limits that is used; null: the request's.
-        objective: What its motion is optimised for; null: as the request says.
-        pause: For how long the robot waits after its motion [s].
+        max_velocity_scaling_factor: Fraction of the velocity limits that is used; null: the request's.
+        max_acceleration_scaling_factor: Fraction of the acceleration limits that is used; null: the request's.
+        objective: The objective of its optimisation; null: the request's.
+        pause: Time that the robot waits after its motion [s].
         detach: Name of an object that is put down where it is then: an obstacle from the end of the step on.
-        attach: What is picked up at the end of the step, after what is put down.
-        stop: Whether the robot comes to rest at the step's end; false: it passes the goal on its way to the next one.
-        radius: How far from a goal that is passed the robot may leave its way: the tip's place [m] and its turn [rad]
-            for a pose or relative goal, every joint [rad or m] for one of joints.
+        attach: Object that is picked up at the end of the step, after `detach`.
+        stop: Whether the robot comes to rest at the step's end; false: it passes the goal and goes on to the next one.
+        radius: Largest deviation from a goal that is passed: of the tip's position [m] and rotation [rad] for a pose or
+            relative goal, of every joint [rad or m] for a goal of joints.
     """
 
     goal: StepGoal | None = None

@@ -1,4 +1,4 @@
-"""Requests about what is stored, robots, scenes and runs, and about the service itself."""
+"""Requests about stored robots, scenes and runs, and about the service itself."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from guidefield.messages.values import Message, Name, RootJoint, RunId, UrdfChar
 RUNNING = "RUNNING"
 """The status of a run that has not ended."""
 UNREADABLE = "UNREADABLE"
-"""The status of a run whose reply can't be read; and its robot and scene where its request can't."""
+"""The status of a run with a damaged reply; and its robot and scene if the request is damaged."""
 
 
 class ReadRobots(Message, tag_field="type", tag="robots"):
@@ -30,9 +30,9 @@ class ReadRobot(Message, tag_field="type", tag="robot"):
 
 
 class RobotFiles(Message):
-    """A client's own robot: its URDF, its SRDF, and mesh files by the URIs that the URDF has for them.
+    """A client's own robot: its URDF, its SRDF, and mesh files by their URIs in the URDF.
 
-    What a mesh file names itself (materials, textures, buffers) is sent too, by the URI that its name leads to.
+    Files that a mesh file names (materials, textures, buffers) are sent too, by the URI that their name leads to.
     """
 
     urdf: UrdfCharacters
@@ -42,7 +42,7 @@ class RobotFiles(Message):
 
 
 class StoreRobot(Message, tag_field="type", tag="store_robot"):
-    """Store a robot under a name that the catalog doesn't have, in place of an earlier one of that name."""
+    """Store a robot under a name that the catalog doesn't have; it replaces an earlier one of that name."""
 
     name: Name
     files: RobotFiles
@@ -94,19 +94,19 @@ class ReadInfo(Message, tag_field="type", tag="info"):
 
 
 LARGEST_PAGE = 1_000
-"""The most runs that one list holds."""
+"""The largest number of runs in a list."""
 
 
 class ReadRuns(Message, tag_field="type", tag="runs"):
-    """List the runs that are kept, newest first.
+    """List the stored runs, newest first.
 
     Attributes:
         status: Only those of this status: the name of one, or RUNNING, or UNREADABLE.
         robot: Only those of this robot.
         since: Only those begun at this time or later [s since 1970].
         text: Only those with this text in the message of their status; case doesn't matter for ASCII.
-        limit: At most so many.
-        after: Only those that follow in the list, by the `next` of the list so far; null: from the newest on.
+        limit: The largest number of runs.
+        after: The `next` of the last page, to continue after it; null: from the newest on.
     """
 
     status: str | None = None

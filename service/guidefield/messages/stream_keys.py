@@ -102,7 +102,7 @@ def check(query: Query) -> None:
         raise MalformedRequest(f"a query on {key!r} of this kind takes no payload", key=key)
 
 
-def stream_query(query: Query) -> StreamQuery:
+def decode_stream_query(query: Query) -> StreamQuery:
     """Return the request of a query about streams.
 
     Raises:

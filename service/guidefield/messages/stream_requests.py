@@ -55,7 +55,7 @@ class StreamJudged(Reply):
         stops: When the robot stands, by the client's clock [s].
         pair: What couldn't be told apart: a link, and a link or an obstacle; null where it is proven, or undecided.
         time: Where that is [s]; null as there.
-        evaluations: ConfigurationBatch at which it was judged.
+        evaluations: Configurations at which it was certified.
     """
 
     proven: bool
@@ -82,7 +82,7 @@ class StreamReply(Reply):
         pieces: How many of them were answered with a piece.
         silence: After so long without an update it ends [s].
         age: How long it has been open [s].
-        warnings: What was odd about the request but harmless.
+        warnings: Harmless peculiarities of the request.
         last: The last state that was told; null: none.
     """
 

@@ -102,12 +102,12 @@ class StreamOpen(Message):
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
         tip: Frame that goals are about; null: the robot's own.
         start: Where the robot stands, at rest; joints left out are as the robot has it.
-        attached_objects: What links hold.
+        attached_objects: Objects held by links.
         allowed_collisions: Pairs of links and obstacles that may touch; what is to be seen later is declared in
             `obstacles` for that.
-        limits: Of joints, by name. A jerk limit that isn't given lets the acceleration's limit be reached in 0.05 s.
-        max_velocity_scaling_factor: Share of the velocity limits that is used.
-        max_acceleration_scaling_factor: Share of the acceleration limits that is used.
+        limits: Limits of joints, by name. Without a jerk limit the acceleration reaches its limit in 0.05 s.
+        max_velocity_scaling_factor: Fraction of the velocity limits that is used.
+        max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         obstacles: What may be observed.
         assume: What is assumed of obstacles: that they keep their largest speeds, or that their velocities stay as
             observed but for a deviation.
@@ -261,7 +261,7 @@ class Piece(Reply):
         reaches_goal: Whether the robot stands at the goal in the end.
         position_names: Names of the columns.
         trajectory: The motion from `begins` to `stops`.
-        evaluations: ConfigurationBatch at which it was judged.
+        evaluations: Configurations at which it was certified.
     """
 
     number: int

@@ -1,4 +1,4 @@
-"""Points and triangles as they are declared: how many there may be, and what is sound."""
+"""Check declared points and triangles: their number, finite coordinates, valid indices."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ Points = list[Vector3] | Float32Array
 Triangle = tuple[int, int, int]
 
 MAX_VERTICES = 1_000_000
-"""Most vertices, triangles or points that one obstacle may have."""
+"""The largest number of vertices, triangles or points of an obstacle."""
 
 Triangles = Annotated[list[Triangle], msgspec.Meta(min_length=1, max_length=MAX_VERTICES)] | Uint32Array
 
 VALUES_PER_CHECK = 20_000
-"""So many points or triangles are read or checked at one go, in a few milliseconds."""
+"""Points or triangles checked by one call, which holds the interpreter for a few milliseconds."""
 
 
 def check_points(field: str, points: Points) -> int:
-    """The number of points.
+    """Check points, and return their number.
 
     Args:
-        field: What they are called.
-        points: As they are declared.
+        field: Name of the field.
+        points: The declared points.
 
     Raises:
         ValueError: if there are too many or none, or one isn't finite.
@@ -45,7 +45,7 @@ def check_points(field: str, points: Points) -> int:
         count = len(points)
         for begin in range(0, count, VALUES_PER_CHECK):
             some = points[begin : begin + VALUES_PER_CHECK]
-            if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is more than that of each
+            if not math.hypot(*chain.from_iterable(some)) <= LARGEST:  # the norm of all is at least that of each
                 for index, point in enumerate(some, begin):
                     require_finite(f"{field}[{index}]", point)
     if not 1 <= count <= MAX_VERTICES:
@@ -54,38 +54,38 @@ def check_points(field: str, points: Points) -> int:
 
 
 def _require_packed_finite(field: str, packed: bytes) -> None:
-    """ValueError for the first of some packed float32 that is NaN, infinite or too large."""
+    """Raise ValueError for the first packed float32 that is NaN, infinite or too large."""
     for index, (value,) in enumerate(struct.iter_unpack("<f", packed)):
         if not -LARGEST <= value <= LARGEST:
             require_finite(f"{field}[{index // 3}]", (value,), index % 3)
 
 
 def check_triangles(count: int, triangles: Triangles) -> None:
-    """Check which vertices triangles name.
+    """Check that triangles index existing vertices.
 
     Args:
-        count: How many vertices there are.
-        triangles: As they are declared.
+        count: The number of vertices.
+        triangles: The declared triangles.
 
     Raises:
-        ValueError: if one names a vertex that there isn't, or there are too many or none that are packed.
+        ValueError: if an index is out of range, or packed triangles are too many or none.
     """
     if not isinstance(triangles, Uint32Array):
         for begin in range(0, len(triangles), VALUES_PER_CHECK):
             some = triangles[begin : begin + VALUES_PER_CHECK]
-            if not _all_below(count, _packed(some)):  # of a million triangles this is found in a sixth of the time
+            if not _are_below(count, _pack_triangles(some)):  # a sixth of the time of `_require_below`
                 _require_below(count, begin, some)
         return
     packed = triangles.uint32
     if not 1 <= len(packed) // 12 <= MAX_VERTICES:
         raise ValueError(f"`triangles` must have 1 to {MAX_VERTICES} triangles, got {len(packed) // 12}")
-    if not _all_below(count, packed):
+    if not _are_below(count, packed):
         flat = memoryview(packed).cast("I")
         _require_below(count, 0, zip(flat[0::3], flat[1::3], flat[2::3], strict=True))
 
 
 def _require_below(count: int, first: int, triangles: Iterable[Iterable[int]]) -> None:
-    """ValueError where one of some triangles, of which the first has a number, names a vertex that there isn't."""
+    """Raise ValueError if an index of a triangle is out of range; `first` numbers the first triangle."""
     for row, triangle in enumerate(triangles, first):
         for index in triangle:
             if not 0 <= index < count:
@@ -102,8 +102,8 @@ _POSITIVE = bytes(range(0x80))
 """Highest bytes of the uint32 below 2^31."""
 
 
-def _packed(triangles: Iterable[Iterable[int]]) -> bytes:
-    """Numbers of triangles as little-endian uint32; empty where one can't be."""
+def _pack_triangles(triangles: Iterable[Iterable[int]]) -> bytes:
+    """Pack indices of triangles as little-endian uint32; empty if one doesn't fit."""
     try:
         packed = array("I", chain.from_iterable(triangles))
     except (OverflowError, TypeError):
@@ -113,28 +113,25 @@ def _packed(triangles: Iterable[Iterable[int]]) -> bytes:
     return packed.tobytes()
 
 
-_SOME = 2**16
-"""So many bytes are looked at together: long integers of that length stay in the processor's cache."""
+_BLOCK_BYTES = 2**16
+"""Bytes compared as one long integer, which fits into the processor's cache."""
 
 
-def _all_below(count: int, packed: bytes) -> bool:
-    """Return whether there are any, and all of some little-endian uint32 are below a count of at most 2^31."""
-    some = (packed[begin : begin + _SOME] for begin in range(0, len(packed), _SOME))
-    return bool(packed) and all(_some_below(count, each) for each in some)
+def _are_below(count: int, packed: bytes) -> bool:
+    """Return whether there are little-endian uint32, and all of them are below a count of at most 2^31."""
+    some = (packed[begin : begin + _BLOCK_BYTES] for begin in range(0, len(packed), _BLOCK_BYTES))
+    return bool(packed) and all(_is_block_below(count, each) for each in some)
 
 
-def _some_below(count: int, packed: bytes) -> bool:
-    """The same of some, all at once, as one long integer.
-
-    With 2^31 - count added to each, the highest bit is set of those that aren't.
-    """
+def _is_block_below(count: int, packed: bytes) -> bool:
+    """Compare a block as one integer: with 2^31 - count added to each, the highest bit of those not below is set."""
     if packed[3::4].translate(None, _POSITIVE):
         return False
-    moved = int.from_bytes(packed, "little") + _added(count, len(packed))
+    moved = int.from_bytes(packed, "little") + _make_addend(count, len(packed))
     return not moved.to_bytes(len(packed), "little")[3::4].translate(None, _POSITIVE)
 
 
 @functools.lru_cache(maxsize=4)
-def _added(count: int, size: int) -> int:
-    """2^31 - count in each of the uint32 of so many bytes, as one long integer."""
+def _make_addend(count: int, size: int) -> int:
+    """Make the long integer with 2^31 - count in each uint32 of a block of a size [bytes]."""
     return int.from_bytes((2**31 - count).to_bytes(4, "little") * (size // 4), "little")

@@ -16,30 +16,30 @@ Name = Annotated[str, msgspec.Meta(min_length=1, max_length=256)]
 RunId = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 PLANNING_TIME = 5.0
-"""How long a plan, or the judgement of a motion, may take that doesn't say it [s]."""
+"""Default of the allowed time of a plan or certify request [s]."""
 LONGEST_TIME = 3600.0
-"""How long a request may allow itself [s]."""
+"""The largest allowed time of a request [s]."""
 AllowedTime = Annotated[float, msgspec.Meta(gt=0.0, le=LONGEST_TIME)]
 
 MAX_URDF_CHARACTERS = 4_000_000
 UrdfCharacters = Annotated[str, msgspec.Meta(max_length=MAX_URDF_CHARACTERS)]
 RootJoint = Literal["fixed", "planar", "free"]
-"""How a robot's root link moves in the world."""
+"""The joint between the world and a robot's root link."""
 
 ORIGIN: Vector3 = (0.0, 0.0, 0.0)
 IDENTITY: QuaternionXYZW = (0.0, 0.0, 0.0, 1.0)
 LARGEST = 1e9
-"""Largest magnitude of a quantity, in SI units: beyond it squares and cubes leave what can be computed with."""
+"""Largest magnitude of a quantity, in SI units: squares and cubes of larger ones lose precision or overflow."""
 QUATERNION_TOLERANCE = 1e-6
-"""How far from 1 the norm of a quaternion may be; beyond, it is refused."""
+"""Largest deviation of the norm of a quaternion from 1."""
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of everything that a client sends: frozen, strict about its fields."""
+    """Base of all messages of clients: frozen, strict about fields."""
 
 
 class Reply(msgspec.Struct, frozen=True, kw_only=True):
-    """Base of everything that the service sends: clients ignore fields that they don't know."""
+    """Base of all messages of the service: clients ignore unknown fields."""
 
 
 class Float32Array(Message):
@@ -83,7 +83,7 @@ def require_finite(field: str, values: Iterable[float], first: int = 0) -> None:
     """Raise ValueError if a number is NaN, infinite (MessagePack and Python can carry both) or beyond `LARGEST`.
 
     Args:
-        field: What they are called.
+        field: Name of the field.
         values: The numbers.
         first: The index of the first of them.
     """

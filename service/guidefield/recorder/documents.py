@@ -16,7 +16,7 @@ from rerun.chunk import Chunk
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.messages.certify_reply import describe_certificate, describe_place
-from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, as_plain_data
+from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, to_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
@@ -271,7 +271,7 @@ def _stages(reply: PlanReply) -> list[str]:
     """The stages, and what else took time; a stage that came once has its time in its own row."""
     rows = [(f"{one.name}{_plane(one.plane, reply)}", milliseconds(one.seconds), one.outcome) for one in reply.stages]
     times = Counter(one.name for one in reply.stages)
-    spent = {name: seconds for name, seconds in as_plain_data(reply.timing).items() if seconds and name != "total"}
+    spent = {name: seconds for name, seconds in to_plain_data(reply.timing).items() if seconds and name != "total"}
     for name, seconds in spent.items():
         if times[name] != 1 and seconds >= LEAST_TOLD:
             rows.append((f"all of {name}" if times[name] else name, milliseconds(seconds), ""))

@@ -8,7 +8,7 @@ from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Lim
 from guidefield.collector import waiting_collector
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
-from guidefield.messages.own_scenes import Before, Own, own
+from guidefield.messages.frozen_scenes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import scene as scenes
 from guidefield.scene.carried import Rows
 from guidefield.scene.content import Content, changed_content, scene_content
@@ -52,8 +52,8 @@ class BuiltScenes:
 
         Of a scene that is ours it is found once; of one that was changed, of what changed alone.
         """
-        changes: list[tuple[messages.Scene, Own, Before]] = []
-        while (mine := own(message)) is not None and mine.content is None and mine.before is not None:
+        changes: list[tuple[messages.Scene, FrozenFacts, Derivation]] = []
+        while (mine := frozen_facts(message)) is not None and mine.content is None and mine.before is not None:
             before = mine.before.scene()
             if before is None:
                 break
@@ -85,14 +85,14 @@ class BuiltScenes:
     def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
         """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""
         rows: Rows | None = None
-        while (mine := own(message)) is not None and mine.before is not None:
+        while (mine := frozen_facts(message)) is not None and mine.before is not None:
             before = mine.before.scene()
             if before is None:
                 return None
             removed, moved = mine.before.removed, mine.before.moved
             step = Rows.changed(len(before.obstacles), removed, moved, len(message.obstacles))
             rows = step if rows is None else rows.after(step)
-            known = own(before)
+            known = frozen_facts(before)
             built = None if known is None or known.content is None else self._scenes.get(known.content)
             if built is not None:
                 return (built, rows) if rows.are_few else None

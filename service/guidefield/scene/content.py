@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from guidefield.messages import scene as messages
-from guidefield.messages.own_scenes import Before
+from guidefield.messages.frozen_scenes import Derivation
 
 
 class Content(NamedTuple):
@@ -52,7 +52,7 @@ def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
 
 
-def changed_content(before: bytes, change: Before, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
+def changed_content(before: bytes, change: Derivation, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
     """Return the hash of a changed scene: that of the hash before and of the change.
 
     Args:

@@ -33,7 +33,7 @@ from guidefield.messages.replies import (
     RunReply,
     RunsReply,
     RunSummary,
-    error_of,
+    make_error,
 )
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.store_requests import ReadRuns
@@ -455,7 +455,7 @@ def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> Moti
     if kept.request != request or (kept.error is None and kept.reply is None):
         raise taken(run_id)
     if kept.error is not None:
-        raise error_of(kept.error)
+        raise make_error(kept.error)
     assert kept.reply is not None, "a run ends with a reply or an error"
     return kept.reply
 

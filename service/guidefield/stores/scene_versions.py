@@ -17,15 +17,15 @@ import msgspec
 
 from guidefield.errors import MalformedRequest, SceneInvalid
 from guidefield.messages import codec
-from guidefield.messages.own_scenes import make_own
+from guidefield.messages.frozen_scenes import freeze
 from guidefield.messages.scene import Scene
-from guidefield.messages.scene_changes import VERSIONS_KEPT, SceneDiff, changed
+from guidefield.messages.scene_changes import MAX_VERSIONS, SceneDiff, apply_change
 from guidefield.stores.files import decoded
 from guidefield.whole_file import write_whole
 
-MOST_LINES = 4 * VERSIONS_KEPT
+MOST_LINES = 4 * MAX_VERSIONS
 """So many changes stand behind a whole scene before the files are written again, if they are longer than it is."""
-MOST_SHORT_LINES = 64 * VERSIONS_KEPT
+MOST_SHORT_LINES = 64 * MAX_VERSIONS
 """So many if they are shorter: to write and read 10,000 boxes takes every process as long as a hundred changes."""
 READ_AGAIN = 5
 """How often the files are read again that somebody else writes meanwhile."""
@@ -75,7 +75,7 @@ class _Known:
     def add(self, version: int, scene: Scene) -> None:
         """Note a version, and forget the oldest."""
         self.versions[version] = scene
-        while len(self.versions) > VERSIONS_KEPT:
+        while len(self.versions) > MAX_VERSIONS:
             self.versions.popitem(last=False)
 
 
@@ -149,7 +149,7 @@ class SceneVersions:
         version = known.newest[0] + 1
         data, line = _as_read(_Line(version, scene=scene))
         self._append(known, data, version, _after(known.newest[1], line))
-        if version - known.first >= VERSIONS_KEPT:
+        if version - known.first >= MAX_VERSIONS:
             self._write_again(known)
         return version
 
@@ -242,7 +242,7 @@ class SceneVersions:
             if scene is None:
                 return None
             whole = _Whole(scene)
-        return _Known(file, len(data), whole.version, changes, 0, OrderedDict({whole.version: make_own(whole.scene)}))
+        return _Known(file, len(data), whole.version, changes, 0, OrderedDict({whole.version: freeze(whole.scene)}))
 
 
 def _as_read(line: _Line) -> tuple[bytes, _Line]:
@@ -260,7 +260,7 @@ def _as_read(line: _Line) -> tuple[bytes, _Line]:
 
 def _after(scene: Scene, line: _Line) -> Scene:
     """A scene that is ours after a line."""
-    return changed(scene, line.diff) if line.diff is not None else make_own(line.scene or scene)
+    return apply_change(scene, line.diff) if line.diff is not None else freeze(line.scene or scene)
 
 
 def _read_from(file: Path, begin: int) -> bytes:

@@ -10,7 +10,7 @@ import msgspec
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec
 from guidefield.messages.scene import Scene as SceneMessage
-from guidefield.messages.scene_changes import RequestScene, changed
+from guidefield.messages.scene_changes import RequestScene, apply_change
 from guidefield.messages.streams import StreamOpen
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.scene.scene import build
@@ -61,4 +61,4 @@ def _declared(request: StreamOpen) -> SceneMessage:
         return PackagedScenes().read(reference)[0]
     if not isinstance(reference, RequestScene) or reference.base is None:
         return reference
-    return changed(PackagedScenes().read(reference.base, reference.version)[0], reference, reference.name)
+    return apply_change(PackagedScenes().read(reference.base, reference.version)[0], reference, reference.name)

@@ -22,7 +22,7 @@ import msgspec
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
-from guidefield.messages.replies import ErrorReply, error_reply
+from guidefield.messages.replies import ErrorReply, make_error_reply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.stream.snapshot import Snapshot
 from guidefield.stream.ways import give_way
@@ -168,7 +168,7 @@ class Journal:
                 now - self._updated_at,
                 answer if isinstance(answer, Piece) else None,
                 answer if isinstance(answer, StreamState) else None,
-                None if refused is None else error_reply(refused),
+                None if refused is None else make_error_reply(refused),
             )
         )
 

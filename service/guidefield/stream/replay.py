@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from guidefield.errors import GuidefieldError, MalformedRequest
-from guidefield.messages.replies import error_reply
+from guidefield.messages.replies import make_error_reply
 from guidefield.messages.streams import Piece, StreamOpen, StreamState
 from guidefield.stream.journal import Aimed, Begun, Entry, Halted, SoughtGoal, Updated, entries_of
 from guidefield.stream.stream import CertifiedStream, Sought
@@ -108,4 +108,4 @@ def _updated(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | s
     try:
         return stream.note(entry.update) if entry.noted else stream.update(entry.update)
     except GuidefieldError as error:
-        return error_reply(error).message
+        return make_error_reply(error).message

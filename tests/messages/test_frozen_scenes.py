@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.errors import SceneInvalid
-from guidefield.messages import own_scenes
-from guidefield.messages.own_scenes import Places, make_own, places_of
+from guidefield.messages import frozen_scenes
+from guidefield.messages.frozen_scenes import NameIndex, freeze, name_index
 from guidefield.messages.scene import Scene, Sphere
-from guidefield.messages.scene_changes import SceneDiff, changed
+from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 
 NAMES = [f"o{k}" for k in range(14)]
 
 
 def spheres(*names: str) -> Scene:
-    return make_own(Scene("s", obstacles=[Sphere(name=name, radius=0.1) for name in names]))
+    return freeze(Scene("s", obstacles=[Sphere(name=name, radius=0.1) for name in names]))
 
 
 def diff(rng: np.random.Generator, scene: Scene) -> SceneDiff:
@@ -42,7 +42,7 @@ def test_names_are_found_in_all_versions_whatever_became_of_others(seed: int) ->
     versions = [spheres(*NAMES[:7])]
     for _ in range(12):
         scene = versions[int(rng.integers(len(versions)))]
-        versions.append(changed(scene, diff(rng, scene)))
+        versions.append(apply_change(scene, diff(rng, scene)))
         for version in rng.permutation(len(versions))[:3].tolist():
             _require_all_found(versions[version])
     for scene in versions:
@@ -51,40 +51,40 @@ def test_names_are_found_in_all_versions_whatever_became_of_others(seed: int) ->
 
 def _require_all_found(scene: Scene) -> None:
     expected = {one.name: index for index, one in enumerate(scene.obstacles)}
-    assert {name: places_of(scene).of(name) for name in NAMES} == {name: expected.get(name) for name in NAMES}
+    assert {name: name_index(scene).of(name) for name in NAMES} == {name: expected.get(name) for name in NAMES}
 
 
 def test_where_very_many_are_gone_the_others_are_numbered_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_scenes, "MOST_GONE", 2)
+    monkeypatch.setattr(frozen_scenes, "MAX_GONE_NUMBERS", 2)
     scene = spheres(*NAMES)
     for name in NAMES[:6]:
-        scene = changed(scene, SceneDiff(remove=[name]))
+        scene = apply_change(scene, SceneDiff(remove=[name]))
         _require_all_found(scene)
 
 
 def test_a_change_numbers_no_names_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = spheres(*NAMES[:7])
-    assert places_of(scene).of("o1") == 1
-    numbered: list[Places] = []
-    real = Places._numbers
+    assert name_index(scene).of("o1") == 1
+    numbered: list[NameIndex] = []
+    real = NameIndex._numbers
     monkeypatch.setattr(
-        Places, "_numbers", lambda self: (numbered.append(self) if self._numbered is None else None, real(self))[1]
+        NameIndex, "_numbers", lambda self: (numbered.append(self) if self._numbered is None else None, real(self))[1]
     )
     for change in (SceneDiff(remove=["o2"]), SceneDiff(add=[Sphere(name="o9", radius=0.1)]), SceneDiff(remove=["o9"])):
-        scene = changed(scene, change)
-        assert places_of(scene).of("o6") == 5
+        scene = apply_change(scene, change)
+        assert name_index(scene).of("o6") == 5
     assert not numbered
 
 
 def test_names_that_came_in_many_other_versions_are_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own_scenes, "MOST_GONE", 10)
+    monkeypatch.setattr(frozen_scenes, "MAX_GONE_NUMBERS", 10)
     scene = spheres(*NAMES)
     for k in range(50):
-        one = changed(scene, SceneDiff(add=[Sphere(name=f"n{k}", radius=0.1), Sphere(name="o99", radius=0.1)]))
-        assert places_of(one).of(f"n{k}") == len(NAMES)
-        assert places_of(one).of("o99") == len(NAMES) + 1
-        assert places_of(scene).of(f"n{k}") is None
-        numbers, _ = places_of(scene)._numbers()
+        one = apply_change(scene, SceneDiff(add=[Sphere(name=f"n{k}", radius=0.1), Sphere(name="o99", radius=0.1)]))
+        assert name_index(one).of(f"n{k}") == len(NAMES)
+        assert name_index(one).of("o99") == len(NAMES) + 1
+        assert name_index(scene).of(f"n{k}") is None
+        numbers, _ = name_index(scene)._numbers()
         assert len(numbers) <= len(NAMES) + 12
         _require_all_found(scene)
 
@@ -92,8 +92,8 @@ def test_names_that_came_in_many_other_versions_are_not_kept(monkeypatch: pytest
 def test_what_is_removed_twice_or_comes_twice_is_refused() -> None:
     scene = spheres("a", "b")
     with pytest.raises(SceneInvalid, match="no obstacle 'a'"):
-        changed(scene, SceneDiff(remove=["a", "a"]))
+        apply_change(scene, SceneDiff(remove=["a", "a"]))
     twice = [Sphere(name="c", radius=0.1), Sphere(name="c", radius=0.1)]
     with pytest.raises(SceneInvalid, match="two obstacles 'c'"):
-        changed(scene, SceneDiff(add=twice))
-    assert changed(scene, SceneDiff(add=twice[:1])).obstacles[2].name == "c"
+        apply_change(scene, SceneDiff(add=twice))
+    assert apply_change(scene, SceneDiff(add=twice[:1])).obstacles[2].name == "c"
