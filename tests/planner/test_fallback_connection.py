@@ -12,8 +12,9 @@ from guidefield.messages import scene as messages
 from guidefield.planner import fallback_connection
 from guidefield.planner.connect.connect import Connection
 from guidefield.planner.fallback_connection import connect_to_goal
-from guidefield.planner.guide.guide import Crossing
-from guidefield.planner.task.stages import PathSoFar, Stage, StageFailed
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.stages import Stage, StageFailed
 from tests.planner.problems import problem, scene_of
 
 
@@ -63,10 +64,11 @@ def test_a_plane_that_nothing_leads_to_leaves_the_path_as_far_as_the_approach_ca
     given = problem("panda", scene_of(planes=[messages.GuidePlane(name="GP", vertices=corners)]))
     planned = dataclasses.replace(planned, guide_planes=given.guide_planes * 2, derived_planes=1)
     start, led, came = np.full(7, 0.05), np.full(7, 0.1), np.full(7, 0.15)
-    stuck = Crossing(Status.STUCK_IN_MINIMUM, "stuck", np.array([led, came]), {"plane": 1})
+    found = PathSoFar(np.array([start, led]), {0: 1})
+    stuck = found.extended(np.array([led, came])).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck", {"plane": 1}))
     monkeypatch.setattr(fallback_connection, "tip_points", lambda *_: np.full((1, 7), 0.2))
     stage = Stage()
-    reached = fallback_connection.connect_to_plane(planned, PathSoFar(np.array([start, led]), {0: 1}), stuck, 1, stage)
+    reached = fallback_connection.connect_to_plane(planned, found, stuck, 1, stage)
     assert reached.failure is not None
     assert reached.failure.status is Status.STUCK_IN_MINIMUM
     assert reached.failure.message == "stuck; the tree got no further either: nothing leads on"
@@ -88,7 +90,7 @@ def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_
         return np.full((1, 7), 0.2)
 
     monkeypatch.setattr(fallback_connection, "tip_points", tip_points)
-    stuck = Crossing(Status.STUCK_IN_MINIMUM, "stuck", planned.q_start[None])
+    stuck = PathSoFar.at_start(planned).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck"))
     fallback_connection.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
     nearest, square = targets
     assert not nearest.position_tolerance.any()

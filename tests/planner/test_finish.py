@@ -13,8 +13,8 @@ import pytest
 from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner import finish as module
-from guidefield.planner.finish import HURRIED, LOST, REPAIRS, STOPPING, finish, found_motion
+from guidefield.planner import finish as module, optimized_motion
+from guidefield.planner.finish import LOST, REPAIRS, STOPPING, finish, found_motion
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import subdivided
 from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
@@ -30,10 +30,12 @@ from guidefield.planner.optimize.settings import (
     in_few_pieces,
     of_many,
 )
+from guidefield.planner.optimized_motion import HURRIED
 from guidefield.planner.path_motion import soonest_along
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import refusal
 from guidefield.planner.task.problem import Objective, Problem
-from guidefield.planner.task.stages import PathSoFar, Stages
+from guidefield.planner.task.stages import Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build
@@ -56,7 +58,7 @@ def misled(monkeypatch: pytest.MonkeyPatch, trajectories: Sequence[Trajectory]) 
             return dataclasses.replace(optimized, trajectory=trajectories[len(asked) - 1])
         return optimized
 
-    monkeypatch.setattr(module, "optimize", mislead)
+    monkeypatch.setattr(optimized_motion, "optimize", mislead)
     return asked
 
 
@@ -76,7 +78,7 @@ def test_a_refused_motion_is_optimised_again_looking_closer(monkeypatch: pytest.
 
 def test_a_motion_of_many_coordinates_is_optimised_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
-    monkeypatch.setattr(module, "MANY", made.group.nv - 1)
+    monkeypatch.setattr(optimized_motion, "MANY", made.group.nv - 1)
     asked = misled(monkeypatch, [through_the_wall(made, path)])
     assert finish(made, PathSoFar(path, proven=False), Stages(made)).verdict.free
     assert asked == [of_many(BALANCED), closer(of_many(BALANCED))]
@@ -185,7 +187,7 @@ def test_where_a_plane_is_lost_it_is_the_motion_as_it_was_found(monkeypatch: pyt
         optimized = optimize(problem, motion, settings, *others, **rest)
         return dataclasses.replace(optimized, outcome=Shaping.NOT_PASSING)
 
-    monkeypatch.setattr(module, "optimize", lose)
+    monkeypatch.setattr(optimized_motion, "optimize", lose)
     finished = finish(made, PathSoFar(path, crossings), Stages(made))
     assert asked == [guided(BALANCED), closer(guided(BALANCED))]
     assert finished.verdict.free

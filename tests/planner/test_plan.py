@@ -68,11 +68,13 @@ def test_where_no_proof_comes_of_optimising_the_connection_is_proven_before(monk
     )
     optimized_to = 2 * [soonest_along(wall, np.array([start, goal]))]  # through the wall, twice
 
-    def misled(problem: Problem, motion: Trajectory, settings: OptimizationSettings, *others: object) -> Optimized:
+    def misled(
+        problem: Problem, motion: Trajectory, settings: OptimizationSettings, *_: object, **__: object
+    ) -> Optimized:
         result = optimize(problem, motion, settings)
         return dataclasses.replace(result, trajectory=optimized_to.pop()) if optimized_to else result
 
-    monkeypatch.setattr("guidefield.planner.finish.optimize", misled)
+    monkeypatch.setattr("guidefield.planner.optimized_motion.optimize", misled)
     result = plan(made, Planner.TREE)
     check_success(made, result)
     assert [stage.name for stage in result.stages].count("connect") == 2
@@ -189,11 +191,11 @@ def test_guided_alone_gives_up_honestly_with_the_motion_so_far() -> None:
 
 
 def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> None:
-    from guidefield.planner import plan as plan_module
+    from guidefield.planner import crossings
     from guidefield.planner.guide.guide import Crossing
 
     made = problem("panda", "wall_with_window")
-    real, calls = plan_module.cross, []
+    real, calls = crossings.cross, []
 
     def stuck_at_the_first(problem, q, plane, index, attempts):
         calls.append(index)
@@ -201,7 +203,7 @@ def test_auto_goes_on_with_the_tree_where_the_field_is_stuck(monkeypatch) -> Non
             return Crossing(Status.STUCK_IN_MINIMUM, "stuck", q[None], {"stage": "guide", "distance": 1.0})
         return real(problem, q, plane, index, attempts)
 
-    monkeypatch.setattr(plan_module, "cross", stuck_at_the_first)
+    monkeypatch.setattr(crossings, "cross", stuck_at_the_first)
     result = plan(made, Planner.AUTO)
     check_success(made, result)
     assert calls == list(range(len(made.guide_planes)))

@@ -11,14 +11,14 @@ from guidefield.errors import Status
 from guidefield.planner.connect.connect import Connection, connect
 from guidefield.planner.connect.constrained_tree import Keeper, connect_constrained
 from guidefield.planner.ends import UNREACHED, tip_points
-from guidefield.planner.guide.guide import Crossing
 from guidefield.planner.guide.tip_reach import inset_of
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import PathSoFar, Stage, StageFailed
+from guidefield.planner.task.stages import Stage, StageFailed
 from guidefield.planner.task.trace import Note
 from guidefield.robot.ik.pose_target import EXACT, PoseTarget
-from guidefield.robot.model.spaces import ChartPoints
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane
 
@@ -27,13 +27,13 @@ SHARE = 0.5
 guide planes led; with no more than contact avoided instead of with the clearance asked for."""
 
 
-def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index: int, stage: Stage) -> PathSoFar:
+def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index: int, stage: Stage) -> PathSoFar:
     """Reach a guide plane, with any orientation, from where the approach to it began.
 
     Args:
         problem: Robot, world and guide planes.
         found: The motion so far.
-        stuck: The approach that didn't arrive.
+        stuck: The motion with the approach that didn't arrive.
         index: Of the plane among the problem's.
         stage: What it is counted as.
 
@@ -42,24 +42,26 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: Crossing, index:
         approach's status and both reasons.
     """
     try:
-        reached = connect_to_goal(problem, found, _points_on(problem, problem.guide_planes[index], stuck), stage)
+        reached = connect_to_goal(
+            problem, found, _points_on(problem, problem.guide_planes[index], stuck.path[-1]), stage
+        )
     except StageFailed as failed:
         reached = found.failed(failed.ending)
     if reached.failure is None:
         return reached
-    message = f"{stuck.message}; the tree got no further either: {reached.failure.message}"
+    assert stuck.failure is not None, "it didn't arrive"
+    message = f"{stuck.failure.message}; the tree got no further either: {reached.failure.message}"
     stage.outcome = stage.outcome or message
-    approached = found.extended(problem.group.chart_path(list(stuck.path), found.path[-1]))
-    return approached.failed(Ending(stuck.status, message, stuck.details))
+    return stuck.failed(Ending(stuck.failure.status, message, stuck.failure.details))
 
 
-def _points_on(problem: Problem, plane: GuidePlane, stuck: Crossing) -> ChartPoints:
+def _points_on(problem: Problem, plane: GuidePlane, stuck: ChartPoint) -> ChartPoints:
     """Chart points (m, nv) with the tip on a plane: next to where the approach got stuck, else in the plane's middle.
 
     Raises:
         StageFailed: as `tip_points`.
     """
-    tip = problem.kinematics.tip_position(problem.group.expand(stuck.path[-1]))
+    tip = problem.kinematics.tip_position(problem.group.expand_from_chart(stuck))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
         return tip_points(problem, PoseTarget(pin.SE3(np.eye(3), place), np.zeros(3), np.full(3, np.inf)))

@@ -7,8 +7,8 @@ is refused the motion is drawn closer to the path. In the end it stops at every 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import cast
 
@@ -18,41 +18,22 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import distinct, polyline
-from guidefield.planner.optimize.optimization import Optimized, Outcome as Shaping, optimize
-from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
-from guidefield.planner.optimize.plane_place import PlanePlace
-from guidefield.planner.optimize.settings import (
-    MANY,
-    OPTIMIZATION,
-    OptimizationSettings,
-    closer,
-    constrained,
-    free,
-    guided,
-    guided_of_many,
-    in_few_pieces,
-    of_many,
-)
+from guidefield.planner.motion.waypoints import distinct
+from guidefield.planner.motion_certificate import Finished, certify_as_far_as_found, certify_motion
+from guidefield.planner.optimize.passages import first_places, passing, with_knots
+from guidefield.planner.optimized_motion import Crossed, optimize_motion
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
-from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
+from guidefield.planner.schedule.standing import free_from, met, stays_free
 from guidefield.planner.settings import STRAIGHT_WAYS
-from guidefield.planner.start_enclosure import enclosed_start
-from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import PathSoFar, Stages
-from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.planner.task.stages import Stages
 from guidefield.prove.settings import LIMITS
-from guidefield.prove.verdict import Reason, Verdict
-from guidefield.read_only import ReadOnly
+from guidefield.prove.verdict import Reason
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
-
-LAST_JUDGEMENT = 0.03
-"""For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
@@ -60,45 +41,20 @@ LOST = "the optimised motion did not cross every guide plane within its polygon"
 STOPPING = "no motion round the corners of the path was certified: this one stops at each of them"
 """Warning about a motion that is slower therefore."""
 
-HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
-"""Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
-
-
-@dataclass(frozen=True, eq=False)
-class Finished(ReadOnly):
-    """A motion at the end of planning, and the certificate's verdict about it.
-
-    Attributes:
-        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
-        path: Chart points that it runs through, shape (n, nv) [rad or m].
-        crossings: By index of each guide plane that was reached, its index in `path`.
-        trajectory: What the robot would execute; None where a stage failed before.
-        failure: Why a stage failed; None where none did.
-        warnings: What was odd but harmless.
-        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
-    """
-
-    verdict: Verdict
-    path: ChartPoints
-    crossings: Mapping[int, int]
-    trajectory: Trajectory | None = None
-    failure: Ending | None = None
-    warnings: tuple[str, ...] = ()
-    judged_from: float = 0.0
-
 
 def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
     Args:
         problem: Robot, world, limits and deadline.
-        found: The path. Only one that is proven itself is worth a try where the optimised one is refused.
+        found: The path. Only one that is proven itself is worth a try where the optimised one is refused. One that has
+            a schedule keeps it where it isn't optimised.
         stages: Where time is counted.
     """
-    if found.failure is not None:
-        return _as_far_as_it_got(problem, found, found.failure, stages)
-    if problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
-        return _along(problem, found, stages)
+    if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
+        return found_motion(problem, found, stages)
+    if isinstance(found, ScheduledPath):
+        return _optimized_schedule(problem, found, stages) or found_motion(problem, found, stages)
     finished = _optimized(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
@@ -114,7 +70,7 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """The motion along a path as it was found, as fast as it can be executed; judged as far as it goes.
+    """The motion along a path as it was found, as fast as it can be executed or as scheduled; judged as far as it goes.
 
     Args:
         problem: Robot, world, limits and deadline.
@@ -122,21 +78,26 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
         stages: Where time is counted.
     """
     if found.failure is not None:
-        return _as_far_as_it_got(problem, found, found.failure, stages)
+        return certify_as_far_as_found(problem, found, stages)
+    if isinstance(found, ScheduledPath):
+        return certify_motion(problem, found.trajectory(), found.knots, stages)
     return _along(problem, found, stages)
 
 
-def _as_far_as_it_got(problem: Problem, found: PathSoFar, failure: Ending, stages: Stages) -> Finished:
-    """The best motion so far, without time, certified as far as it goes."""
-    with stages.entered("certify", "the motion as far as it got") as stage:
-        verdict = enclosed_start(problem, found.path[0]) or certify(
-            problem.world,
-            polyline(found.path),
-            problem.min_clearance,
-            deadline=problem.deadline.at_least(LAST_JUDGEMENT),
-        )
-        stage.outcome = verdict.reason.value
-    return Finished(verdict, found.path, found.crossings, failure=failure)
+def _optimized_schedule(problem: Problem, found: ScheduledPath, stages: Stages) -> Finished | None:
+    """The optimised motion across guide planes among obstacles that move; None where none is better and certified."""
+    motion = found.trajectory()
+    crossed = Crossed.of(problem, found.path, found.crossings)
+    waits, end = bool((found.path[0] == found.path[1]).all()), found.z
+    leave_by, arrive_from = met(problem, problem.z_start)[0] if waits else 0.0, -np.inf
+    while True:
+        made = optimize_motion(problem, motion, (), stages, crossed, (leave_by, arrive_from))
+        if made is None or made.trajectory is None or not made.verdict.free:
+            return None
+        arrival = float(made.trajectory.times[-1])
+        if arrive_from > -np.inf or stays_free(problem, end, arrival) or not stays_free(problem, end, found.time):
+            return made
+        arrive_from = free_from(problem, end)
 
 
 def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
@@ -152,107 +113,7 @@ def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished |
         motion = soonest(found.path)
         stage.outcome = f"{motion.duration:.3f} s"
     others = (soonest(path) for path in found.others)
-    return optimized_motion(problem, motion, others, stages, found)
-
-
-def optimized_motion(
-    problem: Problem, motion: Trajectory, others: Iterator[Trajectory], stages: Stages, found: PathSoFar | None = None
-) -> Finished | None:
-    """The optimised trajectory from a motion; where it is refused, optimised again. None where none is to be had.
-
-    Args:
-        problem: Robot, world, limits and deadline.
-        motion: Where it begins.
-        others: What may prove quicker, made when it is asked for.
-        stages: Where time is counted.
-        found: The path with the guide planes that the motion crosses; None: it crosses none.
-    """
-    crossed = NO_PLANES if found is None else Crossed.of(problem, found.path, found.crossings)
-    settings = settings_of(problem, passes=bool(crossed.passages))
-    with stages.entered("relax", f"shape and time together, {problem.objective.value}") as stage:
-        optimized = optimize(problem, motion, settings, others, crossed.passages)
-        stage.outcome = optimized.outcome.value
-    finished = None
-    if optimized.outcome is Shaping.NOT_WITHIN:
-        return None
-    if optimized.outcome is not Shaping.NOT_PASSING:
-        finished = _of_optimized(problem, optimized, crossed, stages)
-        if finished.verdict.free:
-            return finished
-    if problem.deadline.expired():
-        return finished
-    why = "a guide plane was lost" if finished is None else "the certificate refused it"
-    with stages.entered("relax", f"again, looking closer, because {why}") as stage:
-        optimized = optimize(problem, motion, closer(settings), (), crossed.passages)
-        stage.outcome = optimized.outcome.value
-    if optimized.outcome in (Shaping.NOT_WITHIN, Shaping.NOT_PASSING):
-        return finished
-    again = _of_optimized(problem, optimized, crossed, stages)
-    return again if finished is None or again.verdict.free else finished
-
-
-def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
-    """Of the optimisation of a problem's motion, which may have to pass something on its way."""
-    settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
-    if problem.path_constraints:
-        return constrained(of_many(settings) if many else settings)
-    if passes:
-        return guided_of_many(settings) if many else guided(settings)
-    if many:
-        return of_many(settings)
-    return free(settings) if problem.in_motion or problem.scene.moves else in_few_pieces(free(settings))
-
-
-@dataclass(frozen=True, eq=False)
-class Crossed(ReadOnly):
-    """The guide planes that an optimised motion crosses.
-
-    Attributes:
-        passages: Those that it crosses on its way, in order.
-        on_way: Their indices.
-        at_ends: By index of each other guide plane that was reached, the knot that stays on it: the first or the last.
-    """
-
-    passages: tuple[Passage, ...]
-    on_way: tuple[int, ...]
-    at_ends: Mapping[int, int]
-
-    @classmethod
-    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> Crossed:
-        """Of a path (n, nv), and by index of each guide plane that was reached, its index in the path."""
-        last = len(path) - 1
-        inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)
-        return cls(
-            tuple(
-                Passage(PlanePlace.through(problem, problem.guide_planes[plane], path[at]), path[at])
-                for at, plane in inner
-            ),
-            tuple(plane for _, plane in inner),
-            {plane: 0 if at == 0 else -1 for plane, at in crossings.items() if at in (0, last)},
-        )
-
-    def knots(self, trajectory: Trajectory, passed: Sequence[int]) -> dict[int, int]:
-        """By index of each guide plane, the knot of a trajectory that is on it.
-
-        Args:
-            trajectory: The trajectory.
-            passed: Its knots at the passages.
-        """
-        last = len(trajectory.times) - 1
-        at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
-        return at_ends | dict(zip(self.on_way, passed, strict=True))
-
-
-NO_PLANES = Crossed((), (), {})
-"""Of a motion that crosses none."""
-
-
-def _of_optimized(problem: Problem, optimized: Optimized, crossed: Crossed, stages: Stages) -> Finished:
-    """An optimised trajectory, judged, with a warning where time was up meanwhile."""
-    warnings = (HURRIED,) if optimized.outcome is Shaping.OUT_OF_TIME else ()
-    trajectory = optimized.trajectory
-    certified = _certified(problem, trajectory, crossed.knots(trajectory, optimized.passed), stages)
-    return replace(certified, warnings=warnings)
+    return optimize_motion(problem, motion, others, stages, Crossed.of(problem, found.path, found.crossings))
 
 
 def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -264,13 +125,13 @@ def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
             stage.outcome = LOST if made is None else f"{made[0].duration:.3f} s"
         if made is None:
             continue
-        finished = _certified(problem, *made, stages)
+        finished = certify_motion(problem, *made, stages)
         if finished.verdict.free or _is_hopeless(problem, found.path, finished) or problem.deadline.expired():
             return finished
     with stages.entered("parameterize", "as fast as the limits allow, with a stop at each corner") as stage:
         trajectory, knots = stopping_along(problem, found.path)
         stage.outcome = f"{trajectory.duration:.3f} s"
-    stopping = _certified(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
+    stopping = certify_motion(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
     return _warned(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
 
 
@@ -299,29 +160,9 @@ def _rounded(
     return trajectory, crossed.knots(trajectory, passed)
 
 
-def _certified(problem: Problem, trajectory: Trajectory, crossings: Mapping[int, int], stages: Stages) -> Finished:
-    """A trajectory, judged."""
-    with stages.entered("certify", "on the exact geometry, between samples too") as stage:
-        verdict = judged(problem, trajectory)
-        problem.counters.collision_checks += verdict.evaluations
-        stage.outcome = verdict.reason.value
-    return Finished(verdict, trajectory.positions, crossings, trajectory)
-
-
 def _warned(finished: Finished, warning: str) -> Finished:
     """The same with one more warning, the first."""
     return replace(finished, warnings=(warning, *finished.warnings))
-
-
-def judged(problem: Problem, trajectory: Trajectory) -> Verdict:
-    """Judge whether a motion among obstacles at rest is free, and keeps the path constraints."""
-    deadline = problem.deadline.at_least(LAST_JUDGEMENT)
-    verdict = certify_and_measure(trajectory, problem, deadline)
-    if not (verdict.free and problem.path_constraints):
-        return verdict
-    turns = problem.world.bodies.turns
-    kept = certify_constraints(problem.constrained_frames, turns, trajectory.bezier(), deadline)
-    return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:

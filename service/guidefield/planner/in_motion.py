@@ -15,15 +15,17 @@ import numpy as np
 
 from guidefield.errors import Status
 from guidefield.planner.fallback_connection import connect_to_goal
-from guidefield.planner.finish import Finished, found_motion, judged, optimized_motion
+from guidefield.planner.finish import found_motion
 from guidefield.planner.motion.limit_load import TOLERANCE
 from guidefield.planner.motion.stopping import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion_certificate import Finished, certify_motion, judge
+from guidefield.planner.optimized_motion import optimize_motion
 from guidefield.planner.path_motion import soonest_along
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import PathSoFar, StageFailed, Stages
-from guidefield.prove.certificate import certify_timed
-from guidefield.prove.verdict import Reason, Verdict
+from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.prove.verdict import Reason
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
@@ -128,20 +130,16 @@ def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathS
     """One motion that doesn't stop; else the one that was found, with the ends about it."""
     if problem.optimization_iterations != 0:
         first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
-        optimized = optimized_motion(problem, first, iter(others), stages)
+        optimized = optimize_motion(problem, first, others, stages)
         if optimized is not None and (optimized.verdict.free or problem.deadline.expired()):
             return optimized
     middle = found_motion(resting, found, stages)
     if middle.trajectory is None:
         return middle
     trajectory = ends.around(middle.trajectory)
-    with stages.entered("certify", "with how it stops, and gets up to speed") as stage:
-        verdict = judged(problem, trajectory)
-        problem.counters.collision_checks += verdict.evaluations
-        stage.outcome = verdict.reason.value
+    whole = certify_motion(problem, trajectory, {}, stages, message="with how it stops, and gets up to speed")
     stops = problem.optimization_iterations != 0
-    warnings = (*middle.warnings, STOPS) if stops else middle.warnings
-    return Finished(verdict, trajectory.positions, {}, trajectory, warnings=warnings)
+    return dataclasses.replace(whole, warnings=(*middle.warnings, STOPS) if stops else middle.warnings)
 
 
 def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
@@ -205,7 +203,7 @@ def _stopped(
     motion = stopping(z, velocity, rise, group.acceleration_limits, jerks)
     if motion.duration == 0.0:
         return motion
-    verdict = _judged(problem, motion)
+    verdict = judge(problem, motion)
     problem.counters.collision_checks += verdict.evaluations
     if verdict.free:
         return motion
@@ -226,13 +224,6 @@ def _stopped(
         f" {motion.duration:.3f} s that it takes, most of all joint {name}"
     )
     raise _refused(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
-
-
-def _judged(problem: Problem, motion: Trajectory) -> Verdict:
-    """Return whether a motion from time 0 on is free."""
-    if not problem.scene.moves:
-        return judged(problem, motion)
-    return certify_timed(problem.world, motion.bezier(), motion.piece_times(), problem.min_clearance)
 
 
 def _refused(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:

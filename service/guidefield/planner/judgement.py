@@ -6,22 +6,14 @@ what rests, what moves, and what frames have to keep; of their refusals the firs
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
-from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.planner.finish import LAST_JUDGEMENT, Finished
 from guidefield.planner.given_leaving import Leaving, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
-from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
-from guidefield.planner.timed_guide import TimedPath
 from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict, first_refused
@@ -109,49 +101,4 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     if not problem.scene.moves:
         return certify(problem.world, motion.pieces[:count], problem.min_clearance, deadline=deadline)
     pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
-    return certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)
-
-
-def judged_in_time(problem: Problem, motion: Trajectory, deadline: Deadline | None = None) -> Verdict:
-    """Return whether a motion is free of what rests and what moves, and keeps the path constraints.
-
-    Args:
-        problem: Robot, obstacles and constraints.
-        motion: From time 0 on.
-        deadline: Ends the judgement. None: the problem's.
-    """
-    deadline = problem.deadline if deadline is None else deadline
-    verdict, pieces = _free_in_time(problem, motion, deadline), motion.bezier()
-    if verdict.free and problem.path_constraints:
-        kept = certify_constraints(problem.constrained_frames, problem.world.bodies.turns, pieces, deadline)
-        verdict = replace(kept, evaluations=verdict.evaluations + kept.evaluations)
-    return verdict
-
-
-def finish_timed(problem: Problem, found: TimedPath, stages: Stages) -> Finished:
-    """Judge a guided motion among obstacles that move, whose schedule is the trajectory's.
-
-    Args:
-        problem: Robot, world, obstacles and path constraints.
-        found: The motion, or how far it got: then only whether that is free.
-        stages: Where time is counted.
-    """
-    trajectory, failure = found.trajectory(), found.failure
-    whole = "on the exact geometry, in time, between samples too"
-    with stages.entered("certify", whole if failure is None else "the motion as far as it got, in time") as stage:
-        if failure is None:
-            verdict = judged_in_time(problem, trajectory, problem.deadline.at_least(LAST_JUDGEMENT))
-        else:
-            verdict = _free_in_time(problem, trajectory, UNLIMITED)
-        stage.outcome = verdict.reason.value
-    if failure is not None:
-        return Finished(verdict, np.array(found.points), found.crossings, failure=failure)
-    problem.counters.collision_checks += verdict.evaluations
-    return Finished(verdict, trajectory.positions, found.knots, trajectory)
-
-
-def _free_in_time(problem: Problem, motion: Trajectory, deadline: Deadline) -> Verdict:
-    pieces, times = motion.bezier(), motion.piece_times()
-    if (inside := enclosed_start(problem, pieces[0, 0], float(times[0]))) is not None:
-        return inside
     return certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)

@@ -13,8 +13,8 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.finish import Finished
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem

@@ -5,36 +5,30 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.messages import scene as messages
-from guidefield.planner.ends import UNREACHED, check_start, goal_points, tip_points
-from guidefield.planner.fallback_connection import connect_to_goal, connect_to_plane
-from guidefield.planner.finish import Finished, finish
-from guidefield.planner.guide.guide import PROJECTED, cross
+from guidefield.planner.crossings import cross_planes, find_led_goals
+from guidefield.planner.ends import UNREACHED, check_start, goal_points
+from guidefield.planner.fallback_connection import connect_to_goal
+from guidefield.planner.finish import finish
+from guidefield.planner.goal_among_movers import reach_among_movers
+from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
-from guidefield.planner.guide.tip_reach import tip_radius
 from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
-from guidefield.planner.judgement import finish_timed
 from guidefield.planner.leaving import after, joined, leave
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
-from guidefield.planner.start_enclosure import enclosed_start
+from guidefield.planner.motion_certificate import Finished, certify_motion
+from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
 from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem, TipGoal
-from guidefield.planner.task.stages import PathSoFar, StageFailed, Stages
+from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.planner.task.trace import Note, StageLeft
-from guidefield.planner.timed_goal import reach_in_time
-from guidefield.planner.timed_guide import cross_planes_timed
-from guidefield.planner.timed_shape import shaped_across
-from guidefield.prove.certificate import certify_timed
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
-from guidefield.scene.flat import axes_across
-from guidefield.scene.guide_plane import GuidePlane, build
+from guidefield.robot.model.spaces import ChartPoints
 
 
 class Planner(enum.Enum):
@@ -85,13 +79,13 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
         attempts: How each guide plane is tried.
     """
     stages = Stages(problem)
-    return _told(problem, _out_of_contact(problem, planner, attempts, stages), stages)
+    return _make_plan(problem, _out_of_contact(problem, planner, attempts, stages), stages)
 
 
 def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
     stages = Stages(problem)
-    return _told(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
+    return _make_plan(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
 
 
 def _out_of_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
@@ -116,16 +110,16 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
         return _in_motion(problem, goals, stages)
-    if problem.scene.moves:
-        return _in_time(problem, goals, stages, attempts)
     found = PathSoFar.at_start(problem)
-    if planner is not Planner.TREE:
-        found = _cross_planes(problem, found, stages, planner, attempts)
+    if planner is not Planner.TREE and problem.guide_planes:
+        found = cross_planes(problem, stages, attempts, connects=planner is Planner.AUTO)
     if goals is None and isinstance(problem.goal, TipGoal) and found.failure is None:
-        found, goals = led_goal_points(problem, found, stages, attempts)
+        found, goals = find_led_goals(problem, found, stages, attempts)
     if goals is None or found.failure is not None:
         return finish(problem, found, stages)
-    return _to_goal(problem, found, goals, stages)
+    if isinstance(found, ScheduledPath):
+        return _go_on_to_goal(problem, found, goals, stages)
+    return _reach_goal(problem, found, goals, stages)
 
 
 def _in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
@@ -137,42 +131,51 @@ def _in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished
     if not problem.scene.moves:
         return finish_in_motion(problem, ends, stages)
 
-    def go_on(then: Problem) -> Finished:
-        return _go_on(then, ends.inner_goals, stages)
-
-    stopped = gone_on(problem, ends.stop, go_on, ends.around, stages, {})
+    stopped = _continue(problem, ends.stop, ends.inner_goals, ends.around, stages, {})
     return replace(stopped, warnings=(*stopped.warnings, STOPS))
 
 
-def _in_time(problem: Problem, goals: ChartPoints | None, stages: Stages, attempts: Sequence[Attempt]) -> Finished:
-    """Among obstacles that move: through guide planes, and from the last of them to a goal if there is one."""
-    if not problem.guide_planes:
-        assert goals is not None, "without planes there is a goal"
-        return reach_in_time(problem, goals, stages)
-    crossed = cross_planes_timed(problem, stages, attempts)
-    if crossed.failure is not None:
-        return finish_timed(problem, crossed, stages)
-    shaped = shaped_across(problem, crossed, stages)
-    if goals is None:
-        return shaped or finish_timed(problem, crossed, stages)
-    begun, crossings = crossed.trajectory(), crossed.knots
-    if shaped is not None and shaped.trajectory is not None:
-        begun, crossings = shaped.trajectory, shaped.crossings
-
-    def go_on(then: Problem) -> Finished:
-        return _go_on(then, goals, stages)
+def _go_on_to_goal(problem: Problem, found: ScheduledPath, goals: ChartPoints, stages: Stages) -> Finished:
+    """From the last guide plane to a goal, among obstacles that move or by now have come to rest."""
+    crossed = finish(problem, found, stages)
+    begun = crossed.trajectory
+    assert begun is not None, "all planes were crossed"
 
     def around(rest: Trajectory) -> Trajectory:
         return one_after_another([led_to(begun, rest), rest])
 
-    return gone_on(problem, begun, go_on, around, stages, crossings)
+    return _continue(problem, begun, goals, around, stages, crossed.crossings)
 
 
-def _go_on(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
-    """To a goal from where the robot is by now: among what still moves, or what has come to rest."""
-    if problem.scene.moves:
-        return reach_in_time(problem, goals, stages)
-    return _to_goal(problem, PathSoFar.at_start(problem), goals, stages)
+def _continue(
+    problem: Problem,
+    begun: Trajectory,
+    goals: ChartPoints,
+    around: Callable[[Trajectory], Trajectory],
+    stages: Stages,
+    crossings: Mapping[int, int],
+) -> Finished:
+    """Go on to a goal where a motion ends, and judge both as one.
+
+    Args:
+        problem: Robot, obstacles and what to keep.
+        begun: The motion so far, from time 0 on, in the end at rest.
+        goals: Chart points, shape (m, nv).
+        around: Makes the whole of what follows.
+        stages: Where time is counted.
+        crossings: By index of each guide plane that was reached by then, the index of its knot.
+
+    Returns:
+        The whole; where what follows failed, the motion so far, judged, and why.
+    """
+    then = problem.since(float(begun.times[-1]), problem.group.from_chart(begun.positions[-1]))
+    rest = _reach_goal(then, PathSoFar.at_start(then), goals, stages)
+    whole = begun if rest.trajectory is None else around(rest.trajectory)
+    judged = certify_motion(problem, whole, crossings, stages, message="the whole motion, between samples too")
+    if rest.trajectory is None:
+        return replace(judged, trajectory=None, failure=rest.failure, warnings=rest.warnings)
+    path = np.concatenate([whole.positions[: len(begun.positions)], rest.path[1:]])
+    return replace(judged, path=path, warnings=rest.warnings)
 
 
 def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
@@ -208,39 +211,10 @@ def _once_all_rest(problem: Problem, failed: StageFailed) -> StageFailed:
     return StageFailed(ending.status, message, **{**ending.details, "time": end})
 
 
-def _cross_planes(
-    problem: Problem, found: PathSoFar, stages: Stages, planner: Planner, attempts: Sequence[Attempt]
-) -> PathSoFar:
-    """The guided planner, plane by plane; where it gets stuck, `auto` goes on with a connection."""
-    group = problem.group
-    passed_by = False
-    for index, plane in enumerate(problem.guide_planes):
-        if passed_by and index < problem.derived_planes:
-            continue
-        with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
-            crossing = cross(problem, group.from_chart(found.path[-1]), plane, index, attempts)
-            stage.outcome = (
-                "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
-            )
-            along = found.extended(group.chart_path(list(crossing.path), found.path[-1]))
-        if crossing.status is Status.SUCCESS:
-            found = along
-        elif planner is Planner.GUIDED or crossing.status in (Status.TIMED_OUT, Status.PREEMPTED):
-            return along.failed(Ending(crossing.status, crossing.message, crossing.details))
-        elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
-            passed_by = True
-            continue
-        else:
-            with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
-                found = connect_to_plane(problem, found, crossing, index, stage)
-            if found.failure is not None:
-                return found
-        found = found.on_plane(index)
-    return found
-
-
-def _to_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
+def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
     """Connect and finish: what is free at samples is optimised at once; where that fails, it is proven before."""
+    if problem.scene.moves:
+        return reach_among_movers(problem, goals, stages)
     with stages.entered("connect", "to the goal") as stage:
         connected = connect_to_goal(problem, found, goals, stage, prove=False)
     finished = finish(problem, connected, stages)
@@ -258,7 +232,7 @@ def _not_begun(problem: Problem, failure: Ending, stages: Stages) -> Finished:
     return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
 
 
-def _told(problem: Problem, finished: Finished, stages: Stages) -> Plan:
+def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     """The plan: how it ended, with what."""
     ended = finished.failure or _judgement(problem, finished.verdict)
     return Plan(
@@ -284,91 +258,3 @@ def _judgement(problem: Problem, verdict: Verdict) -> Ending:
         message = "cancelled; the motion by then is certified free over its whole length"
         return Ending(Status.PREEMPTED, message)
     return Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")
-
-
-def gone_on(
-    problem: Problem,
-    begun: Trajectory,
-    go_on: Callable[[Problem], Finished],
-    around: Callable[[Trajectory], Trajectory],
-    stages: Stages,
-    crossings: Mapping[int, int],
-) -> Finished:
-    """The motion that has begun and what follows it, judged in time as one.
-
-    Args:
-        problem: Robot, obstacles and what to keep.
-        begun: The motion so far, from time 0 on, in the end at rest.
-        go_on: Plans what follows, from where the motion ends; time 0 is then.
-        around: Makes the whole of what follows.
-        stages: Where time is counted.
-        crossings: By index of each guide plane that was reached by then, the index of its knot.
-
-    Returns:
-        The whole; where what follows failed, the motion so far, judged, and why.
-    """
-    end = float(begun.times[-1])
-    rest = go_on(problem.since(end, problem.group.from_chart(begun.positions[-1])))
-    whole = begun if rest.trajectory is None else around(rest.trajectory)
-    with stages.entered("certify", "the whole motion, in time, between samples too") as stage:
-        pieces, times = whole.bezier(), whole.piece_times()
-        verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
-            problem.world, pieces, times, problem.min_clearance, deadline=problem.deadline
-        )
-        problem.counters.collision_checks += verdict.evaluations
-        stage.outcome = verdict.reason.value
-    if rest.trajectory is None:
-        return Finished(verdict, begun.positions, crossings, failure=rest.failure, warnings=rest.warnings)
-    path = np.concatenate([whole.positions[: len(begun.positions)], rest.path[1:]])
-    return Finished(verdict, path, crossings, whole, warnings=rest.warnings)
-
-
-ROOM = 1.05
-"""Half side of the square about the goal over the radius of the tip's body."""
-
-
-def led_goal_points(
-    problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
-) -> tuple[PathSoFar, ChartPoints]:
-    """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
-
-    The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
-    configuration it arrives at is one that fits there, and the pose is looked for next to it.
-
-    Args:
-        problem: Robot, world and a `TipGoal`.
-        found: The motion so far, through all guide planes.
-        stages: Gets a stage for it.
-        attempts: How the square is tried.
-
-    Returns:
-        The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
-        one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
-    """
-    assert isinstance(problem.goal, TipGoal)
-    group, target = problem.group, problem.goal.target
-    with stages.entered("guide", "to the place of the goal's pose") as stage:
-        here = found.path[-1]
-        square = _square(problem, here, np.asarray(target.placement.translation))
-        crossing = cross(problem, group.from_chart(here), square, len(problem.guide_planes), attempts)
-        stage.outcome = (
-            "reached" if crossing.status is Status.SUCCESS else crossing.status.name.lower().replace("_", " ")
-        )
-    along = group.chart_path(list(crossing.path), here)
-    if crossing.status is Status.SUCCESS:
-        found = found.extended(along)
-    try:
-        return found, tip_points(problem, target, (along[-1], here))
-    except StageFailed as failed:
-        return found.failed(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
-
-
-def _square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
-    """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
-    way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
-    length = float(np.linalg.norm(way))
-    across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
-    half = ROOM * max(tip_radius(problem), 1e-3)
-    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
-    return build(messages.GuidePlane(name="goal", vertices=vertices), 0)

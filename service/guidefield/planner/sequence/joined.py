@@ -9,8 +9,8 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.planner.finish import judged
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import judge
 from guidefield.planner.sequence.composed import part
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.straight_certificate import certify_straight
@@ -113,7 +113,7 @@ def refused(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None
 def _judged(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
     """Return whether a part is free between two knots, and keeps to its way between two others."""
     problem = one.problem
-    verdict = judged(problem, _between(motion, *all_of))
+    verdict = judge(problem, _between(motion, *all_of))
     if not verdict.free or one.way is None or straight[0] >= straight[1]:
         return verdict
     pieces = _between(motion, *straight).bezier()

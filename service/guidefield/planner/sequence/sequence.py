@@ -16,8 +16,8 @@ import numpy as np
 
 from guidefield.deadline import Deadline, DeadlineExpired, end_reason
 from guidefield.errors import Status
-from guidefield.planner.finish import LAST_JUDGEMENT
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import LAST_JUDGEMENT
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.ahead import Refused, with_future
 from guidefield.planner.sequence.composed import Composition, Embedding, whole_configuration, with_knots_at

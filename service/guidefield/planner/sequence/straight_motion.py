@@ -12,18 +12,17 @@ import numpy as np
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
 from guidefield.planner.ends import check_start
-from guidefield.planner.finish import Finished
+from guidefield.planner.goal_among_movers import keep_schedule
+from guidefield.planner.held_paths import among_what_rests
+from guidefield.planner.motion_certificate import Finished, enclosed_start
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_stop import STRAIGHT, StraightStop, bring, floored, stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
-from guidefield.planner.timed_goal import keep_schedule
-from guidefield.planner.timed_ways import among_what_rests
 from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict

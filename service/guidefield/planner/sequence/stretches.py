@@ -14,11 +14,11 @@ from itertools import pairwise
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.sequence.composed import part
 from guidefield.planner.sequence.permissions import Allowed
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.start_enclosure import enclosed_start
 from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints

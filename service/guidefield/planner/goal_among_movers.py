@@ -8,7 +8,7 @@ waits until the obstacles have come to rest, if it may wait, and goes as the pla
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,12 +17,15 @@ import numpy as np
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
-from guidefield.planner.finish import Finished, finish, found_motion
-from guidefield.planner.judgement import judged_in_time
+from guidefield.planner.finish import finish, found_motion
+from guidefield.planner.held_paths import HeldPath, detours, quick_paths, thorough_path
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
+from guidefield.planner.motion_certificate import Finished, certify_motion, judge
 from guidefield.planner.optimize.worth import keeps_aside
+from guidefield.planner.optimized_motion import NO_PLANES, optimize_motion
 from guidefield.planner.path_motion import soonest_along
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
 from guidefield.planner.schedule.schedule import Schedule, Stuck, after, at_any_rate, at_one_rate, slices_in, step_of
@@ -31,15 +34,16 @@ from guidefield.planner.schedule.slices import Slices
 from guidefield.planner.schedule.standing import free_from, met
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import PathSoFar, Stages
+from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note
-from guidefield.planner.timed_shape import Judge, shaped_in_time
-from guidefield.planner.timed_ways import Way, detours, quick_ways, thorough_way
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
+MotionJudge = Callable[[Trajectory], Verdict]
+"""Judges a motion from time 0 on."""
 
-def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+
+def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
     """Bring a robot to one of several goals among obstacles that move.
 
     Args:
@@ -51,7 +55,7 @@ def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finis
         The motion, from time 0 on, with the wait before it; its end stays free until all obstacles rest.
     """
     search = _Search(problem, goals, stages)
-    finished = None if problem.path_constraints else search.by_quick_ways() or search.by_detours()
+    finished = None if problem.path_constraints else search.by_quick_paths() or search.by_detours()
     finished = finished or search.by_thorough_ways()
     if finished is not None:
         return finished
@@ -59,7 +63,9 @@ def reach_in_time(problem: Problem, goals: ChartPoints, stages: Stages) -> Finis
     return _at_the_start(problem, failed, stages)
 
 
-def keep_schedule(problem: Problem, finished: Finished, stages: Stages, also: Judge) -> Finished:
+def keep_schedule(
+    problem: Problem, finished: Finished, stages: Stages, also: Callable[[Trajectory], Verdict]
+) -> Finished:
     """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
 
     Args:
@@ -87,7 +93,7 @@ class _Estimate:
         unhindered: How long it takes if nothing moves [s].
     """
 
-    way: Way
+    way: HeldPath
     arrival: float
     unhindered: float
 
@@ -95,7 +101,7 @@ class _Estimate:
 class _Search:
     """What is known by now: until when the start is free, when goals are, and where schedules ended."""
 
-    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages, also: Judge | None = None) -> None:
+    def __init__(self, problem: Problem, goals: ChartPoints, stages: Stages, also: MotionJudge | None = None) -> None:
         self._problem, self._goals, self._stages, self._also = problem, goals, stages, also
         self._slices = Slices(problem, step_of(problem.group) / slices_in(step_of(problem.group)))
         self._free_from: dict[bytes, float] = {}
@@ -107,10 +113,10 @@ class _Search:
         """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
         return met(self._problem, self._problem.z_start)
 
-    def by_quick_ways(self) -> Finished | None:
+    def by_quick_paths(self) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
         with self._stages.entered("connect", "ways to the goal, and when each can be gone") as stage:
-            estimates = list(self._estimates(quick_ways(self._problem, self._goals)))
+            estimates = list(self._estimates(quick_paths(self._problem, self._goals)))
             stage.outcome = f"{len(estimates)} ways can be gone"
         return self._first(estimates)
 
@@ -139,7 +145,7 @@ class _Search:
         for prove in (False, True):
             if self._problem.deadline.expired():
                 return None
-            way = thorough_way(self._problem, self._goals, self._stages, prove=prove)
+            way = thorough_path(self._problem, self._goals, self._stages, prove=prove)
             if way.found.failure is not None:
                 self._ending = self._ending or way.found.failure
                 return None
@@ -180,7 +186,7 @@ class _Search:
         message = f"no schedule along a way to the goal passes where {names} come near; the robot waited there in vain"
         return Ending(Status.PLANNING_FAILED, message, {"stage": "connect", "pair": pair, "time": problem.scene.end})
 
-    def _estimates(self, ways: Iterator[Way]) -> Iterator[_Estimate]:
+    def _estimates(self, ways: Iterator[HeldPath]) -> Iterator[_Estimate]:
         """Those of some ways that have a schedule; no more once one is not hindered, or a share of the time is up."""
         deadline = self._problem.deadline.share(WAYS.share)
         for way in ways:
@@ -196,7 +202,7 @@ class _Search:
             if chosen[0].arrival <= WAYS.unhindered * motion.duration or deadline.expired():
                 return
 
-    def _along(self, way: Way) -> Finished | None:
+    def _along(self, way: HeldPath) -> Finished | None:
         """The certified motion along a way, optimised or else as it was found; None where there is none."""
         made, soonest = None, -np.inf
         if not way.detour:
@@ -211,12 +217,17 @@ class _Search:
         motion, aside = made.trajectory, SCHEDULE.aside + self._problem.min_clearance
         if motion.times[-1] <= soonest and keeps_aside(self._problem, motion, aside):
             return made  # what moves neither delays it nor comes near
+        if self._problem.optimization_iterations == 0 or motion.duration == 0.0:
+            return made
         between = self.leave_by[0], self._from(motion.positions[-1])
-        return shaped_in_time(self._problem, made, between, self._judged, self._stages)
+        better = optimize_motion(self._problem, motion, (), self._stages, NO_PLANES, between, self._judge)
+        if better is None or not better.verdict.free:
+            return made
+        return replace(better, warnings=(*made.warnings, *better.warnings))
 
-    def _judged(self, motion: Trajectory) -> Verdict:
-        """Return whether a motion is free in time, and what else judges it says so."""
-        verdict = judged_in_time(self._problem, motion)
+    def _judge(self, problem: Problem, motion: Trajectory) -> Verdict:
+        """Judge whether a motion is free, and keeps what else it has to."""
+        verdict = judge(problem, motion)
         if not verdict.free or self._also is None:
             return verdict
         kept = self._also(motion)
@@ -291,13 +302,9 @@ class _Search:
         return schedules
 
     def _certified(self, finished: Finished, motion: Trajectory) -> Finished:
-        """A motion among the obstacles, judged in time."""
-        problem = self._problem
-        with self._stages.entered("certify", "on the exact geometry, in time, between samples too") as stage:
-            verdict = self._judged(motion)
-            problem.counters.collision_checks += verdict.evaluations
-            stage.outcome = verdict.reason.value
-        return replace(finished, verdict=verdict, trajectory=motion)
+        """A motion among the obstacles, judged."""
+        judged = certify_motion(self._problem, motion, {}, self._stages, self._judge)
+        return replace(finished, verdict=judged.verdict, trajectory=motion)
 
     def _take_out(
         self, occupancy: Occupancy, along: Trajectory, schedule: Schedule, motion: Trajectory, verdict: Verdict

@@ -8,18 +8,18 @@ import functools
 import numpy as np
 import pytest
 
-import guidefield.planner.timed_shape as room
 from guidefield.messages import scene as messages
-from guidefield.planner.finish import Finished
+from guidefield.planner import optimized_motion as room
+from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.optimize.optimization import Optimized, optimize
+from guidefield.planner.optimized_motion import optimize_motion
 from guidefield.planner.plan import Plan, plan
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StageEntered
-from guidefield.planner.timed_shape import shaped_in_time
 from guidefield.prove.verdict import Reason, Verdict
 from tests.planner.problems import Listener
 from tests.planner.schedule.test_schedule import flight
-from tests.planner.test_timed_goal import DOOR, LEFT, RIGHT, asked, made_tip, require_free
+from tests.planner.test_goal_among_movers import DOOR, LEFT, RIGHT, asked, made_tip, require_free
 
 
 @functools.cache
@@ -48,31 +48,29 @@ def test_the_start_stands_until_it_departs() -> None:
     np.testing.assert_array_equal(still, np.repeat(made.z_start[None], 20, axis=0))
 
 
-def given(made: Problem, monkeypatch: pytest.MonkeyPatch, **options: object) -> tuple[Finished, Finished, list[object]]:
-    """What comes before the optimisation in time, after it, and what was judged."""
-    seen: list[Finished] = []
+def given(made: Problem, monkeypatch: pytest.MonkeyPatch, **options: object) -> tuple[Plan, object, list[object]]:
+    """The plan, the schedule that was optimised, and what was judged of it then."""
+    scheduled: list[object] = []
     judged: list[object] = []
 
-    def spied(problem: Problem, scheduled: Finished, *rest: object) -> Finished:
-        between, judge, stages = rest
+    def spied(problem: Problem, motion: object, *rest: object) -> Finished | None:
+        *others, judge = rest
 
-        def judging(motion: object) -> Verdict:
+        def judging(problem: Problem, motion: object) -> Verdict:
             judged.append(motion)
-            return options.get("verdict") or judge(motion)
+            return options.get("verdict") or judge(problem, motion)
 
-        seen.append(scheduled)
-        seen.append(shaped_in_time(problem, scheduled, between, judging, stages))
-        return seen[-1]
+        scheduled.append(motion)
+        return optimize_motion(problem, motion, *others, judging)
 
-    monkeypatch.setattr("guidefield.planner.timed_goal.shaped_in_time", spied)
-    plan(made)
-    return seen[0], seen[1], judged
+    monkeypatch.setattr("guidefield.planner.goal_among_movers.optimize_motion", spied)
+    return plan(made), scheduled[0], judged
 
 
 def test_what_the_certificate_refuses_stays_the_scheduled_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     refused = Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), None, LEFT)
-    before, after, judged = given(asked(DOOR), monkeypatch, verdict=refused)
-    assert after is before
+    found, scheduled, judged = given(asked(DOOR), monkeypatch, verdict=refused)
+    assert found.trajectory is scheduled
     assert judged
 
 
@@ -84,8 +82,8 @@ def test_what_is_worse_stays_the_scheduled_motion(monkeypatch: pytest.MonkeyPatc
         return dataclasses.replace(made, trajectory=late)
 
     monkeypatch.setattr(room, "optimize", slowly)
-    before, after, judged = given(asked(DOOR), monkeypatch)
-    assert after is before
+    found, scheduled, judged = given(asked(DOOR), monkeypatch)
+    assert found.trajectory is scheduled
     assert not judged
 
 

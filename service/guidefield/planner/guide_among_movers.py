@@ -7,10 +7,8 @@ motions says that it is free of what moves meanwhile. Otherwise the robot waits,
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,19 +19,18 @@ from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.rounds import Attempt, Round, approach
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of, unreachable_at_once
-from guidefield.planner.motion.rest_to_rest import CUBIC, Profile, profile_of
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.path_motion import limits_of
+from guidefield.planner.path_so_far import ScheduledPath
 from guidefield.planner.task.ending import Ending, stopped_before
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.margin import MARGIN
-from guidefield.robot.model.spaces import ChartPoint
+from guidefield.scene.guide_plane import GuidePlane
 
 NOMINAL = 0.9
 """Share of the velocity limits that is used; its square of the accelerations', its cube of the jerks'."""
@@ -47,87 +44,28 @@ PATIENCE = 1.0
 """For how long the robot waits for that [s]: what moves on leaves more room. Else the round keeps `MARGIN`."""
 
 
-@dataclass(frozen=True, eq=False)
-class TimedPath(ReadOnly):
-    """Chart points and when the robot is there, at rest; and why it goes no further where a plane was not reached.
+def approach_in_time(
+    problem: Problem, path: ScheduledPath, plane: GuidePlane, index: int, attempts: Sequence[Attempt]
+) -> ScheduledPath:
+    """Bring the tip onto a guide plane among obstacles that move.
 
-    Attributes:
-        points: Each of shape (nv,) [rad or m].
-        times: Increasing [s].
-        crossings: By index of each guide plane that was reached, its index in the path.
-        failure: Why the next plane was not reached; None while all were.
-        profile: How it goes from one point to the next.
-    """
-
-    points: tuple[ChartPoint, ...]
-    times: tuple[float, ...] = (0.0,)
-    crossings: Mapping[int, int] = field(default_factory=dict)
-    failure: Ending | None = None
-    profile: Profile = CUBIC
-
-    @property
-    def time(self) -> float:
-        """When it ends [s]."""
-        return self.times[-1]
-
-    @property
-    def waited(self) -> float:
-        """For how long the robot has stood where it was [s]."""
-        stood = (a is b for a, b in pairwise(self.points))
-        return sum(end - begin for (begin, end), still in zip(pairwise(self.times), stood, strict=True) if still)
-
-    def extended(self, points: Sequence[ChartPoint], times: Sequence[float]) -> TimedPath:
-        """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
-        return dataclasses.replace(self, points=(*self.points, *points), times=(*self.times, *times))
-
-    def on_plane(self, index: int) -> TimedPath:
-        """The same, with the guide plane of an index reached where it ends."""
-        return dataclasses.replace(self, crossings={**self.crossings, index: len(self.points) - 1})
-
-    def failed(self, failure: Ending) -> TimedPath:
-        """The same, as far as it goes."""
-        return dataclasses.replace(self, failure=failure)
-
-    def trajectory(self, since: int = 0) -> Trajectory:
-        """The motion from the point of an index on: from rest to rest between one point and the next."""
-        return self.profile.through(np.array(self.points[since:]), np.array(self.times[since:]))
-
-    @property
-    def knots(self) -> Mapping[int, int]:
-        """By index of each guide plane that was reached, the knot of `trajectory` that is on it."""
-        return {plane: at * self.profile.pieces for plane, at in self.crossings.items()}
-
-
-def cross_planes_timed(problem: Problem, stages: Stages, attempts: Sequence[Attempt]) -> TimedPath:
-    """Bring the tip onto the guide planes, one after the other, among obstacles that move.
+    Args:
+        problem: Robot, obstacles, limits and deadline.
+        path: The motion so far.
+        plane: The plane.
+        index: Which one of the request's it is.
+        attempts: How each round is tried.
 
     Returns:
-        The motion through all planes; failed before the first one where `cross` gives up and waiting doesn't help.
+        The motion onto the plane; failed before it where `cross` gives up and waiting doesn't help.
     """
-    path = TimedPath((problem.z_start,), profile=profile_of(limits_of(problem)))
-    for index, plane in enumerate(problem.guide_planes):
-        aim = Aim(plane, inset_of(problem, plane))
-        with stages.entered("guide", f"to guide plane {plane.name}, in time", index) as stage:
-            before = path.waited
-            path = _to_plane(problem, path, aim, index, attempts)
-            if path.failure is not None:
-                stage.outcome = path.failure.message
-                return path
-            stage.outcome = f"reached at {path.time:.2f} s, {path.waited - before:.1f} s of it waiting"
-        path = path.on_plane(index)
-    return path
-
-
-def _to_plane(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]) -> TimedPath:
-    """The path onto a guide plane, or failed before it."""
+    aim = Aim(plane, inset_of(problem, plane))
     impossible = unreachable_at_once(problem.at(problem.scene.end), aim.plane)
     if impossible is not None:
         reason, details = impossible
         message = f"guide plane {aim.plane.name!r}: {reason}"
         return path.failed(Ending(Status.GUIDE_PLANE_UNREACHABLE, message, details))
-    problem.tell(
-        Step(StepKind.START, problem.group.from_chart(path.points[-1]), f"towards {aim.plane.name}", None, index)
-    )
+    problem.tell(Step(StepKind.START, problem.group.from_chart(path.z), f"towards {aim.plane.name}", None, index))
     while True:
         if (status := problem.deadline.status()) is not None:
             message = stopped_before(status, aim.plane.name, aim.distance(_tip(problem, path)))
@@ -143,8 +81,8 @@ def _to_plane(problem: Problem, path: TimedPath, aim: Aim, index: int, attempts:
 
 
 def _round(
-    problem: Problem, path: TimedPath, aim: Aim, index: int, attempts: Sequence[Attempt]
-) -> tuple[TimedPath, Round]:
+    problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempts: Sequence[Attempt]
+) -> tuple[ScheduledPath, Round]:
     """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now.
 
     While something moves, a round that is refused in time is waited for and not made in another way. Where an advance
@@ -169,7 +107,7 @@ def _round(
     return path, Round.BLOCKED
 
 
-def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: Attempt) -> TimedPath:
+def _waiting(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempt: Attempt) -> ScheduledPath:
     """The path with the robot waiting at its end, or giving way; failed where neither helps."""
     if path.time > problem.scene.end:
         distance = aim.distance(_tip(problem, path))
@@ -178,7 +116,7 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
             " all obstacles had come to rest"
         )
         return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
-    waiting = path.extended([path.points[-1]], [path.time + WAIT])
+    waiting = path.until([path.z], [path.time + WAIT])
     verdict = _judged(problem, waiting.trajectory(since=-2), MARGIN)
     if verdict.free:
         return waiting
@@ -193,7 +131,7 @@ def _waiting(problem: Problem, path: TimedPath, aim: Aim, index: int, attempt: A
     return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index, pair=pair)
 
 
-def _giving_way(problem: Problem, path: TimedPath, index: int, attempt: Attempt) -> TimedPath | None:
+def _giving_way(problem: Problem, path: ScheduledPath, index: int, attempt: Attempt) -> ScheduledPath | None:
     """The path out of the way, if there is one: a descent among the obstacles as they will stand, tip in its plane."""
     for seen in _seen(problem, path, (2.0 * WAIT, WAIT, 0.0)):
         guided = seen.guided(path, index)
@@ -212,26 +150,26 @@ class _Seen(ReadOnly):
     problem: Problem
     margin: float
 
-    def guided(self, path: TimedPath, index: int) -> GuidedPath:
+    def guided(self, path: ScheduledPath, index: int) -> GuidedPath:
         """A guided path from where a path ends, on the way to the guide plane of an index."""
-        return GuidedPath(self.problem, self.problem.group.from_chart(path.points[-1]), self.margin, index)
+        return GuidedPath(self.problem, self.problem.group.from_chart(path.z), self.margin, index)
 
 
-def _seen(problem: Problem, path: TimedPath, ahead: Sequence[float]) -> Iterator[_Seen]:
+def _seen(problem: Problem, path: ScheduledPath, ahead: Sequence[float]) -> Iterator[_Seen]:
     """The obstacles at each look ahead [s]; one look only once all rest."""
-    q = problem.group.from_chart(path.points[-1])
+    q = problem.group.from_chart(path.z)
     for more in ahead if path.time < problem.scene.end else (0.0,):
         held = problem.at(path.time + more)
         yield _Seen(held, margin_at(held, q))
 
 
-def _in_comfort(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedPath | None:
+def _in_comfort(problem: Problem, path: ScheduledPath, guided: GuidedPath) -> ScheduledPath | None:
     """The path with a guided path's way after it, once that keeps `COMFORT`; None if it doesn't within `PATIENCE`."""
     before = path
     while path.time < problem.scene.end and path.time <= before.time + PATIENCE:
         if (longer := _along(problem, path, guided, COMFORT)) is not None:
             return longer
-        waiting = path.extended([path.points[-1]], [path.time + WAIT])
+        waiting = path.until([path.z], [path.time + WAIT])
         if not _judged(problem, waiting.trajectory(since=-2), MARGIN).free:
             return None
         path = waiting
@@ -239,17 +177,17 @@ def _in_comfort(problem: Problem, path: TimedPath, guided: GuidedPath) -> TimedP
     return None
 
 
-def _along(problem: Problem, path: TimedPath, guided: GuidedPath, margin: float = MARGIN) -> TimedPath | None:
+def _along(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: float = MARGIN) -> ScheduledPath | None:
     """The path with a guided path's way after it, if that keeps a margin [m] from what moves."""
-    points = problem.group.chart_path(guided.path, path.points[-1])[1:]
-    times, before = [], path.points[-1]
+    points = problem.group.chart_path(guided.path, path.z)[1:]
+    times, before = [], path.z
     time, limits = path.time, limits_of(problem)
     for point in points:
         time += path.profile.duration(before, point, limits, NOMINAL)
         times.append(time)
         before = point
-    longer = path.extended(list(points), times)
-    way = longer.trajectory(since=len(path.points) - 1)
+    longer = path.until(list(points), times)
+    way = longer.trajectory(since=len(path.path) - 1)
     if not keeps_aside(problem, way, problem.min_clearance + margin):
         return None  # a certificate takes longer to refuse it
     return longer if _judged(problem, way, margin).free else None
@@ -262,13 +200,13 @@ def _judged(problem: Problem, way: Trajectory, margin: float) -> Verdict:
     return verdict
 
 
-def _tip(problem: Problem, path: TimedPath) -> np.ndarray:
-    return problem.kinematics.tip_position(problem.group.expand_from_chart(path.points[-1]))
+def _tip(problem: Problem, path: ScheduledPath) -> np.ndarray:
+    return problem.kinematics.tip_position(problem.group.expand_from_chart(path.z))
 
 
 def _given_up(
-    status: Status, message: str, problem: Problem, path: TimedPath, aim: Aim, index: int, **more: object
-) -> TimedPath:
+    status: Status, message: str, problem: Problem, path: ScheduledPath, aim: Aim, index: int, **more: object
+) -> ScheduledPath:
     """The path, failed before a guide plane."""
     details = {
         **more,

@@ -102,7 +102,7 @@ def test_jerk_limits_are_kept_in_time(jerk: float, steps: int | None) -> None:
 def test_what_is_refused_in_time_stays_from_rest_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """With the objective that nothing improves, the motion that was found is the reply's."""
     made = seed_problem("door")
-    monkeypatch.setattr("guidefield.planner.timed_shape.better", lambda *_: False)
+    monkeypatch.setattr("guidefield.planner.optimized_motion.better", lambda *_: False)
     kept, found = planned(made), planned(dataclasses.replace(made, optimization_iterations=0))
     assert kept.trajectory is not None
     assert found.trajectory is not None

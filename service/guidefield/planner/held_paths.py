@@ -10,16 +10,17 @@ import numpy as np
 
 from guidefield.planner.connect.quickest import quickest_way
 from guidefield.planner.fallback_connection import connect_to_goal
+from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.settings import WAYS
 from guidefield.planner.schedule.slices import Slices, held
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import PathSoFar, Stages
+from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoints
 
 
 @dataclass(frozen=True, eq=False)
-class Way(ReadOnly):
+class HeldPath(ReadOnly):
     """A way to a goal among obstacles that are held.
 
     Attributes:
@@ -37,7 +38,7 @@ class Way(ReadOnly):
     detour: bool = False
 
 
-def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
+def quick_paths(problem: Problem, goals: ChartPoints) -> Iterator[HeldPath]:
     """Ways that a few motions find, one after the other.
 
     Args:
@@ -54,10 +55,10 @@ def quick_ways(problem: Problem, goals: ChartPoints) -> Iterator[Way]:
         way = quickest_way(among, problem.z_start, near, np.random.default_rng([problem.seed, 5, draw]))
         if way is not None:
             found = PathSoFar.at_start(among).extended(way.path, proven=False, others=way.others)
-            yield Way(name, among, found, at_rest)
+            yield HeldPath(name, among, found, at_rest)
 
 
-def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) -> Iterator[Way]:
+def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) -> Iterator[HeldPath]:
     """Ways by places at which the robot may wait, as it can't where it starts; those that are free longest first.
 
     Args:
@@ -85,7 +86,7 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
         )
         if there is not None and onward is not None:
             found = PathSoFar.at_start(among).extended(there.path, proven=False).extended(onward.path, proven=False)
-            yield Way("by a place to wait at", among, found, detour=True)
+            yield HeldPath("by a place to wait at", among, found, detour=True)
 
 
 def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
@@ -98,7 +99,7 @@ def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
     return free
 
 
-def thorough_way(problem: Problem, goals: ChartPoints, stages: Stages, *, prove: bool) -> Way:
+def thorough_path(problem: Problem, goals: ChartPoints, stages: Stages, *, prove: bool) -> HeldPath:
     """The way of the planner among obstacles at rest, once they have come to rest; failed if there is none.
 
     Args:
@@ -111,7 +112,7 @@ def thorough_way(problem: Problem, goals: ChartPoints, stages: Stages, *, prove:
     certified = ", certified" if prove else ""
     with stages.entered("connect", f"to the goal, among the obstacles once they rest{certified}") as stage:
         found = connect_to_goal(resting, PathSoFar.at_start(resting), goals, stage, prove=prove)
-    return Way("where they come to rest", resting, found, at_rest=True)
+    return HeldPath("where they come to rest", resting, found, at_rest=True)
 
 
 def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:

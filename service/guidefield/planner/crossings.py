@@ -1,0 +1,134 @@
+"""Cross guide planes, one after the other, by the guided planner; where it gets stuck, `auto` goes on by a connection.
+
+Among obstacles that move its steps keep a schedule, and nothing is connected: the robot waits, or gives way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+import numpy as np
+
+from guidefield.errors import Status
+from guidefield.messages import scene as messages
+from guidefield.planner.ends import tip_points
+from guidefield.planner.fallback_connection import connect_to_plane
+from guidefield.planner.guide.guide import cross
+from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.tip_reach import tip_radius
+from guidefield.planner.guide_among_movers import approach_in_time
+from guidefield.planner.motion.rest_to_rest import profile_of
+from guidefield.planner.path_motion import limits_of
+from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem, TipGoal
+from guidefield.planner.task.stages import Stage, StageFailed, Stages
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.scene.flat import axes_across
+from guidefield.scene.guide_plane import GuidePlane, build
+
+
+def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], *, connects: bool) -> PathSoFar:
+    """Bring the tip onto the guide planes of a problem, in order.
+
+    Args:
+        problem: Robot, world and guide planes.
+        stages: Gets a stage for each.
+        attempts: How each plane is tried.
+        connects: Whether a connection may go on where the field gets stuck, among obstacles that rest.
+
+    Returns:
+        The motion through all planes, with a schedule among obstacles that move; failed before a plane that wasn't
+        reached. A derived one, and those that would follow it, are passed by then.
+    """
+    found: PathSoFar = PathSoFar.at_start(problem)
+    if problem.scene.moves:
+        found = ScheduledPath(found.path, profile=profile_of(limits_of(problem)))
+    passed_by = False
+    for index, plane in enumerate(problem.guide_planes):
+        if passed_by and index < problem.derived_planes:
+            continue
+        with stages.entered("guide", f"to guide plane {plane.name}", index) as stage:
+            along = _approach(problem, found, plane, index, attempts, stage)
+        failure = along.failure
+        if failure is None:
+            found = along
+        elif not connects or failure.status in (Status.TIMED_OUT, Status.PREEMPTED):
+            return along
+        elif index < problem.derived_planes:  # nobody asked for it: go on without it and those that would follow
+            passed_by = True
+            continue
+        elif problem.scene.moves:
+            return along
+        else:
+            with stages.entered("connect", f"to guide plane {plane.name}, where the field got stuck", index) as stage:
+                found = connect_to_plane(problem, found, along, index, stage)
+            if found.failure is not None:
+                return found
+        found = found.on_plane(index)
+    return found
+
+
+def _approach(
+    problem: Problem, found: PathSoFar, plane: GuidePlane, index: int, attempts: Sequence[Attempt], stage: Stage
+) -> PathSoFar:
+    """The motion onto a guide plane, by the field alone; failed as far as it came where it didn't arrive."""
+    if isinstance(found, ScheduledPath):
+        along = approach_in_time(problem, found, plane, index, attempts)
+        waited = along.waited - found.waited
+        stage.outcome = f"reached at {along.time:.2f} s, {waited:.1f} s of it waiting"
+        if along.failure is not None:
+            stage.outcome = along.failure.message
+        return along
+    crossing = cross(problem, problem.group.from_chart(found.path[-1]), plane, index, attempts)
+    reached = crossing.status is Status.SUCCESS
+    stage.outcome = "reached" if reached else crossing.status.name.lower().replace("_", " ")
+    along_planes = found.extended(problem.group.chart_path(list(crossing.path), found.path[-1]))
+    return along_planes if reached else along_planes.failed(Ending(crossing.status, crossing.message, crossing.details))
+
+
+SQUARE = 1.05
+"""Half side of the square about the goal over the radius of the tip's body."""
+
+
+def find_led_goals(
+    problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
+) -> tuple[PathSoFar, ChartPoints]:
+    """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
+
+    The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
+    configuration it arrives at is one that fits there, and the pose is looked for next to it.
+
+    Args:
+        problem: Robot, world and a `TipGoal`.
+        found: The motion so far, through all guide planes.
+        stages: Gets a stage for it.
+        attempts: How the square is tried.
+
+    Returns:
+        The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
+        one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
+    """
+    assert isinstance(problem.goal, TipGoal)
+    group, target = problem.group, problem.goal.target
+    with stages.entered("guide", "to the place of the goal's pose") as stage:
+        here = found.path[-1]
+        square = _square(problem, here, np.asarray(target.placement.translation))
+        along = _approach(problem, found, square, len(problem.guide_planes), attempts, stage)
+    found = found if along.failure is not None else along
+    try:
+        return found, tip_points(problem, target, (along.path[-1], here))
+    except StageFailed as failed:
+        return found.failed(failed.ending), cast(ChartPoints, np.empty((0, group.nv)))
+
+
+def _square(problem: Problem, here: ChartPoint, place: np.ndarray) -> GuidePlane:
+    """As small as the tip's body lets it be, about a place (3,), across the straight way of the tip there."""
+    way = place - problem.kinematics.tip_position(problem.group.expand_from_chart(here))
+    length = float(np.linalg.norm(way))
+    across = axes_across(way / length if length > 1e-9 else np.array([0.0, 0.0, 1.0]))
+    half = SQUARE * max(tip_radius(problem), 1e-3)
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    vertices = [tuple(vertex) for vertex in (place + corners @ across).tolist()]
+    return build(messages.GuidePlane(name="goal", vertices=vertices), 0)

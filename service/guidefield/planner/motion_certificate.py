@@ -1,0 +1,122 @@
+"""The certificate of a plan's motion, among what rests and what moves alike: a still scene is one that ends at 0."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+from guidefield.collision.enclosure import enclosed
+from guidefield.collision.world import World
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.quality import certify_and_measure
+from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
+from guidefield.prove.certificate import certify_timed
+from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.verdict import Reason, Verdict
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+LAST_JUDGEMENT = 0.03
+"""For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finished(ReadOnly):
+    """A motion at the end of planning, and the certificate's verdict about it.
+
+    Attributes:
+        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
+        path: Chart points that it runs through, shape (n, nv) [rad or m].
+        crossings: By index of each guide plane that was reached, its index in `path`.
+        trajectory: What the robot would execute; None where a stage failed before.
+        failure: Why a stage failed; None where none did.
+        warnings: What was odd but harmless.
+        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
+    """
+
+    verdict: Verdict
+    path: ChartPoints
+    crossings: Mapping[int, int]
+    trajectory: Trajectory | None = None
+    failure: Ending | None = None
+    warnings: tuple[str, ...] = ()
+    judged_from: float = 0.0
+
+
+def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
+    """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
+    deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+    if problem.scene.moves:  # a better one may follow, so that only the last is measured
+        pieces, times = trajectory.bezier(), trajectory.piece_times()
+        verdict = certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)
+    else:
+        verdict = certify_and_measure(trajectory, problem, deadline)
+    if not (verdict.free and problem.path_constraints):
+        return verdict
+    turns = problem.world.bodies.turns
+    kept = certify_constraints(problem.constrained_frames, turns, trajectory.bezier(), deadline)
+    return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+
+
+Judge = Callable[[Problem, Trajectory], Verdict]
+"""Judges a motion from time 0 on."""
+
+
+def certify_motion(
+    problem: Problem,
+    trajectory: Trajectory,
+    crossings: Mapping[int, int],
+    stages: Stages,
+    judged_by: Judge = judge,
+    message: str = "on the exact geometry, between samples too",
+) -> Finished:
+    """Return a trajectory with the verdict of whoever judges it.
+
+    Args:
+        problem: Robot, world, limits and deadline.
+        trajectory: From time 0 on.
+        crossings: By index of each guide plane that was reached, the index of its knot.
+        stages: Where time is counted.
+        judged_by: Who judges it.
+        message: One sentence for a person about the stage.
+    """
+    with stages.entered("certify", message) as stage:
+        verdict = judged_by(problem, trajectory)
+        problem.counters.collision_checks += verdict.evaluations
+        stage.outcome = verdict.reason.value
+    return Finished(verdict, trajectory.positions, crossings, trajectory)
+
+
+def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+    """Return the motion of a stage that failed, certified as far as it goes."""
+    with stages.entered("certify", "the motion as far as it got") as stage:
+        pieces, times = found.bezier(), found.piece_times()
+        verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
+            problem.world, pieces, times, problem.min_clearance, deadline=problem.deadline.at_least(LAST_JUDGEMENT)
+        )
+        stage.outcome = verdict.reason.value
+    return Finished(verdict, found.path, found.crossings, failure=found.failure)
+
+
+def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
+    """The refusal of a motion for what is wholly inside another at its start; None where nothing is, or it touches.
+
+    A certificate of what comes after the start doesn't see it: a mesh is a surface to Coal.
+
+    Args:
+        conditions: The robot among obstacles.
+        z: Chart point at the start, shape (nv,).
+        time: When the motion begins, among obstacles that move [s].
+    """
+    world = conditions.world
+    if conditions.scene.moves:
+        world = World.build(conditions.group, conditions.scene.at(time), conditions.allowed_collisions)
+    q = conditions.group.expand_from_chart(z)
+    inside = enclosed(world, q)  # of most worlds known at once: it is asked first
+    if inside is None or world.in_collision(q):
+        return None
+    return Verdict(Reason.CONTACT, 1, 0, 0.0, (0, 0.0), inside, z)

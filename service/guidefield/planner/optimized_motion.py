@@ -1,0 +1,196 @@
+"""Optimise a motion that was found, shape and time together, and certify it: among what rests and what moves alike.
+
+What the certificate refuses among obstacles that rest is optimised again with more weight on the clearance, and more
+samples. Among obstacles that move there is a certified motion already: what is waiting stays waiting, until a departure
+the robot stands where it starts, and what is moved is optimised with every obstacle where it is at the time, and the
+departure besides, where there is a wait. It is taken if it is better, and certified.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from guidefield.planner.motion.limit_load import at_limits, limit_load
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
+from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
+from guidefield.planner.optimize.passages import Passage
+from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.settings import (
+    MANY,
+    OPTIMIZATION,
+    OptimizationSettings,
+    closer,
+    constrained,
+    free,
+    guided,
+    guided_of_many,
+    in_few_pieces,
+    of_many,
+)
+from guidefield.planner.optimize.worth import better
+from guidefield.planner.path_motion import limits_of
+from guidefield.planner.schedule.retimed import later
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Stages
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartPoints
+
+HURRIED = "time was up while the motion was optimised: with a longer `allowed_planning_time` it gets better"
+"""Warning about a motion that is certified, but slower, or nearer to obstacles, than it had to be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossed(ReadOnly):
+    """The guide planes that an optimised motion crosses.
+
+    Attributes:
+        passages: Those that it crosses on its way, in order.
+        on_way: Their indices.
+        at_ends: By index of each other guide plane that was reached, the knot that stays on it: the first or the last.
+    """
+
+    passages: tuple[Passage, ...]
+    on_way: tuple[int, ...]
+    at_ends: Mapping[int, int]
+
+    @classmethod
+    def of(cls, problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> Crossed:
+        """Of a path (n, nv), and by index of each guide plane that was reached, its index in the path."""
+        last = len(path) - 1
+        inner = sorted((at, plane) for plane, at in crossings.items() if 0 < at < last)
+        return cls(
+            tuple(
+                Passage(PlanePlace.through(problem, problem.guide_planes[plane], path[at]), path[at])
+                for at, plane in inner
+            ),
+            tuple(plane for _, plane in inner),
+            {plane: 0 if at == 0 else -1 for plane, at in crossings.items() if at in (0, last)},
+        )
+
+    def knots(self, trajectory: Trajectory, passed: Sequence[int]) -> dict[int, int]:
+        """By index of each guide plane, the knot of a trajectory that is on it.
+
+        Args:
+            trajectory: The trajectory.
+            passed: Its knots at the passages.
+        """
+        last = len(trajectory.times) - 1
+        at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
+        return at_ends | dict(zip(self.on_way, passed, strict=True))
+
+
+NO_PLANES = Crossed((), (), {})
+"""Of a motion that crosses none."""
+
+
+ANY_TIME = (0.0, -math.inf)
+"""Of a motion that begins at time 0, and may end at any."""
+
+
+def optimize_motion(
+    problem: Problem,
+    motion: Trajectory,
+    others: Iterable[Trajectory],
+    stages: Stages,
+    crossed: Crossed = NO_PLANES,
+    between: tuple[float, float] = ANY_TIME,
+    judged_by: Judge = judge,
+) -> Finished | None:
+    """Optimise a motion; where it is refused among obstacles that rest, optimise it again.
+
+    Args:
+        problem: Robot, world, limits, deadline and most steps.
+        motion: Where it begins; among obstacles that move one that is certified, from time 0 on.
+        others: What may prove quicker, made when it is asked for.
+        stages: Where time is counted.
+        crossed: The guide planes that it crosses.
+        between: Until when the robot may stand where it starts, and from when on for good where it ends [s].
+        judged_by: Who judges it.
+
+    Returns:
+        The motion with its verdict. None where none is to be had; among obstacles that move, where none is better.
+    """
+    moves, finished = problem.scene.moves, None
+    if moves and problem.deadline.expired():
+        return None
+    begun = _moving_part(motion) if moves else motion
+    settings = settings_of(problem, passes=bool(crossed.passages))
+    message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
+    for _ in range(2):
+        with stages.entered("relax", message) as stage:
+            optimized = optimize(
+                problem, begun, settings, others, crossed.passages, leave_by=between[0], arrive_from=between[1]
+            )
+            stage.outcome = optimized.outcome.value
+        if optimized.outcome is Outcome.NOT_WITHIN:
+            break
+        if optimized.outcome is not Outcome.NOT_PASSING:
+            made = _of_optimized(problem, optimized, begun, settings, crossed, between[1], stages, judged_by)
+            if made is not None and (made.verdict.free or finished is None):
+                finished = made
+        if moves or problem.deadline.expired() or (finished is not None and finished.verdict.free):
+            break
+        why = "a guide plane was lost" if finished is None else "the certificate refused it"
+        message, settings, others = f"again, looking closer, because {why}", closer(settings), ()
+    return finished
+
+
+def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
+    """Of the optimisation of a problem's motion, which may have to pass something on its way."""
+    settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
+    if problem.path_constraints:
+        return constrained(of_many(settings) if many else settings)
+    if passes and not problem.scene.moves:
+        return guided_of_many(settings) if many else guided(settings)
+    if many:
+        return of_many(settings)
+    return free(settings) if problem.in_motion or problem.scene.moves else in_few_pieces(free(settings))
+
+
+def _of_optimized(
+    problem: Problem,
+    optimized: Optimized,
+    begun: Trajectory,
+    settings: OptimizationSettings,
+    crossed: Crossed,
+    arrive_from: float,
+    stages: Stages,
+    judged_by: Judge,
+) -> Finished | None:
+    """An optimised trajectory, judged, with a warning where time was up meanwhile; None where it is no better."""
+    warnings, finished = (HURRIED,) if optimized.outcome is Outcome.OUT_OF_TIME else (), None
+    candidates: Iterable[Trajectory] = (optimized.trajectory,)
+    if problem.scene.moves:
+        within = _within_limits(problem, optimized.trajectory, arrive_from)
+        candidates = (one for one in within if better(problem, one, begun, settings))
+    for shaped in candidates:
+        whole = later(shaped)
+        before = len(whole.times) - len(shaped.times)  # a knot, where it waits
+        knots = {plane: before + at for plane, at in crossed.knots(optimized.trajectory, optimized.passed).items()}
+        finished = replace(certify_motion(problem, whole, knots, stages, judged_by), warnings=warnings)
+        if finished.verdict.free:
+            break
+    return finished
+
+
+def _moving_part(motion: Trajectory) -> Trajectory:
+    """A motion without the wait at its start."""
+    stands = (motion.positions == motion.positions[0]).all(axis=1) & (motion.velocities == 0.0).all(axis=1)
+    begin = int(np.argmin(stands)) - 1
+    return Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
+
+
+def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:
+    """A motion as fast as it may go, if it doesn't arrive too soon then; and as it is, if it is within its limits."""
+    begin, rates = float(motion.times[0]), limits_of(problem)
+    knots = (motion.times - begin, motion.positions, motion.velocities)
+    fast = at_limits(*knots, *rates)
+    if begin + fast.duration >= arrive_from:
+        yield Trajectory(begin + fast.times, fast.positions, fast.velocities)
+    if limit_load(*knots, *rates) <= 1.0:
+        yield motion

@@ -1,0 +1,124 @@
+"""The motion found so far: each stage makes a new one, and what it was made of stays."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Self, cast
+
+import numpy as np
+
+from guidefield.planner.motion.rest_to_rest import CUBIC, Profile
+from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import polyline
+from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.problem import Problem
+from guidefield.read_only import ReadOnly
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+
+
+@dataclass(frozen=True, eq=False)
+class PathSoFar(ReadOnly):
+    """The motion found so far, and why it goes no further where a stage failed.
+
+    Attributes:
+        path: Chart points (n, nv).
+        crossings: By index of each guide plane that was reached, its index in `path`.
+        proven: Whether its straight pieces are certified, not only free at samples.
+        others: Other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker.
+        failure: Why the stage after it found nothing; None while none failed.
+    """
+
+    path: ChartPoints
+    crossings: Mapping[int, int] = field(default_factory=dict)
+    proven: bool = True
+    others: tuple[ChartPoints, ...] = ()
+    failure: Ending | None = None
+
+    @classmethod
+    def at_start(cls, problem: Problem) -> PathSoFar:
+        """Nothing but a problem's start."""
+        return cls(problem.z_start[None])
+
+    def extended(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
+        """Gone on from where the path ends.
+
+        Args:
+            points: Chart points, shape (n, nv), the first of which is where the path ends.
+            proven: Whether they are certified.
+            others: Other ways on from there, shape (n, nv) each.
+        """
+        path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
+        return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
+
+    def on_plane(self, index: int) -> Self:
+        """The same, with the guide plane of an index reached where the path ends."""
+        return dataclasses.replace(self, crossings={**self.crossings, index: len(self.path) - 1})
+
+    def back_at_start(self) -> PathSoFar:
+        """Nothing but the first point."""
+        return PathSoFar(self.path[:1])
+
+    def failed(self, failure: Ending) -> Self:
+        """The same, as far as it goes."""
+        return dataclasses.replace(self, failure=failure)
+
+    def bezier(self) -> ChartCurves:
+        """Control points of its pieces, shape (m, k, nv), m >= 1 [rad or m]."""
+        return polyline(self.path)
+
+    def piece_times(self) -> np.ndarray:
+        """When the pieces begin, and the last one ends, shape (m + 1,) [s]; their numbers where they have no times."""
+        return np.arange(float(len(self.path))) if len(self.path) > 1 else np.zeros(2)
+
+
+@dataclass(frozen=True, eq=False)
+class ScheduledPath(PathSoFar):
+    """The motion found so far among obstacles that move: at rest at each point of its path.
+
+    Attributes:
+        times: When it is at each of them, shape (n,), increasing [s].
+        profile: How it goes from one to the next.
+    """
+
+    times: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    profile: Profile = CUBIC
+
+    @property
+    def time(self) -> float:
+        """When it ends [s]."""
+        return float(self.times[-1])
+
+    @property
+    def z(self) -> ChartPoint:
+        """Where it ends, a chart point, shape (nv,)."""
+        return cast(ChartPoint, self.path[-1])
+
+    @property
+    def waited(self) -> float:
+        """For how long the robot has stood where it was [s]."""
+        stands = (self.path[1:] == self.path[:-1]).all(axis=1)
+        return float(np.diff(self.times)[stands].sum())
+
+    def until(self, points: Sequence[ChartPoint], times: Sequence[float]) -> ScheduledPath:
+        """Gone on to more chart points, each of shape (nv,), where the robot is at some times [s]."""
+        path = cast(ChartPoints, np.array([*self.path, *points]))
+        return dataclasses.replace(self, path=path, times=np.array([*self.times, *times]))
+
+    def trajectory(self, since: int = 0) -> Trajectory:
+        """The motion from the point of an index on."""
+        return self.profile.through(self.path[since:], self.times[since:])
+
+    @property
+    def knots(self) -> Mapping[int, int]:
+        """By index of each guide plane that was reached, the knot of `trajectory` that is on it."""
+        return {plane: at * self.profile.pieces for plane, at in self.crossings.items()}
+
+    def bezier(self) -> ChartCurves:
+        """As in `PathSoFar`."""
+        return self.trajectory().bezier()
+
+    def piece_times(self) -> np.ndarray:
+        """As in `PathSoFar`."""
+        return self.trajectory().piece_times()
