@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -14,11 +16,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from guidefield.endpoint.endpoint import Endpoint
+from guidefield.endpoint.endpoint import LATE, LATE_SHARE, Endpoint
 from guidefield.endpoint.monitoring import Condition, no_trace
 from guidefield.endpoint.streams import Streams
 from guidefield.errors import GuidefieldError
 from guidefield.handlers.info import Rules
+from guidefield.messages import keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import Query
 from guidefield.messages.quotas import DEFAULT_QUOTAS
@@ -40,7 +43,16 @@ PATIENCE = 300.0
 """Longer than anything takes here [s]."""
 
 Ask = Callable[[bytes], tuple[float, str]]
-"""Asks the service; returns how long the answer took [s], and how it ended."""
+"""Asks the service; returns the time until the answer without what the machine took of it [s], and how it ended."""
+
+SLEEPER = """
+import sys, time
+for line in sys.stdin:
+    due = float(line)
+    time.sleep(max(0.0, due - time.monotonic()))
+    print(max(0.0, time.monotonic() - due), flush=True)
+"""
+"""A process that tells how late it was woken at each time that it was given, on a busy machine."""
 
 
 @contextlib.contextmanager
@@ -70,27 +82,42 @@ def service(workers: int = 1) -> Iterator[Ask]:
         )
         pool.start()
         assert pool.ready(PATIENCE)
+        sleeper = subprocess.Popen(
+            [sys.executable, "-c", SLEEPER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        assert sleeper.stdin is not None
+        assert sleeper.stdout is not None
+        tell, hear = sleeper.stdin.write, sleeper.stdout.readline
 
         def ask(payload: bytes) -> tuple[float, str]:
             tag = payload[:30].partition(b'{"type":"')[2].partition(b'"')[0].decode()
             key = {"": "plan", "certify": "certify"}.get(tag, "kinematics")
-            ended: list[float] = []
-            received = time.monotonic()
-            answer = endpoint.ask(Query((key,), {}, payload, Encoding.JSON), received)
-            answer.add_done_callback(lambda _: ended.append(time.monotonic()))
+            ended: Future[float] = Future()
+            query = Query((key,), {}, payload, Encoding.JSON)
+            head = keys.decode_run_head(query) or keys.decode_work_head(query)
+            received, worked = time.monotonic(), time.process_time()
+            tell(f"{received + head.allowed + LATE + LATE_SHARE * head.allowed}\n")
+            answer = endpoint.ask(query, received)
+            came = time.monotonic()
+            waited = came - received - (time.process_time() - worked)  # while no thread of ours ran
+            answer.add_done_callback(lambda _: ended.set_result(time.monotonic()))
             try:
                 is_reply, told = answer.result(PATIENCE)
             except GuidefieldError as error:
-                return ended[0] - received, f"{type(error).__name__}: {error.message[:80]}"
+                return ended.result(PATIENCE) - received, f"{type(error).__name__}: {error.message[:80]}"
+            finally:
+                machine = float(hear()) + max(0.0, min(waited, came - received - head.allowed))
             decoded = msgspec.json.decode(told)
             status = decoded.get("status", {"name": "answered"}) if is_reply else {"name": decoded["name"]}
-            return ended[0] - received, f"{status['name']} {status.get('details', {}).get('preparing', '')}".strip()
+            outcome = f"{status['name']} {status.get('details', {}).get('preparing', '')}".strip()
+            return ended.result(PATIENCE) - received - machine, outcome
 
         try:
             for _ in range(workers):
                 ask(msgspec.json.encode(SMALL | {"recording": "off"}))
             yield ask
         finally:
+            sleeper.kill()
             pool.close(0.0)
             endpoint.close()
             runs.close()

@@ -59,12 +59,15 @@ def test_what_is_withdrawn_or_expires_is_not_taken(clients: list[str], data: st.
     ]
     for task in tasks:
         waiting.put(task)
+    assert waiting.due_at == 0.0
     gone = data.draw(st.sets(st.sampled_from(tasks)))
     assert all(waiting.withdraw(task) for task in gone)
     assert not any(waiting.withdraw(task) for task in gone)
     now = data.draw(st.floats(-1.0, len(tasks) + 1.0))
     expired = waiting.take_expired(now)
-    assert {task.job for task in expired} == {task.job for task in tasks if task.job < now and task not in gone}
+    assert {task.job for task in expired} == {task.job for task in tasks if task.job <= now and task not in gone}
+    left = [task.job for task in tasks if task not in gone and task not in expired]
+    assert waiting.due_at == min(left, default=float("inf")), "whoever attends wakes up for the next one"
     assert {task.job for task in _taken(waiting)} == {
         task.job for task in tasks if task not in gone and task not in expired
     }

@@ -167,9 +167,8 @@ class Pool:
         with self._lock:
             pushed_out = self.waiting.put(task)
             given = self._assign()
-            now = time.monotonic()
-            soon = now + 2.0 * LOOKED_AFTER if task.late is None else min(task.late.at, now + 2.0 * LOOKED_AFTER)
-            is_asleep = self._sleeps_until > soon
+            times = [one.at for one in (task.deadline, task.late) if one is not None]
+            is_asleep = self._sleeps_until > min([*times, time.monotonic() + 2.0 * LOOKED_AFTER])
         for pushed in pushed_out:
             told = "the queue is full, and of you the most waits; ask again later"
             pushed.set_exception(ServerBusy(told, retry_after=self.waiting.retry_after(pushed.asker.user)))
@@ -282,7 +281,7 @@ class Pool:
         with self._lock:
             now, slots = time.monotonic(), self._all_slots()
             is_active = now < self._active_until or len(self.waiting) or any(slot.is_working for slot in slots)
-            due_at = min(slot.due_at for slot in slots)
+            due_at = min(self.waiting.due_at, *(slot.due_at for slot in slots))
             self._look_at = min(due_at, now + LOOKED_AFTER)
             self._sleeps_until = self._look_at if is_active else due_at
             return None if self._sleeps_until == math.inf else max(0.0, self._sleeps_until - now)

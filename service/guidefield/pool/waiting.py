@@ -227,6 +227,9 @@ class Waiting:
 
     Args:
         limits: How much may wait.
+
+    Attributes:
+        due_at: When to ask for expired tasks, by `time.monotonic()`, at the latest [s]; infinite: none waits.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -239,6 +242,7 @@ class Waiting:
         self._turn = 0.0
         self._lock = threading.Lock()
         self.closed = False
+        self.due_at = math.inf
 
     def __len__(self) -> int:
         return self._count
@@ -360,9 +364,11 @@ class Waiting:
     def take_expired(self, now: float) -> list[Task]:
         """Remove the tasks whose deadline has passed, and return them."""
         with self._lock:
-            expired = [task for task in self._all() if task.deadline is not None and task.deadline.at < now]
+            expired = [task for task in self._all() if task.deadline is not None and task.deadline.at <= now]
             for task in expired:
                 self._remove(task)
+            deadlines = [task.deadline.at for task in self._all() if task.deadline is not None]
+            self.due_at = min(deadlines, default=math.inf)
             return expired
 
     def withdraw(self, task: Task) -> bool:
@@ -422,6 +428,8 @@ class Waiting:
     def _put(self, task: Task, *, first: bool = False) -> None:
         line = self._come(task.asker.user)
         (line.put_first if first else line.put)(task)
+        if task.deadline is not None:
+            self.due_at = min(self.due_at, task.deadline.at)
         self._count += 1
         self._size += task.size
 
