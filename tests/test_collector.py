@@ -7,12 +7,12 @@ import gc
 import pytest
 
 from guidefield import Engine, Potential, collector, engine
-from guidefield.collector import waiting_collector
+from guidefield.collector import pause_collector
 
 
 def test_it_waits_within_and_runs_again_after_a_fault() -> None:
     def broken() -> None:
-        with waiting_collector():
+        with pause_collector():
             assert not gc.isenabled()
             raise RuntimeError
 
@@ -26,7 +26,7 @@ def test_where_it_was_off_it_stays_off(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(collector.gc, "isenabled", lambda: False)
     monkeypatch.setattr(collector.gc, "enable", lambda: enabled.append(True))
     monkeypatch.setattr(collector.gc, "disable", lambda: None)
-    with waiting_collector():
+    with pause_collector():
         pass
     assert not enabled
 

@@ -44,7 +44,7 @@ def engines(tmp_path: Path) -> Iterator[Engines]:
 def _radius(engines: Engines, user: str, scene: str) -> float:
     """As the plan of a user would see it: by the exact distance of a robot's link from the ball in it."""
     asked = requests.Potential(scene=scene, points=[(0.0, 0.0, 3.0)])
-    read = engines.of(user)._declared(asked.scene)
+    read = engines.of(user)._find_scene_message(asked.scene)
     (ball,) = read.obstacles
     assert isinstance(ball, Sphere)
     return ball.radius

@@ -29,7 +29,7 @@ def {name}(x):
 START = """
 import sys
 from guidefield import first_start
-first_start.EVERY = 0.0
+first_start.PROGRESS_PERIOD_S = 0.0
 try:
     first_start.compile_kernels(print)
 except RuntimeError as error:
@@ -57,7 +57,7 @@ def start(code: Path, cache: Path) -> list[str]:
 def test_everything_is_compiled_once_and_what_is_called_first(tmp_path: Path) -> None:
     code, cache = package(tmp_path / "code", "2.0 * x"), tmp_path / "cache"
     before, first, second, compiler = start(code, cache)
-    assert before == first_start.AT_FIRST
+    assert before == first_start.FIRST_PROGRESS
     assert first.startswith("compiling kernels 0 %")
     assert first.endswith("1 of 2 (callee)")
     share = re.fullmatch(r"compiling kernels (\d+) %, once for this version: 2 of 2 \(a_caller\)", second)
@@ -130,7 +130,7 @@ def test_a_compile_under_way_does_not_hold_up_whoever_is_told_to_end(
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     told: list[str] = []
     first_start.compile_kernels(told.append, lambda: len(told) > 1)
-    assert told == [first_start.AT_FIRST, "compiling"]
+    assert told == [first_start.FIRST_PROGRESS, "compiling"]
     for pid in map(int, pids.read_text().split()):
         await_death(pid)
     assert not (tmp_path / "cache").exists()

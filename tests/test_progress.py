@@ -12,7 +12,7 @@ from guidefield.collision.world import World
 from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.messages.replies import PlanReply, Progress
-from guidefield.progress import ProgressTold
+from guidefield.progress import ProgressReporter
 
 REQUEST = msgspec.structs.replace(REQUESTS["demo-guide-planes"][1], run_id="watched")
 
@@ -63,7 +63,7 @@ def test_every_stage_is_told_and_nothing_changes_for_it(engine: Engine) -> None:
 
 def test_nothing_is_measured_for_progress_that_nobody_hears(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
     measured: list[object] = []
-    monkeypatch.setattr(ProgressTold, "_measure", measured.append)
+    monkeypatch.setattr(ProgressReporter, "_measure", measured.append)
     watcher = _Watcher(listens=False)
     _planned(engine, watcher)
     assert watcher.prepared
@@ -72,7 +72,7 @@ def test_nothing_is_measured_for_progress_that_nobody_hears(engine: Engine, monk
 
 
 def test_the_clearance_told_is_that_of_a_step(engine: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("guidefield.progress.PAUSE", 0.0)
+    monkeypatch.setattr("guidefield.progress.MIN_PERIOD_S", 0.0)
     asked: list[float] = []
 
     def overheard(world: World, q: Any) -> Any:

@@ -51,4 +51,4 @@ def test_an_engine_prepares_all_that_a_plan_needs_of_its_robot() -> None:
     with pytest.raises(DeadlineExpired):
         engine.prepare(request, Deadline(time.monotonic()))
     engine.prepare(request, UNLIMITED)
-    assert is_laid_out(engine._robot(request.robot))
+    assert is_laid_out(engine._load_robot(request.robot))

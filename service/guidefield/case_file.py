@@ -75,11 +75,11 @@ def write(path: Path, motion: Motion) -> None:
     Raises:
         OSError: if it can't be written, or a mesh of the robot can't be read any more.
     """
-    text = json.dumps({"format": FORMAT, "cases": cases(motion)}).encode()
+    text = json.dumps({"format": FORMAT, "cases": make_cases(motion)}).encode()
     write_whole(path, lzma.compress(text, preset=1) if path.suffix == ".xz" else text)
 
 
-def cases(*motions: Motion) -> list[dict[str, Any]]:
+def make_cases(*motions: Motion) -> list[dict[str, Any]]:
     """Motions as plain values, as JSON has them, each in the parts that `divide` tells; referee.md has the fields.
 
     Raises:
@@ -90,8 +90,8 @@ def cases(*motions: Motion) -> list[dict[str, Any]]:
     for motion in (part for whole in motions for part in divide(whole)):
         robot = motion.world.group.robot
         if known is None or known[:2] != (robot.source, motion.placement):
-            known = robot.source, motion.placement, _robot(robot, motion.placement)
-        told.append(_case(motion, known[2]))
+            known = robot.source, motion.placement, _describe_robot(robot, motion.placement)
+        told.append(_make_case(motion, known[2]))
     return told
 
 
@@ -103,16 +103,16 @@ def divide(motion: Motion) -> list[Motion]:
     """
     if not motion.touching:
         return [motion]
-    motion, k = _with_knot(motion)
+    motion, k = _add_knot(motion)
     world = motion.world
-    allowed = [*((first, second) for first, second, _ in _left_out(motion)), *motion.touching]
+    allowed = [*((first, second) for first, second, _ in _list_left_out_pairs(motion)), *motion.touching]
     others = World.build(world.group, world.scene, allowed)
     first = dataclasses.replace(_between(motion, slice(None, k + 1)), world=others, min_clearance=0.0)
     rest = dataclasses.replace(_between(motion, slice(k, None)), touching=())
     return [first] if k + 1 == len(motion.positions) else [first, rest] if k > 0 else [rest]
 
 
-def _with_knot(motion: Motion) -> tuple[Motion, int]:
+def _add_knot(motion: Motion) -> tuple[Motion, int]:
     """The same motion with a knot at `left_at`, and the knot's index."""
     k, share = motion.left_at
     if share in (0.0, 1.0):
@@ -136,15 +136,15 @@ def _between(motion: Motion, knots: slice) -> Motion:
     return dataclasses.replace(motion, times=times, positions=motion.positions[knots], velocities=velocities)
 
 
-def _case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
+def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
     group, scene = motion.world.group, motion.world.scene
     robot = group.robot
     reference = configuration_to_wire(robot.joints, group.q_reference)
     return {
         "format": FORMAT,
         "robot": robot_told,
-        "held": _plain(motion.held),
-        "obstacles": _plain(scene.message.obstacles),
+        "held": _to_plain(motion.held),
+        "obstacles": _to_plain(scene.message.obstacles),
         "reference": reference,
         "motion": {
             "joints": [joint.name for joint in group.joints],
@@ -152,21 +152,21 @@ def _case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
             "positions": motion.positions.tolist(),
             "velocities": None if motion.velocities is None else motion.velocities.tolist(),
         },
-        "limits": _limits(motion),
-        "without_limits": _without_limits(robot),
+        "limits": _list_limits(motion),
+        "without_limits": _list_unlimited_joints(robot),
         "min_clearance": motion.min_clearance,
-        "path_constraints": _plain(motion.path_constraints),
-        "left_out": _left_out(motion),
-        "parts": {"links": _parts_of_links(robot), "objects": _parts_of_objects(motion)},
+        "path_constraints": _to_plain(motion.path_constraints),
+        "left_out": _list_left_out_pairs(motion),
+        "parts": {"links": _describe_links(robot), "objects": _describe_objects(motion)},
     }
 
 
-def _plain(messages: Any) -> Any:
+def _to_plain(messages: Any) -> Any:
     """Messages as JSON has them."""
     return msgspec.json.decode(msgspec.json.encode(messages, enc_hook=np.generic.tolist))
 
 
-def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
+def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
     """The URDF without what is only seen, and the files of its collision meshes."""
     root, files = xml.parse(robot.source.urdf_text), {}
     for visual in list(root.iter("visual")):
@@ -189,13 +189,13 @@ def _robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
     return {
         "urdf": etree.tostring(root, encoding="unicode"),
         "root_joint": robot.source.root_joint,
-        "placement": _plain(placement),
+        "placement": _to_plain(placement),
         "ball_joints": [joint.name for joint in robot.joints if joint.kind is JointKind.SPHERICAL],
         "mesh_files": files,
     }
 
 
-def _limits(motion: Motion) -> dict[str, Any]:
+def _list_limits(motion: Motion) -> dict[str, Any]:
     group = motion.world.group
     jerk = np.full(group.nv, np.inf) if motion.jerk_limits is None else motion.jerk_limits
     told: dict[str, dict[str, Any]] = {}
@@ -210,7 +210,7 @@ def _limits(motion: Motion) -> dict[str, Any]:
     return told
 
 
-def _without_limits(robot: RobotModel) -> list[str]:
+def _list_unlimited_joints(robot: RobotModel) -> list[str]:
     """Joints whose limits in the URDF aren't kept, with a warning to whom it matters."""
     said = robot.model.upperPositionLimit
     return [
@@ -220,7 +220,7 @@ def _without_limits(robot: RobotModel) -> list[str]:
     ]
 
 
-def _left_out(motion: Motion) -> list[list[str]]:
+def _list_left_out_pairs(motion: Motion) -> list[list[str]]:
     """Pairs of names that aren't judged, each with a reason; but not those that can't move relative to each other."""
     world, robot = motion.world, motion.world.group.robot
     names, links = world.body_names, world.pairs.links
@@ -245,41 +245,41 @@ def _left_out(motion: Motion) -> list[list[str]]:
 
 
 @memoized
-def _parts_of_links(robot: RobotModel) -> dict[str, Any]:
+def _describe_links(robot: RobotModel) -> dict[str, Any]:
     """By collision shape: the hull that contains a mesh, and the mesh closed where it isn't as it is."""
     parts = {}
     for shape in robot.geometry.geometryObjects:
         if shape.meshPath and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):  # what is held has no path
             mesh = read_mesh(Path(shape.meshPath), shape.meshScale)
-            parts[shape.name] = _hulls(shape.geometry) | _shell(mesh.vertices, mesh.triangles)
+            parts[shape.name] = _describe_hull(shape.geometry) | _describe_shell(mesh.vertices, mesh.triangles)
     return parts
 
 
-def _parts_of_objects(motion: Motion) -> dict[str, Any]:
+def _describe_objects(motion: Motion) -> dict[str, Any]:
     """The same by obstacle and held object."""
     held = [obstacle.build(one.obstacle, index) for index, one in enumerate(motion.held)]
     parts: dict[str, Any] = {}
     for one in (*held, *motion.world.scene.obstacles):
         if isinstance(one.message, Mesh):
             vertices, triangles = one.recipe.surface(one.message)
-            closed = {"shell": _told(vertices, triangles)} if one.solid else {}
-            parts[one.name] = _hulls(one.shape) | closed
+            closed = {"shell": _encode_surface(vertices, triangles)} if one.solid else {}
+            parts[one.name] = _describe_hull(one.shape) | closed
     return parts
 
 
-def _hulls(shape: Any) -> dict[str, Any]:
+def _describe_hull(shape: Any) -> dict[str, Any]:
     around = hull(shape) if isinstance(shape, coal.BVHModelBase) else shape
     return {} if around is None else {"hulls": [np.array(around.points()).tolist()]}
 
 
-def _shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+def _describe_shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
     """The closed surface of a mesh that isn't closed as it is, or not turned alike."""
     _, corners, _ = compact(vertices, triangles)
     if not len(boundary(corners)):
         return {}
     closed = mesh_surface(vertices, triangles)
-    return {} if closed is None or not closed.solid else {"shell": _told(closed.vertices, closed.triangles)}
+    return {} if closed is None or not closed.solid else {"shell": _encode_surface(closed.vertices, closed.triangles)}
 
 
-def _told(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
+def _encode_surface(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
     return {"vertices": vertices.tolist(), "triangles": triangles.tolist()}

@@ -1,4 +1,4 @@
-"""Python's collector of garbage, which has nothing to do while much is loaded or read."""
+"""Pause Python's garbage collector while many long-lived objects are made."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def waiting_collector() -> Iterator[None]:
-    """No garbage is looked for meanwhile, in this process.
+def pause_collector() -> Iterator[None]:
+    """Pause garbage collection in this process for as long as a block runs.
 
-    Loading a planner or reading many obstacles makes a million objects that stay: the collector looks through them
-    again and again, for a tenth of the time and more. They count as old when it begins again: it doesn't look through
-    all of them at once then. Where it was off before it stays off.
+    Loading a planner or reading many obstacles makes a million objects that stay, which the collector would traverse
+    again and again, for a tenth of the time and more. Afterwards they count as old, so that it doesn't traverse them
+    all at once. If it was off before, it stays off.
     """
     was_on = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if not gc.get_freeze_count():  # else what somebody froze would no longer be so
+        if not gc.get_freeze_count():  # else objects that somebody froze would be unfrozen
             gc.freeze()
             gc.unfreeze()
         if was_on:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import msgspec
 
-from guidefield.collector import waiting_collector
+from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline, DeadlineExpired
 from guidefield.errors import (
     GuidefieldError,
@@ -29,7 +29,7 @@ from guidefield.errors import (
     RobotInvalid,
     SceneInvalid,
     at_path,
-    unforeseen,
+    convert_exception,
 )
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, info
@@ -52,7 +52,7 @@ from guidefield.messages.scene import Obstacle, Scene as SceneMessage
 from guidefield.messages.scene_changes import RequestScene, SceneDiff, apply_change
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.values import Reply
-from guidefield.progress import ProgressTold, Watcher
+from guidefield.progress import ProgressReporter, Watcher
 from guidefield.run import Destination, Run
 from guidefield.stores.by_user import Kind
 from guidefield.stores.recordings import PROOF, Recordings
@@ -88,19 +88,19 @@ class LocalFiles(enum.Enum):
 
 
 @dataclass(frozen=True)
-class _Asking:
+class _RequestContext:
     """The circumstances of a request, as in `Engine.answer`."""
 
     received: float
     watcher: Watcher | None
-    load: _RobotOnce
+    load: _RobotLoader
     began: float | None = None
     """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
     deferred: bool = False
     proof_to: Path | None = None
 
 
-class Loaded:
+class SharedCaches:
     """Robots and scenes that engines share: they depend on nobody's stores.
 
     Args:
@@ -150,11 +150,11 @@ class Engine:
         robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
         packages: Sequence[Path] = (),
-        loaded: Loaded | None = None,
+        loaded: SharedCaches | None = None,
         lend: Lend | None = None,
     ) -> None:
         self._instance = instance
-        self._loaded = loaded or Loaded(tuple(packages))
+        self._loaded = loaded or SharedCaches(tuple(packages))
         self._lend = lend
         self._runs: Runs = NoRuns() if runs is None else runs
         self._recordings = recordings
@@ -163,7 +163,7 @@ class Engine:
         self._local_files = local_files
         self._compiled = False
         self._began = time.monotonic()
-        self._counters = Counter(answered=0, refused=0)
+        self._counters = Counter(answer_run=0, refused=0)
         self._handlers: dict[type, Callable[[Any], Reply]] = {
             requests.ReadRobots: self._read_robots,
             requests.ReadRobot: self._read_robot,
@@ -177,7 +177,7 @@ class Engine:
             requests.ReadRuns: self._runs.list,
             requests.ReadRun: lambda request: self._runs.read(request.run_id),
             requests.DeleteRun: self._delete_run,
-            requests.ReadInfo: self._info,
+            requests.ReadInfo: self._read_info,
         }
 
     def answer(
@@ -216,13 +216,15 @@ class Engine:
                 decoded = read_request(request)
             if proof_to is not None:
                 decoded = _with_proof(decoded)
-            with waiting_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
-                began, load = None, _RobotOnce(self._origin, self._loaded)
+            with pause_collector() if self._is_first(decoded, received) else contextlib.nullcontext():
+                began, load = None, _RobotLoader(self._find_origin, self._loaded)
                 if received is None:
                     read = time.monotonic() - came
-                    ready = self._was_ready(decoded, load)
+                    ready = self._load_ahead(decoded, load)
                     received = began = came if ready else time.monotonic() - read
-                reply = self._dispatch(decoded, record_to, _Asking(received, watcher, load, began, deferred, proof_to))
+                reply = self._dispatch(
+                    decoded, record_to, _RequestContext(received, watcher, load, began, deferred, proof_to)
+                )
         except GuidefieldError as error:
             self._counters["refused"] += 1
             if "path" not in error.details and (path := field_path(error.message, "$")) != "$":
@@ -231,7 +233,7 @@ class Engine:
         except Exception as error:
             self._counters["refused"] += 1
             _log.exception("a request failed by itself")
-            raise unforeseen(error) from error
+            raise convert_exception(error) from error
         self._counters["answered"] += 1
         return reply
 
@@ -240,7 +242,7 @@ class Engine:
         needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
         return needs and received is None and not self._compiled
 
-    def _was_ready(self, request: requests.Request, load: _RobotOnce) -> bool:
+    def _load_ahead(self, request: requests.Request, load: _RobotLoader) -> bool:
         """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
         compiled = self._compiled
         if self._is_first(request, None):
@@ -251,7 +253,7 @@ class Engine:
 
             if request.steps:
                 importlib.import_module("guidefield.handlers.sequence")
-            return prepare_ahead(request, load, self._declared) and compiled
+            return prepare_ahead(request, load, self._find_scene_message) and compiled
         if isinstance(request, requests.CertifyRequest):
             from guidefield.handlers.certify import lay_out_ahead
 
@@ -265,14 +267,14 @@ class Engine:
             RobotInvalid: if a robot is unknown or can't be used.
         """
         compile_kernels(_log.info)
-        with waiting_collector():
+        with pause_collector():
             for room in ("handlers.plan", "handlers.certify", "recorder.recorder"):
                 importlib.import_module(f"guidefield.{room}")
             importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))
         preparation = importlib.import_module("guidefield.collision.preparation")
         for robot in robots:
-            preparation.prepare(self._robot(robot))
+            preparation.prepare(self._load_robot(robot))
 
     def prepare(self, request: requests.PlanRequest, deadline: Deadline) -> None:
         """Prepare what a plan needs of its robot, as far as the deadline allows.
@@ -284,17 +286,17 @@ class Engine:
         from guidefield.collision.preparation import prepare
         from guidefield.handlers.plan import prepare_ahead
 
-        prepare(self._robot(request.robot), deadline)
+        prepare(self._load_robot(request.robot), deadline)
         deadline.check("the links were laid out")
-        prepare_ahead(request, self._robot, self._declared)
+        prepare_ahead(request, self._load_robot, self._find_scene_message)
 
-    def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _Asking) -> Reply:
+    def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _RequestContext) -> Reply:
         if isinstance(request, requests.PlanRequest):
             return self._plan(request, record_to, asking)
         if isinstance(request, requests.CertifyRequest):
             return self._certify(request, record_to, asking)
         if isinstance(request, requests.KinematicsRequest) and record_to is None:
-            return self._kinematics(request, asking.received, asking.watcher)
+            return self._answer_kinematics(request, asking.received, asking.watcher)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan or a judgement can be recorded, not {kind.__name__}")
@@ -302,18 +304,18 @@ class Engine:
             raise MalformedRequest(f"{kind.__name__} is no request", path="$")
         return self._handlers[kind](request)
 
-    def _plan(self, request: requests.PlanRequest, record_to: Path | None, asking: _Asking) -> PlanReply:
+    def _plan(self, request: requests.PlanRequest, record_to: Path | None, asking: _RequestContext) -> PlanReply:
         from guidefield.handlers.plan import answer_plan
         from guidefield.handlers.sequence import answer_steps
 
         answer = answer_steps if request.steps else answer_plan
 
-        def answered(run: Run, began: float) -> PlanReply:
+        def answer_run(run: Run, began: float) -> PlanReply:
             deadline = Deadline(asking.received + request.allowed_planning_time, run.is_cancelled)
             return answer(
                 request,
                 asking.load(request.robot),
-                self._scene(request.scene, deadline),
+                self._build_scene(request.scene, deadline),
                 run_id=run.run_id,
                 received=asking.received,
                 deadline=deadline,
@@ -323,17 +325,19 @@ class Engine:
                 prove=run.prove,
             )
 
-        return self._run(request, record_to, asking, answered)
+        return self._run(request, record_to, asking, answer_run)
 
-    def _certify(self, request: requests.CertifyRequest, record_to: Path | None, asking: _Asking) -> CertifyReply:
+    def _certify(
+        self, request: requests.CertifyRequest, record_to: Path | None, asking: _RequestContext
+    ) -> CertifyReply:
         from guidefield.handlers.certify import answer_certify
 
-        def answered(run: Run, began: float) -> CertifyReply:
+        def answer_run(run: Run, began: float) -> CertifyReply:
             deadline = Deadline(asking.received + request.allowed_time, run.is_cancelled)
             return answer_certify(
                 request,
                 asking.load(request.robot),
-                self._scene(request.scene, deadline),
+                self._build_scene(request.scene, deadline),
                 run_id=run.run_id,
                 received=asking.received,
                 deadline=deadline,
@@ -342,14 +346,14 @@ class Engine:
                 prove=run.prove,
             )
 
-        return self._run(request, record_to, asking, answered)
+        return self._run(request, record_to, asking, answer_run)
 
     def _run(
         self,
         request: requests.MotionRequest,
         record_to: Path | None,
-        asking: _Asking,
-        answered: Callable[[Run, float], _R],
+        asking: _RequestContext,
+        answer_run: Callable[[Run, float], _R],
     ) -> _R:
         """The reply of a run, with its recording.
 
@@ -357,7 +361,7 @@ class Engine:
             request: What is asked.
             record_to: As in `answer`.
             asking: How it is asked.
-            answered: Answers it, given the run and when its work began, by `time.monotonic()` [s].
+            answer_run: Answers it, given the run and when its work began, by `time.monotonic()` [s].
         """
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
@@ -372,10 +376,10 @@ class Engine:
             to = to or Destination.stored(self._recordings, run_id, f"{key}/recording")
             proof_place = proof_place or (self._recordings.file(run_id, PROOF), f"{key}/proof")
         watcher, received = asking.watcher, asking.received
-        progress = None if watcher is None else ProgressTold(run_id, received, watcher)
+        progress = None if watcher is None else ProgressReporter(run_id, received, watcher)
         run = Run(run_id, request, to, asking.load.origin, progress, proof_place)
         try:
-            return run.end(answered(run, time.monotonic() if asking.began is None else asking.began), received)
+            return run.end(answer_run(run, time.monotonic() if asking.began is None else asking.began), received)
         except DeadlineExpired as late:
             from guidefield.handlers.expired import ended_run
 
@@ -390,7 +394,7 @@ class Engine:
         """
         from guidefield.handlers.certify import motion_of
 
-        return motion_of(request, self._robot(request.robot), self._scene(request.scene))
+        return motion_of(request, self._load_robot(request.robot), self._build_scene(request.scene))
 
     def robot(self, name: str) -> RobotModel:
         """The robot of a name.
@@ -398,7 +402,7 @@ class Engine:
         Raises:
             RobotInvalid: if there is none, or it can't be used.
         """
-        return self._robot(name)
+        return self._load_robot(name)
 
     def stream(
         self, request: StreamOpen, taking: TakeOver | None = None, watching: Watching | None = None
@@ -415,20 +419,24 @@ class Engine:
         """
         from guidefield.stream.stream import CertifiedStream
 
-        return CertifiedStream(request, self._robot(request.robot), self._scene(request.scene), taking, watching)
+        return CertifiedStream(
+            request, self._load_robot(request.robot), self._build_scene(request.scene), taking, watching
+        )
 
-    def _kinematics(self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None) -> Reply:
+    def _answer_kinematics(
+        self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None
+    ) -> Reply:
         from guidefield.handlers.expired import ended_work
         from guidefield.handlers.kinematics import answer_kinematics
         from guidefield.handlers.preparation import prepare_field
 
         until = received + request.allowed_time
         deadline = Deadline(until) if watcher is None else Deadline(until, watcher.is_cancelled)
-        robot = None if request.robot is None else self._robot(request.robot)
+        robot = None if request.robot is None else self._load_robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
         reference = request.scene if isinstance(request, kinds) else None
         try:
-            scene = None if reference is None else self._scene(reference, deadline)
+            scene = None if reference is None else self._build_scene(reference, deadline)
             if scene is not None and isinstance(request, requests.Potential):
                 prepare_field(scene, deadline)
             if watcher is not None:
@@ -445,13 +453,13 @@ class Engine:
     def _read_robot(self, request: requests.ReadRobot) -> RobotReply:
         from guidefield.handlers.robots import robot
 
-        return robot(self._robot(request.robot))
+        return robot(self._load_robot(request.robot))
 
     def _store_robot(self, request: requests.StoreRobot) -> Done:
         from guidefield.handlers.robots import prepared
 
         self._robots.write(request.name, request.files, self._loaded.catalog.load)
-        stored = self._robot(request.name)
+        stored = self._load_robot(request.name)
         return Done(done=f"robot {request.name!r} is stored{prepared(stored)}", warnings=list(stored.warnings))
 
     def _delete_robot(self, request: requests.DeleteRobot) -> Done:
@@ -463,7 +471,7 @@ class Engine:
         return SceneReply(copy_scene(scene), version)
 
     def _store_scene(self, request: requests.StoreScene) -> Done:
-        built = self._scene(request.scene)
+        built = self._build_scene(request.scene)
         version = self._scenes.write(request.scene)
         return Done(done=f"scene {request.name!r} is stored", warnings=list(built.warnings), version=version)
 
@@ -473,7 +481,7 @@ class Engine:
             warnings: Sequence[str] = ()
             if coming:
                 added = apply_change(SceneMessage(request.name), SceneDiff(add=coming))
-                with _at_added(coming):
+                with _at_added_fault(coming):
                     warnings = self._loaded.built.of(added).warnings
             _, version = self._scenes.change(request.name, request.diff)
         return Done(done=f"scene {request.name!r} is changed", warnings=list(warnings), version=version)
@@ -486,7 +494,7 @@ class Engine:
         self._runs.delete(request.run_id)
         return Done(done=f"run {request.run_id!r} is deleted")
 
-    def _info(self, _request: requests.ReadInfo) -> InfoReply:
+    def _read_info(self, _request: requests.ReadInfo) -> InfoReply:
         return info(Figures(self._counters, time.monotonic() - self._began))
 
     def summaries(self, names: Sequence[str]) -> list[RobotSummary]:
@@ -495,12 +503,12 @@ class Engine:
 
         found = []
         for name in names:
-            holder, own = self._holder("robots", name)
+            holder, own = self._find_holder("robots", name)
             lines = summaries_of(self._loaded.catalog, holder._robots, [own])
             found += [msgspec.structs.replace(line, name=name) for line in lines]
         return found
 
-    def _holder(self, kind: Kind, name: str) -> tuple[Engine, str]:
+    def _find_holder(self, kind: Kind, name: str) -> tuple[Engine, str]:
         """The engine that has what a request names, and its name there.
 
         Raises:
@@ -509,11 +517,11 @@ class Engine:
         user, colon, own = name.partition(":")
         return (self, name) if not colon or self._lend is None else (self._lend(kind, user, own), own)
 
-    def _robot(self, reference: requests.RobotReference) -> RobotModel:
+    def _load_robot(self, reference: requests.RobotReference) -> RobotModel:
         with at_path("$.robot"):
-            return self._loaded.catalog.load(self._origin(reference))
+            return self._loaded.catalog.load(self._find_origin(reference))
 
-    def _origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
+    def _find_origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
         """Return the source of a request's robot: the files of a stored one, the place of one in local files."""
         local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
         if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
@@ -526,29 +534,29 @@ class Engine:
         with at_path("$.robot"):
             if not isinstance(reference, str):
                 return reference
-            holder, name = self._holder("robots", reference)
+            holder, name = self._find_holder("robots", reference)
             return holder._robots.find(name) or name
 
-    def _scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
+    def _build_scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
         """Return the scene that a request means, built.
 
         Raises:
             DeadlineExpired: if the deadline passed before it was built.
         """
-        with at_path("$.scene"), _at_declared(reference):
-            return self._loaded.built.of(self._declared(reference), deadline)
+        with at_path("$.scene"), _at_scene_fault(reference):
+            return self._loaded.built.of(self._find_scene_message(reference), deadline)
 
-    def _declared(self, reference: requests.SceneReference) -> SceneMessage:
+    def _find_scene_message(self, reference: requests.SceneReference) -> SceneMessage:
         """The scene that a request means."""
         if isinstance(reference, str):
-            return self._stored_scene(reference, None)
+            return self._read_stored_scene(reference, None)
         if not isinstance(reference, RequestScene) or reference.base is None:
             return reference
-        base = self._stored_scene(reference.base, reference.version)
+        base = self._read_stored_scene(reference.base, reference.version)
         return apply_change(base, reference, reference.name)
 
-    def _stored_scene(self, reference: str, version: int | None) -> SceneMessage:
-        holder, name = self._holder("scenes", reference)
+    def _read_stored_scene(self, reference: str, version: int | None) -> SceneMessage:
+        holder, name = self._find_holder("scenes", reference)
         return holder._scenes.read(name, version)[0]
 
 
@@ -560,10 +568,10 @@ def _with_proof(request: requests.Request) -> requests.Request:
 
 
 @contextlib.contextmanager
-def _at_declared(reference: requests.SceneReference) -> Iterator[None]:
+def _at_scene_fault(reference: requests.SceneReference) -> Iterator[None]:
     """Say where in a request's scene a fault is: one of the scene that it is built of has no place there."""
     if isinstance(reference, RequestScene) and reference.base is not None:
-        with _at_added(reference.add):
+        with _at_added_fault(reference.add):
             yield
     elif isinstance(reference, str):
         try:
@@ -576,7 +584,7 @@ def _at_declared(reference: requests.SceneReference) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _at_added(coming: Sequence[Obstacle]) -> Iterator[None]:
+def _at_added_fault(coming: Sequence[Obstacle]) -> Iterator[None]:
     """Say which of some obstacles that are added to a scene a fault is about."""
     try:
         yield
@@ -588,7 +596,7 @@ def _at_added(coming: Sequence[Obstacle]) -> Iterator[None]:
         raise
 
 
-class _RobotOnce:
+class _RobotLoader:
     """Loads the robot of a request once: whether its files changed isn't looked for again meanwhile.
 
     Args:
@@ -597,7 +605,7 @@ class _RobotOnce:
     """
 
     def __init__(
-        self, find: Callable[[requests.RobotReference], requests.RobotReference | SentRobot], loaded: Loaded
+        self, find: Callable[[requests.RobotReference], requests.RobotReference | SentRobot], loaded: SharedCaches
     ) -> None:
         self._find, self._loaded = find, loaded
         self._known: tuple[requests.RobotReference, requests.RobotReference | SentRobot, RobotModel] | None = None

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from guidefield.engine import Engine, Loaded, LocalFiles
+from guidefield.engine import Engine, LocalFiles, SharedCaches
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import requests
 from guidefield.messages.identities import PLAIN, USERS
@@ -24,7 +24,7 @@ from guidefield.stores.by_user import Kind, StoresByUser
 if TYPE_CHECKING:
     from guidefield.rendering import Renderings
 
-MOST_KEPT = 100
+MAX_ENGINES = 100
 """Of how many users the engines are kept."""
 
 
@@ -40,7 +40,7 @@ class Engines:
     def __init__(self, instance: str, stores: StoresByUser, packages: Sequence[Path] = ()) -> None:
         self.stores = stores
         self._instance, self._packages = instance, tuple(packages)
-        self._loaded = Loaded(self._packages)
+        self._loaded = SharedCaches(self._packages)
         self._engines: OrderedDict[str, Engine] = OrderedDict()
         self._lock = threading.Lock()
 
@@ -51,9 +51,9 @@ class Engines:
             QuotaExceeded: if too many users have something stored already.
         """
         with self._lock:
-            engine = self._engines.pop(user, None) or self._made(user)
+            engine = self._engines.pop(user, None) or self._make_engine(user)
             self._engines[user] = engine
-            while len(self._engines) > MOST_KEPT:
+            while len(self._engines) > MAX_ENGINES:
                 self._engines.popitem(last=False)
             return engine
 
@@ -88,7 +88,7 @@ class Engines:
             shared.remove("scenes", request.name)
         elif isinstance(request, requests.DeleteRobot):
             shared.remove("robots", request.name)
-        return self._with_others(asking, owner, reply)
+        return self._add_shared(asking, owner, reply)
 
     def render(self, owner: str, run_id: str) -> None:
         """Render the recording of a run from its log, if that is owed; raises OSError if the disk refuses."""
@@ -154,7 +154,7 @@ class Engines:
             )
         return recording
 
-    def _made(self, user: str) -> Engine:
+    def _make_engine(self, user: str) -> Engine:
         stores = self.stores.of(user)
         return Engine(
             self._instance if user == PLAIN else f"{self._instance}/{USERS}/{user}",
@@ -173,23 +173,23 @@ class Engines:
         self.stores.require_right(asking, owner, kind, name, read_only=True)
         return self.of(owner)
 
-    def _with_others(self, asking: str, owner: str, reply: Reply) -> Reply:
+    def _add_shared(self, asking: str, owner: str, reply: Reply) -> Reply:
         """A list with what others have and the one who asks may read, as ``owner:name``."""
         if isinstance(reply, ScenesReply):
-            return ScenesReply(scenes=[*reply.scenes, *self._named(asking, owner, "scenes")])
+            return ScenesReply(scenes=[*reply.scenes, *self._list_shared_names(asking, owner, "scenes")])
         if isinstance(reply, RobotsReply):
-            names = self._named(asking, owner, "robots")
+            names = self._list_shared_names(asking, owner, "robots")
             return RobotsReply(robots=[*reply.robots, *self.of(owner).summaries(names)])
         return reply
 
-    def _named(self, asking: str, owner: str, kind: Kind) -> list[str]:
+    def _list_shared_names(self, asking: str, owner: str, kind: Kind) -> list[str]:
         """The names of what others have stored and the one who asks may read."""
         found = []
-        for other in self._others(owner):
+        for other in self._list_other_users(owner):
             stores = self.stores.of(other)
             names = stores.scenes.stored() if kind == "scenes" else stores.robots.names()
             found += [f"{other}:{name}" for name in names if self.stores.may_read(asking, other, kind, name)]
         return found
 
-    def _others(self, owner: str) -> list[str]:
+    def _list_other_users(self, owner: str) -> list[str]:
         return [user for user in (PLAIN, *self.stores.users()) if user != owner]

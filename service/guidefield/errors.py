@@ -201,7 +201,7 @@ class InternalFailure(GuidefieldError):
     def of(cls, bug: Exception) -> InternalFailure:
         """Return the error for a bug."""
         kind = type(bug).__name__
-        told = without_path(bug) if isinstance(bug, OSError) else bug
+        told = strip_path(bug) if isinstance(bug, OSError) else bug
         return cls(f"a bug in guidefield stopped this request: {kind}: {told}", kind=kind)
 
 
@@ -232,20 +232,20 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
 """Kind of error by wire code: how a client turns a ``reply_err`` back into an exception."""
 
 
-def unforeseen(error: Exception) -> GuidefieldError:
+def convert_exception(error: Exception) -> GuidefieldError:
     """Return the error for an exception that isn't ours: memory or disk refuse, or there is a bug."""
     if isinstance(error, MemoryError):
         return WorkerCrashed("the request needs more memory than there is")
     if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):
-        return DiskRefused(f"the disk refuses: {without_path(error)}")
+        return DiskRefused(f"the disk refuses: {strip_path(error)}")
     return InternalFailure.of(error)
 
 
-def without_path(error: OSError) -> str:
+def strip_path(error: OSError) -> str:
     """Return the system's message without the path: a client need not know where a service keeps its files."""
     return error.strerror or type(error).__name__
 
 
-def without_source(error: Exception) -> str:
+def strip_source(error: Exception) -> str:
     """Return the message of an error of Zenoh without the place in Zenoh's own source."""
     return re.sub(r"!?\s+at \S+\.rs:\d+\.?", "", str(error))

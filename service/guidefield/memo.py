@@ -169,7 +169,7 @@ def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
     return found
 
 
-MANY, SAMPLED = 512, 32
+MAX_FULLY_MEASURED, SAMPLE_SIZE = 512, 32
 """Of a sequence with more items the size of about so many tells that of all."""
 
 
@@ -190,8 +190,8 @@ def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
         sizes[id(value)] = len(value)
     elif isinstance(value, tuple | list | dict):
         sizes[id(value)] = 8 * len(value)
-        if len(value) > MANY and not isinstance(value, dict):
-            some = value[:: len(value) // SAMPLED]
+        if len(value) > MAX_FULLY_MEASURED and not isinstance(value, dict):
+            some = value[:: len(value) // SAMPLE_SIZE]
             sizes[id(value)] += len(value) * sum(map(size_of, some)) // len(some)
             return
         for one in value.values() if isinstance(value, dict) else value:

@@ -168,7 +168,7 @@ def potentials_in_time(group: PlanningGroup, scene: Scene, times: np.ndarray | N
     values = RobotField(group, scene.resting, Precision.COARSE).potentials(qs)
     if scene.moves:
         charges = moving_charges(group)
-        values += field_of_movers(scene, charges.placed(qs), times)[0] @ charges.weights
+        values += field_of_movers(scene, charges.place_points(qs), times)[0] @ charges.weights
     return values
 
 
@@ -188,7 +188,7 @@ class MovingCharges:
     weights: np.ndarray
     joints: np.ndarray
 
-    def placed(self, qs: Configurations) -> np.ndarray:
+    def place_points(self, qs: Configurations) -> np.ndarray:
         """Return the points at configurations (n, nq), shape (n, p, 3) [m, world]."""
         joints, placements = joints_of(self.group), np.empty((len(qs), self.group.model.njoints, 3, 4))
         for q, there in zip(qs, placements, strict=True):
@@ -250,14 +250,14 @@ def _charged_robot(group: PlanningGroup) -> ChargedRobot:
         np.array(capsules),
         np.array(capsule_joints, np.int64),
         np.array(pairs, np.int64).reshape(-1, 3),
-        np.array(_runs(pairs, int((np.concatenate(joints) == 0).sum())), np.int64).reshape(-1, 3),
+        np.array(_merge_runs(pairs, int((np.concatenate(joints) == 0).sum())), np.int64).reshape(-1, 3),
     )
     for array in arrays:
         array.setflags(write=False)
     return arrays
 
 
-def _runs(pairs: list[tuple[int, int, int]], fixed: int) -> list[tuple[int, int, int]]:
+def _merge_runs(pairs: list[tuple[int, int, int]], fixed: int) -> list[tuple[int, int, int]]:
     """Pairs of points, from one on and up to another one, with a capsule: those that go on where others end as one.
 
     The first points don't move, `fixed` of them: they are never one with others.

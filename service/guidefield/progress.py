@@ -16,33 +16,33 @@ if TYPE_CHECKING:
     from guidefield.robot.model.spaces import Configuration
     from guidefield.scene.scene import Scene
 
-PAUSE = 0.2
-"""Shortest time between two tellings within a stage [s]; a clearance takes some of a millisecond."""
+MIN_PERIOD_S = 0.2
+"""Shortest time between two reports within a stage [s]; a clearance takes a fraction of a millisecond."""
 
 
 class Watcher(Protocol):
-    """Somebody who waits for a run."""
+    """A client's link to a run: takes progress, and may cancel the run."""
 
     def is_cancelled(self) -> bool:
         """Return whether the run is to end early."""
 
     def is_listened_to(self) -> bool:
-        """Return whether anybody hears how far it is; else nothing is measured for that."""
+        """Return whether anybody listens to progress; else nothing is measured."""
 
     def tell(self, what: bytes) -> None:
-        """Hear how far it is: a Progress message as JSON."""
+        """Take a Progress message as JSON."""
 
     def be_prepared(self) -> None:
-        """Hear that robot and scene are loaded, and that the request minds its time by itself from now on."""
+        """Take note that robot and scene are loaded, and that the request checks its deadline itself from now on."""
 
 
-class ProgressTold:
-    """Tells a watcher how far a run is.
+class ProgressReporter:
+    """Reports the progress of a run to a watcher.
 
     Args:
         run_id: Name of the run.
         received: When its request arrived, by `time.monotonic()` [s].
-        watcher: Who hears it.
+        watcher: The receiver.
     """
 
     def __init__(self, run_id: str, received: float, watcher: Watcher) -> None:
@@ -59,13 +59,13 @@ class ProgressTold:
         self._best: float | None = None
 
     def begin(self, group: PlanningGroup, scene: Scene) -> None:
-        """Know what moves where."""
+        """Set the moving joints and the scene."""
         from guidefield.collision.world import World
 
         self._world = World.build(group, scene)
 
     def observe(self, event: Event) -> None:
-        """Be told of an event by the planner."""
+        """Take an event of the planner."""
         from guidefield.planner.task import trace
 
         match event:
@@ -77,21 +77,21 @@ class ProgressTold:
                 self._tell_if_due()
 
     def be_prepared(self) -> None:
-        """Be told that all is prepared."""
+        """Pass on that all is prepared."""
         self._watcher.be_prepared()
 
     def prepare(self, what: str) -> None:
-        """Be told which part of the robot is prepared."""
+        """Report the part of the robot that is prepared now."""
         self._preparing = what
         self._tell()
 
     def pass_time_and_ask(self) -> bool:
-        """Tell again if it is time; whether the run is to end early."""
+        """Report if it is time, and return whether the run is cancelled."""
         self._tell_if_due()
         return self._watcher.is_cancelled()
 
     def _tell_if_due(self) -> None:
-        if time.monotonic() - self._told >= PAUSE:
+        if time.monotonic() - self._told >= MIN_PERIOD_S:
             self._tell()
 
     def _tell(self) -> None:
@@ -111,7 +111,7 @@ class ProgressTold:
         self._watcher.tell(codec.encode(told))
 
     def _measure(self) -> None:
-        """The clearance of the last step, once."""
+        """Measure the clearance of the last step, once."""
         if self._world is None or self._q is None:
             return
         from guidefield.collision.clearance import clearance_at

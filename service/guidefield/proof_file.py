@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.case_file import Motion, cases, divide
+from guidefield.case_file import Motion, divide, make_cases
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
@@ -63,7 +63,7 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
             pair = "" if found.verdict.pair is None else f": {' and '.join(found.verdict.pair)}"
             raise UnprovedError(f"the motion isn't free{pair}")
         arrays |= {f"{k}/{name}": array for name, array in arrays_of(proof).items()}
-    told = cases(*motions)
+    told = make_cases(*motions)
     for one in told[1:]:
         for name in [name for name, value in one.items() if value == told[0][name]]:
             del one[name]

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 
 from guidefield import logs
-from guidefield.errors import without_path
+from guidefield.errors import strip_path
 from guidefield.pool.process import end_with_parent, limit_memory
 from guidefield.stores.recordings import Recordings
 from guidefield.system import become_idle, resident
@@ -202,6 +202,6 @@ def _render(line: Connection, setup: EngineSetup, memory: int) -> None:
         try:
             engines.render(owner, run_id)
         except OSError as error:
-            line.send(without_path(error))
+            line.send(strip_path(error))
         else:
             line.send(None)

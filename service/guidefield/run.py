@@ -1,4 +1,4 @@
-"""A run while it is made: its progress, recording and proof; what can't be kept of these becomes a warning."""
+"""One run: its progress, recording and proof; a failure to store these becomes a warning."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
-from guidefield.errors import UnknownObject, without_path
+from guidefield.errors import UnknownObject, strip_path
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, Timing
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.progress import ProgressTold
+from guidefield.progress import ProgressReporter
 from guidefield.stores.recordings import Recordings
-from guidefield.versions import made_with
+from guidefield.versions import describe_versions
 from guidefield.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from guidefield.scene.scene import Scene
 
 LARGEST_RECORDING = 512 * 2**20
-"""A recording that is larger is dropped [bytes]."""
+"""The largest recording that is stored [bytes]."""
 
 _log = logging.getLogger(__name__)
 
@@ -43,9 +43,9 @@ class Destination:
 
     Attributes:
         file: The recording.
-        key: What a reply says about where it is.
-        bodies: Folder of the robots' meshes, which recordings beside it share; None: it holds them itself.
-        log: Folder and name of the log that is written in place of the recording; None: the recording is.
+        key: Its place, for the reply.
+        bodies: Folder of robots' meshes that recordings share; None: it holds them itself.
+        log: Folder and name of the log that is written instead of the recording; None: the recording is written.
     """
 
     file: Path
@@ -55,7 +55,7 @@ class Destination:
 
     @classmethod
     def stored(cls, recordings: Recordings, run_id: str, key: str) -> Destination:
-        """The place of a recording in a store, where its log is written first."""
+        """Return the place of a recording in a store, whose log is written first."""
         return cls(recordings.path(run_id), key, recordings.bodies_folder, (recordings, run_id))
 
 
@@ -64,11 +64,11 @@ class Run:
 
     Args:
         run_id: Its name.
-        request: As it came.
-        destination: Where its recording goes, if anywhere.
-        robot: Gives the source of its robot, once that is loaded.
-        progress: Tells somebody how far it is, if anybody listens.
-        proof_place: The file that its proof goes to, and what a reply says about where that is; None: nowhere.
+        request: The request.
+        destination: Place of its recording, if any.
+        robot: Returns the source of its robot, once that is loaded.
+        progress: Reports its progress, if anybody listens.
+        proof_place: File of its proof, and its place for the reply; None: nowhere.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Run:
         request: MotionRequest,
         destination: Destination | None,
         robot: Callable[[], RobotOrigin],
-        progress: ProgressTold | None = None,
+        progress: ProgressReporter | None = None,
         proof_place: tuple[Path, str] | None = None,
     ) -> None:
         self.run_id = run_id
@@ -90,20 +90,20 @@ class Run:
         self._proof_place, self._proof = proof_place, b""
 
     def is_cancelled(self) -> bool:
-        """Return whether a client asked the run to end; called at every iteration, it also lets progress be told."""
+        """Return whether the run is cancelled; called at every iteration, it also reports progress."""
         return self._progress is not None and self._progress.pass_time_and_ask()
 
     def prepare(self, what: str) -> None:
-        """Be told which part of the robot is prepared."""
+        """Report the part of the robot that is prepared now."""
         if self._progress is not None:
             self._progress.prepare(what)
 
     def record(self, group: PlanningGroup, scene: Scene) -> _Observers:
-        """An observer of the run: tells its progress, and keeps its recording when it is finished, once.
+        """Return an observer of the run that reports its progress, and stores its recording at the end.
 
         Args:
             group: The joints that move.
-            scene: Where.
+            scene: The scene.
         """
         if self._progress is not None:
             self._progress.begin(group, scene)
@@ -115,11 +115,11 @@ class Run:
         return _Observers(self._progress, self._recording)
 
     def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
-        """Prove what came of the run, to be kept as it ends; where there is no proof the reply warns why.
+        """Prove the motions of the run; without a proof the reply warns why.
 
         Args:
-            motions: The motions that are certified, with all that they keep; none, where the run has none.
-            deadline: When that must end.
+            motions: The certified motions; none if the run has none.
+            deadline: The deadline of the proof.
         """
         from guidefield.proof_file import UnprovedError, proof_of
 
@@ -135,11 +135,11 @@ class Run:
             for untold in dict.fromkeys(motion.untold for motion in motions if motion.untold):
                 self._warnings.add(f"the proof doesn't tell that {untold}")
         except (UnprovedError, OSError) as error:
-            why = without_path(error) if isinstance(error, OSError) else error
+            why = strip_path(error) if isinstance(error, OSError) else error
             self._warnings.add(f"no proof is kept: {why}")
 
     def _keep_proof(self) -> str | None:
-        """Write the proof; what a reply says about where it is, None where there is none."""
+        """Write the proof, and return its place for the reply; None if there is none."""
         if not self._proof or self._proof_place is None:
             return None
         file, key = self._proof_place
@@ -147,17 +147,17 @@ class Run:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_whole(file, self._proof, durable=False)
         except OSError as error:
-            self._warnings.add(f"no proof is kept: {without_path(error)}")
+            self._warnings.add(f"no proof is kept: {strip_path(error)}")
             return None
         return key
 
     def end(self, reply: _R, received: float | None = None) -> _R:
-        """The reply as it is sent, with where its recording and its proof are, or why there are none.
+        """Complete a reply with the places of its recording and proof, or warnings why there are none.
 
-        What came after its timing was told counts as measuring, unless a recording was kept meanwhile.
+        Time since the reply's timing counts as measuring, unless a recording was stored then.
 
         Args:
-            reply: What the run came to.
+            reply: The reply.
             received: When it arrived, by `time.monotonic()` [s]; None: its timing stays as it is.
         """
         place, proof = None if self._recording is None else self._recording.kept, self._keep_proof()
@@ -169,15 +169,15 @@ class Run:
 
 
 def _until(timing: Timing, total: float) -> Timing:
-    """The times of a run that took so long in all [s]."""
+    """Return the times of a run with another total [s]; the rest counts as measuring."""
     return msgspec.structs.replace(timing, total=total, measure=timing.measure + max(0.0, total - timing.total))
 
 
 class _Warnings:
-    """Warnings about what could not be kept of a run.
+    """Warnings about a run's files.
 
-    Its own object: a recording that knew its run would leave both, and the world that was planned in, lying about until
-    cycles are collected.
+    Its own object: a recording with a reference to its run would keep both, and the world, alive until cycles are
+    collected.
     """
 
     def __init__(self, run_id: str) -> None:
@@ -191,7 +191,7 @@ class _Warnings:
 
 
 def whole_recording(recordings: Recordings, run_id: str) -> bytes:
-    """The recording of a run, with its robot's meshes: one file that anybody can open.
+    """Return the recording of a run as one file, with its robot's meshes.
 
     Raises:
         UnknownObject: if the run has no recording, or not yet, or a damaged one.
@@ -221,14 +221,14 @@ def draw(
     Args:
         file: The recording.
         bodies: As in `Destination`.
-        request: As it came.
-        reply: As it is recorded.
+        request: The request.
+        reply: The recorded reply.
         motion: The motion.
-        events: What the planner told.
-        made_with: The packages that the run was made with.
+        events: The planner's events.
+        made_with: Versions of the packages that made the run.
 
     Returns:
-        Why it isn't kept; None if it is.
+        The reason why it isn't stored; None if it is.
 
     Raises:
         OSError: if the disk refuses.
@@ -261,26 +261,26 @@ def draw(
 class _Observers:
     """The observers of a run as one."""
 
-    progress: ProgressTold | None
+    progress: ProgressReporter | None
     recording: _Recording | None
 
     def observe(self, event: Event) -> None:
-        """Pass on what the planner tells."""
+        """Pass an event of the planner on."""
         for observer in (self.progress, self.recording):
             if observer is not None:
                 observer.observe(event)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        """Have the recording kept, if there is one: nothing is measured for none."""
+        """Store the recording, if there is one."""
         if self.recording is not None:
             self.recording.finish(reply, motion)
 
 
 class _Recording:
-    """The recording of a run: what the planner tells, until the end; failures to keep it are told, not raised.
+    """The recording of a run: the planner's events until the end; failures to store it become warnings.
 
     Attributes:
-        kept: Where the recording is or will be, for the reply; None until it is finished, and where it can't be kept.
+        kept: Its place, for the reply; None until it is finished, and if it can't be stored.
     """
 
     def __init__(
@@ -301,25 +301,25 @@ class _Recording:
         self.kept: str | None = None
 
     def observe(self, event: Event) -> None:
-        """Keep what the planner tells."""
+        """Store an event of the planner."""
         from guidefield.planner.task.trace import Step
 
         if not self._steps_only or isinstance(event, Step):
             self._events.add(event)
 
     def finish(self, reply: MotionReply, motion: RecordedMotion) -> None:
-        """Keep the log of the run, or draw the recording: where no log can be kept, too."""
+        """Store the log of the run; draw the recording instead if that fails, or no log is wanted."""
         to = self._destination
         told: MotionReply = msgspec.structs.replace(reply, recording=to.key)
         try:
             if to.log is None or not self._defer(*to.log, told, motion):
-                fault = draw(to.file, to.bodies, self._request, told, motion, self._events, made_with())
+                fault = draw(to.file, to.bodies, self._request, told, motion, self._events, describe_versions())
                 if fault is not None:
                     self._warnings.add(f"the recording is not kept: {fault}")
                     return
             self.kept = to.key
         except OSError as error:
-            self._warnings.add(f"the recording was not written: {without_path(error)}")
+            self._warnings.add(f"the recording was not written: {strip_path(error)}")
         except Exception as error:
             _log.exception("the recorder failed")
             self._warnings.add(
@@ -327,7 +327,7 @@ class _Recording:
             )
 
     def _defer(self, recordings: Recordings, name: str, reply: MotionReply, motion: RecordedMotion) -> bool:
-        """Keep the log of the run; False if it can't be kept."""
+        """Store the log of the run; return False if that fails."""
         from guidefield.run_log import write_log
 
         log, shared = write_log(
@@ -336,6 +336,6 @@ class _Recording:
         try:
             recordings.owe(name, log, shared)
         except OSError as error:
-            _log.warning("run %s: its log can't be kept: %s", self._run_id, without_path(error))
+            _log.warning("run %s: its log can't be kept: %s", self._run_id, strip_path(error))
             return False
         return True

@@ -31,7 +31,7 @@ from guidefield.robot.catalog.sent import SentRobot
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, declared_with
 from guidefield.stores.recordings import OBSTACLES, ROBOT, SCENE, SharedFile
-from guidefield.versions import made_with
+from guidefield.versions import describe_versions
 
 MAGIC = b"guidefield run log 1\n"
 """Beginning of a log's file; the number is that of its form."""
@@ -165,7 +165,7 @@ def write_log(
     given = isinstance(request.scene, SceneMessage) and getattr(request.scene, "base", None) is None
     log = _Log(
         run_id=run_id,
-        made_with=made_with(),
+        made_with=describe_versions(),
         judges=isinstance(request, CertifyRequest),
         request=_encoded(_without_scene(request) if given else request),
         reply=_encoded(reply),

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from guidefield import logs
-from guidefield.errors import GuidefieldError, ServerBusy, unforeseen
+from guidefield.errors import GuidefieldError, ServerBusy, convert_exception
 from guidefield.first_start import compile_kernels, processor
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
@@ -169,7 +169,7 @@ class StreamConversation:
             return
         except Exception as error:
             _log.exception("a stream could not be opened")
-            line.send(Refused(make_error_reply(unforeseen(error))))
+            line.send(Refused(make_error_reply(convert_exception(error))))
             return
         line.send(_open(stream))
         gc.collect()

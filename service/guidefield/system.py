@@ -25,10 +25,10 @@ def resident(pid: int) -> int:
             return int(Path(f"/proc/{pid}/statm").read_bytes().split()[1]) * mmap.PAGESIZE
         except OSError:
             return 0
-    return told_resident(pid)
+    return psutil_resident(pid)
 
 
-def told_resident(pid: int) -> int:
+def psutil_resident(pid: int) -> int:
     """The same as psutil tells it [bytes]."""
     try:
         return int(psutil.Process(pid).memory_info().rss)
@@ -46,10 +46,10 @@ def processor_time(pid: int) -> float:
             return time.clock_gettime(~pid << 3 | _PROCESSOR_TIME)
         except OSError:
             return 0.0
-    return told_processor_time(pid)
+    return psutil_processor_time(pid)
 
 
-def told_processor_time(pid: int) -> float:
+def psutil_processor_time(pid: int) -> float:
     """The same as psutil tells it [s]: on Linux in hundredths of a second."""
     try:
         spent = psutil.Process(pid).cpu_times()

@@ -8,22 +8,22 @@ from importlib.metadata import PackageNotFoundError, version
 
 from guidefield.first_start import processor
 
-OURS = "guidefield"
+PACKAGE = "guidefield"
 """The package that plans."""
 PROCESSOR = "processor"
 """Name of the kind of processor among the versions: rounding may be another on another kind."""
-PACKAGES = (OURS, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
+PACKAGES = (PACKAGE, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
 """The packages whose versions are recorded."""
 
 
 @functools.cache
-def made_with() -> str:
+def describe_versions() -> str:
     """The packages and their versions as one line of a recording."""
     return ", ".join(f"{name} {text}" for name, text in versions().items())
 
 
-def parsed(text: str) -> dict[str, str]:
-    """Versions by package, of a line that `made_with` made."""
+def parse_versions(text: str) -> dict[str, str]:
+    """Versions by package, of a line that `describe_versions` made."""
     return dict(package.split(" ", 1) for package in text.split(", ")) if text else {}
 
 

@@ -30,7 +30,7 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
     Raises:
         OSError: if it can't be written; names `path`.
     """
-    draft = draft_of(path)
+    draft = draft_path(path)
     try:
         with draft.open("wb") as file:
             file.writelines(data)
@@ -46,7 +46,7 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
         flush_folder(path.parent)
 
 
-def draft_of(path: Path) -> Path:
+def draft_path(path: Path) -> Path:
     """Return a name beside a file's for content that isn't whole yet: another one each time."""
     return path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
 

@@ -16,7 +16,7 @@ from guidefield import logs
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
 from guidefield.engines import Engines
-from guidefield.errors import GuidefieldError, Preempted, Status, unforeseen
+from guidefield.errors import GuidefieldError, Preempted, Status, convert_exception
 from guidefield.messages import codec, keys
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
@@ -108,7 +108,7 @@ class EngineWorker:
             return False, codec.encode(make_error_reply(error), encoding)
         except Exception as error:
             _log.exception("an answer could not be written")
-            return False, codec.encode(make_error_reply(unforeseen(error)), encoding)
+            return False, codec.encode(make_error_reply(convert_exception(error)), encoding)
 
     def _replied(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         query = job.query

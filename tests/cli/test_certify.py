@@ -16,7 +16,7 @@ import guidefield
 from guidefield import run_arrays
 from guidefield.arrays import write_motion
 from guidefield.cli import app
-from guidefield.cli.certifying import fields_of
+from guidefield.cli.certifying import read_fields
 from guidefield.engine import Engine
 from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject
 from guidefield.messages import codec
@@ -77,7 +77,7 @@ def test_a_motion_in_a_file_is_judged(name: str, kept: Path, tmp_path: Path) -> 
 def test_a_recording_and_a_kept_run_bring_their_robot_and_scene(kept: Path, tmp_path: Path) -> None:
     record = tmp_path / "judged.rrd"
     assert run(str(kept / "run.rrd"), "--record", str(record))[0] == 0
-    assert fields_of(kept / "run.rrd")["min_clearance"] == PLAN["min_clearance"]
+    assert read_fields(kept / "run.rrd")["min_clearance"] == PLAN["min_clearance"]
     again = run("planned", "--data", str(kept))
     assert again[0] == 0, again[1]
     assert run(str(record), "--min-clearance", "0.5")[0] == 1
@@ -121,7 +121,7 @@ def test_a_refusal_is_exit_code_1_and_tells_the_place(kept: Path, tmp_path: Path
 def test_columns_by_their_bare_names_and_a_time_step(tmp_path: Path) -> None:
     file = tmp_path / "m.csv"
     file.write_text("elbow_joint,shoulder_pan_joint\n1.0,0.0\n1.1,0.1\n1.2,0.4\n")
-    assert fields_of(file) == {
+    assert read_fields(file) == {
         "path": [[1.0, 0.0], [1.1, 0.1], [1.2, 0.4]], "position_names": ["elbow_joint", "shoulder_pan_joint"]
     }  # fmt: skip
     assert "curve linear" in run(str(file), *HERE)[1]
@@ -155,14 +155,14 @@ def test_what_is_wrong_with_a_file_is_told(case: str, tmp_path: Path) -> None:
     name, text, why = BROKEN[case]
     (tmp_path / name).write_text(text)
     with pytest.raises(MalformedRequest) as refusal:
-        fields_of(tmp_path / name)
+        read_fields(tmp_path / name)
     assert why in refusal.value.message
     assert name in refusal.value.message
 
 
 def test_what_is_missing_is_told(tmp_path: Path) -> None:
     with pytest.raises(UnknownObject, match="no file"):
-        fields_of(tmp_path / "m.csv")
+        read_fields(tmp_path / "m.csv")
     np.savez(tmp_path / "m.npz", path=np.zeros((2, 1)), position_names=np.array(["elbow_joint"]))
     code, told = run(str(tmp_path / "m.npz"), "--robot", "ur5")
     assert (code, "give --scene" in told) == (2, True)
@@ -196,7 +196,7 @@ def test_columns_of_joints_with_odd_names_are_told_apart(tmp_path: Path) -> None
     file.write_text(
         "time,position:time,position:left:elbow,velocity:time,velocity:left:elbow,arm\n0,1,2,3,4,5\n1,1,2,3,4,5\n"
     )
-    fields = fields_of(file)
+    fields = read_fields(file)
     assert fields["position_names"] == ["time", "left:elbow", "arm"]
     assert fields["velocity_names"] == ["time", "left:elbow"]
     assert fields["trajectory"]["times"] == [0, 1]

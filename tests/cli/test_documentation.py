@@ -16,9 +16,9 @@ FOLDER = Path(__file__).resolve().parents[2] / "service" / "docs"
 
 
 def test_every_page_is_a_subject_that_begins_with_a_heading_and_a_sentence() -> None:
-    assert set(documentation.subjects()) == {path.stem for path in FOLDER.glob("*.md")}
-    for subject in documentation.subjects():
-        text = documentation.page(subject)
+    assert set(documentation.list_subjects()) == {path.stem for path in FOLDER.glob("*.md")}
+    for subject in documentation.list_subjects():
+        text = documentation.read_page(subject)
         assert text.startswith("# ")
         sentence = documentation.first_sentence(text)
         assert sentence.endswith((".", ":"))
@@ -29,16 +29,16 @@ def test_the_pages_are_listed_with_their_first_sentence() -> None:
     done = CliRunner().invoke(app, ["docs"])
     assert done.exit_code == 0
     assert "](" not in done.output
-    for subject in documentation.subjects():
-        first = documentation.first_sentence(documentation.page(subject)).replace("`", "").split()[:3]
+    for subject in documentation.list_subjects():
+        first = documentation.first_sentence(documentation.read_page(subject)).replace("`", "").split()[:3]
         assert any(line.split()[:4] == [subject, *first] for line in done.output.splitlines())
 
 
-@pytest.mark.parametrize("subject", documentation.subjects())
+@pytest.mark.parametrize("subject", documentation.list_subjects())
 def test_a_page_is_rendered(subject: str) -> None:
     done = CliRunner().invoke(app, ["docs", subject])
     assert done.exit_code == 0
-    heading = documentation.page(subject).partition("\n")[0].removeprefix("# ")
+    heading = documentation.read_page(subject).partition("\n")[0].removeprefix("# ")
     assert heading in done.output
     assert "```" not in done.output
     assert "\x1b" not in done.output
@@ -60,9 +60,9 @@ def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
     with pytest.raises(
         UnknownObject, match=r"no page about 'certificat'; did you mean certificate or certify\?.* there are algorithm"
     ):
-        documentation.page("certificat")
+        documentation.read_page("certificat")
     with pytest.raises(UnknownObject, match="there are algorithm") as refused:
-        documentation.page("../../../etc/passwd")
+        documentation.read_page("../../../etc/passwd")
     assert "did you mean" not in refused.value.message
     done = CliRunner().invoke(app, ["docs", "wyre"])
     assert done.exit_code != 0

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from guidefield.arrays import run_arrays
 from guidefield.cli.commands import app
-from guidefield.cli.comparison import differing, largest_step, motion_hash
+from guidefield.cli.comparison import largest_step, list_differences, motion_hash
 from guidefield.cli.found_run import find_plan, find_run
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest, Status, UnknownObject
@@ -149,7 +149,7 @@ def test_two_runs_are_compared(data: Path) -> None:
 
 def test_the_sign_of_a_zero_is_a_bit() -> None:
     first, second = (msgspec.structs.replace(plan_reply("a"), path=[[zero]]) for zero in (0.0, -0.0))
-    assert differing(first, second) == ["path"]
+    assert list_differences(first, second) == ["path"]
     assert motion_hash(first) != motion_hash(second)
     assert motion_hash(first) == motion_hash(msgspec.structs.replace(first, run_id="b"))
     assert largest_step(first, second) == 0.0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.cli.certifying import fields_of
+from guidefield.cli.certifying import read_fields
 
 HEADS = ("time,j0,j1", " time, j0 , j1", 'time, "j0", "j1"', "time,position: j0, position:j1 ")
 
@@ -15,6 +15,6 @@ HEADS = ("time,j0,j1", " time, j0 , j1", 'time, "j0", "j1"', "time,position: j0,
 def test_blanks_in_a_head_are_no_part_of_names(head: str, tmp_path: Path) -> None:
     file = tmp_path / "motion.csv"
     file.write_text(f"{head}\n0, 0.0, 1.0\n1, 0.5, 1.5\n", encoding="utf-8")
-    fields = fields_of(file)
+    fields = read_fields(file)
     assert fields["position_names"] == ["j0", "j1"]
     assert fields["trajectory"] == {"times": [0.0, 1.0], "positions": [[0.0, 1.0], [0.5, 1.5]]}

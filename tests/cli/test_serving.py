@@ -38,7 +38,7 @@ def test_a_signal_that_comes_as_a_service_begins_to_wait_ends_it(number: signal.
 
 def test_a_service_says_where_its_threads_stand_and_goes_on() -> None:
     code = INTERRUPTED_WHILE_IT_HOLDS_THE_EVENT.replace(
-        "assert stop", "os.kill(os.getpid(), serving.WHERE); assert stop"
+        "assert stop", "os.kill(os.getpid(), serving.TRACE_SIGNAL); assert stop"
     )
     command = [sys.executable, "-c", code, str(int(signal.SIGTERM))]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

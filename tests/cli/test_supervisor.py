@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.cli import serving
-from guidefield.cli.serving import tell_supervisor
+from guidefield.cli.serving import notify_supervisor
 from guidefield.endpoint.service import ServiceSettings
 
 
@@ -34,7 +34,7 @@ def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.
     ],
 )
 def test_a_sentence_is_a_datagram(systemd: socket.socket, sentence: str, datagram: bytes) -> None:
-    tell_supervisor(sentence)
+    notify_supervisor(sentence)
     assert systemd.recv(4096) == datagram
 
 
@@ -44,20 +44,20 @@ def test_a_socket_without_a_file_is_told_too(monkeypatch: pytest.MonkeyPatch) ->
         listening.bind(f"\0{name}")
         listening.settimeout(60.0)
         monkeypatch.setenv("NOTIFY_SOCKET", f"@{name}")
-        tell_supervisor("ready")
+        notify_supervisor("ready")
         assert listening.recv(4096) == b"STATUS=ready\nREADY=1"
 
 
 def test_nobody_is_told_where_nobody_listens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
-    tell_supervisor("ready")
+    notify_supervisor("ready")
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
-    tell_supervisor("ready")
+    notify_supervisor("ready")
 
 
 def test_a_supervisor_that_reads_nothing_keeps_nobody_waiting(systemd: socket.socket) -> None:
     for _ in range(10_000):
-        tell_supervisor("x" * 1000)
+        notify_supervisor("x" * 1000)
     assert systemd.recv(4096).startswith(b"STATUS=xxx")
 
 
@@ -69,7 +69,7 @@ def test_what_a_service_announces_the_supervisor_hears(
         announce("ready: instance 'local' answers")
 
     monkeypatch.setattr(serving, "serve", serve)
-    monkeypatch.setattr(serving, "end_when_told", lambda *_: None)
+    monkeypatch.setattr(serving, "end_on_signal", lambda *_: None)
     monkeypatch.setattr(serving.faulthandler, "register", lambda _: None)
     monkeypatch.setattr(serving.logs, "configure", lambda *_, **__: None)
     serving.serve_until_signal(ServiceSettings(tmp_path), print)

@@ -16,7 +16,7 @@ import pytest
 from typer.main import get_command
 
 from guidefield.cli import app
-from guidefield.cli.serving import ENDS_WITHIN, LEAVES_WITHIN
+from guidefield.cli.serving import CHILD_END_TIME_S, END_TIME_S
 from guidefield.endpoint.service import DEFAULT_GRACE
 
 HOUSE = Path(__file__).resolve().parents[2]
@@ -50,7 +50,7 @@ def test_the_unit_starts_a_service_with_options_that_there_are() -> None:
 
 def test_the_unit_gives_the_service_its_time() -> None:
     (seconds,) = _service()["TimeoutStopSec"]
-    assert DEFAULT_GRACE + LEAVES_WITHIN < int(seconds) <= ENDS_WITHIN
+    assert DEFAULT_GRACE + END_TIME_S < int(seconds) <= CHILD_END_TIME_S
 
 
 def test_the_unit_lets_machine_code_be_made_and_kept() -> None:

@@ -43,7 +43,7 @@ from guidefield.doctor.resources import (
     vectors,
 )
 from guidefield.endpoint.link import NoAnswer, is_taken, measure_answer
-from guidefield.first_start import compiled_mark, processor
+from guidefield.first_start import compiled_marker, processor
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase
 from tests.kept_runs import keep
@@ -230,8 +230,8 @@ def test_kernels_are_there_once_they_are_compiled(tmp_path: Path, monkeypatch: p
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert kernels().state is State.REMARK
     assert "compile_ahead" in kernels().advice
-    compiled_mark().parent.mkdir(parents=True)
-    compiled_mark().touch()
+    compiled_marker().parent.mkdir(parents=True)
+    compiled_marker().touch()
     assert kernels().state is State.FINE
     assert processor() in kernels().found
     monkeypatch.setenv("GUIDEFIELD_PLAIN_NUMBA", "1")

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import guidefield
-from guidefield.cli.certifying import recorded_fields
+from guidefield.cli.certifying import make_recorded_fields
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
@@ -167,7 +167,7 @@ def scene_of(request: requests.MotionRequest):
 
 def judged(request: requests.PlanRequest, reply: PlanReply) -> CertifyReply:
     """The plan's own motion, as whoever kept its request and reply would ask."""
-    fields = msgspec.json.decode(msgspec.json.encode(recorded_fields(request, to_plain_data(reply), "run")))
+    fields = msgspec.json.decode(msgspec.json.encode(make_recorded_fields(request, to_plain_data(reply), "run")))
     return certify(**{"model": request.robot, **fields, "scene": request.scene, "robot": request.robot})
 
 
@@ -200,7 +200,7 @@ def test_a_plan_among_moving_obstacles_is_certified_at_its_times_only(title: str
     require_same(request, made)
     hurried = to_plain_data(made)
     hurried["trajectory"]["times"] = [0.3 * moment for moment in hurried["trajectory"]["times"]]
-    reply = certify(model=request.robot, **{**recorded_fields(request, hurried, "run"), "scene": request.scene})
+    reply = certify(model=request.robot, **{**make_recorded_fields(request, hurried, "run"), "scene": request.scene})
     assert reply.certificate.reason in ("contact", "undecided")
     assert reply.certificate.place.time is not None
     with pytest.raises(MalformedRequest, match="obstacles move"):

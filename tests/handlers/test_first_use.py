@@ -41,7 +41,7 @@ def test_a_judgements_tables_are_made_before_its_time_begins(named: bool, monkey
         position_names=["j2"] if named else None,
         attached_objects=[AttachedObject(new_mesh("held"), "l3", Placement(position=(0.0, 0.0, 0.5)), ["l2"])],
     )
-    lay_out_ahead(request, engine._robot)
+    lay_out_ahead(request, engine._load_robot)
 
     def late(*_: object) -> None:
         raise AssertionError("it was to be made before")
@@ -58,10 +58,10 @@ def test_what_steps_pick_up_is_prepared_before_their_time_begins() -> None:
     scene = Scene(name="s", obstacles=[new_mesh("part"), new_mesh("other")])
     step = PlanStep(goal=JointsGoal({"j1": 0.1}), attach=Attach("part"))
     request = PlanRequest(robot=arm, scene=scene, steps=[step])
-    assert not prepare_ahead(request, engine._robot, engine._declared)
-    assert prepare_ahead(request, engine._robot, engine._declared)
+    assert not prepare_ahead(request, engine._load_robot, engine._find_scene_message)
+    assert prepare_ahead(request, engine._load_robot, engine._find_scene_message)
 
-    robot, nowhere = engine._robot(arm), build(Scene(name="nowhere"))
+    robot, nowhere = engine._load_robot(arm), build(Scene(name="nowhere"))
     for obstacle, known in ((scene.obstacles[0], True), (scene.obstacles[1], False)):
         there = AttachedObject(obstacle, "l2", Placement(position=(0.1, 0.2, 0.3)))
         held = holding(robot, [there], nowhere)

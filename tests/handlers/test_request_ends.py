@@ -86,7 +86,7 @@ def test_a_planar_root_keeps_its_turns() -> None:
 def opening(**fields: Any) -> Opened:
     request: StreamOpen = codec.convert({"scene": EMPTY, **fields}, StreamOpen)
     engine = Engine()
-    return opened(request, engine._robot(request.robot), engine._scene(request.scene))
+    return opened(request, engine._load_robot(request.robot), engine._build_scene(request.scene))
 
 
 def test_a_stream_stands_where_its_start_is() -> None:

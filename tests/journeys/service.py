@@ -16,7 +16,7 @@ from typing import Any
 
 import zenoh
 
-from guidefield.cli.ending import BY_FORCE
+from guidefield.cli.ending import FORCED_EXIT_CODE
 from guidefield.cli.loopback import LOOPBACK, free_port
 
 STARTED_WITHIN = 300.0
@@ -104,7 +104,7 @@ def _end(process: subprocess.Popen[str]) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         raise
-    assert code not in (BY_FORCE, -signal.SIGALRM), "it had to be ended by force; its log says where it stood"
+    assert code not in (FORCED_EXIT_CODE, -signal.SIGALRM), "it had to be ended by force; its log says where it stood"
 
 
 @dataclass(frozen=True)

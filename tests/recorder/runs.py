@@ -24,7 +24,7 @@ from guidefield.recorder.stored import Place
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.scene.scene import Scene, build
-from guidefield.versions import made_with as made_with_now
+from guidefield.versions import describe_versions as made_with_now
 from tests.robots import robot
 
 PLACEMENT = pin.SE3(pin.rpy.rpyToMatrix(0.1, -0.2, 0.7), np.array([0.3, -0.1, 0.2]))

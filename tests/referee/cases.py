@@ -54,7 +54,7 @@ def timed(motion: case_file.Motion, trajectory: Trajectory) -> case_file.Motion:
 
 def read(motion: case_file.Motion, limits: bool = True) -> Case:
     """What the referee reads; without the joints' limits it may be asked for what they hide."""
-    (told,) = case_file.cases(motion)
+    (told,) = case_file.make_cases(motion)
     case = case_of(json.loads(json.dumps(told)))
     endless = np.full_like(case.lower, np.inf)
     return case if limits else dataclasses.replace(case, lower=-endless, upper=endless)

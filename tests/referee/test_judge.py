@@ -192,7 +192,7 @@ def test_rates_are_judged_at_their_extrema(kind, limits):
 def test_a_follower_has_limits_of_its_own():
     """At 6 rad the follower is at 0.2 * 6 - 0.1 = 1.1 m."""
     planned = grouped(box_arm("wide screw", 2), "l2")
-    (told,) = case_file.cases(straight(world_of(planned, []), [[0.0], [6.0]]))
+    (told,) = case_file.make_cases(straight(world_of(planned, []), [[0.0], [6.0]]))
     for upper, answer in ((1.11, Answer.FREE), (1.09, Answer.BEYOND_LIMIT)):
         narrow = told["robot"] | {"urdf": told["robot"]["urdf"].replace('upper="2"', f'upper="{upper}"')}
         finding = judge(case_of(told | {"robot": narrow})).finding
@@ -224,7 +224,7 @@ def test_a_start_wholly_inside_a_closed_mesh_is_refused_and_a_room_is_free():
 def test_a_part_that_does_not_contain_its_mesh_is_refused():
     """The file says that the hull of an L is smaller than it is; or that its closed surface lacks a triangle."""
     solid = obstacle_mesh("l", l_prism(), 0.1, (0.4, 0.0, 0.2))
-    (told,) = case_file.cases(straight(world_of(arm(), [solid]), [[-0.5, 0.0], [-0.8, 0.0]]))
+    (told,) = case_file.make_cases(straight(world_of(arm(), [solid]), [[-0.5, 0.0], [-0.8, 0.0]]))
     assert judge(case_of(told)).answer is Answer.FREE
     smaller = json.loads(json.dumps(told))
     corners = smaller["parts"]["objects"]["l"]["hulls"][0]
@@ -242,7 +242,7 @@ def test_a_part_that_does_not_contain_its_mesh_is_refused():
 def test_parts_contain_a_mesh_together():
     """Two boxes are an L; one of them isn't."""
     solid = obstacle_mesh("l", l_prism(), 0.1, (0.4, 0.0, 0.2))
-    (told,) = case_file.cases(straight(world_of(arm(), [solid]), [[-0.5, 0.0], [-0.8, 0.0]]))
+    (told,) = case_file.make_cases(straight(world_of(arm(), [solid]), [[-0.5, 0.0], [-0.8, 0.0]]))
     corners = np.indices((2, 2, 2)).reshape(3, 8).T
     boxes = [(corners * size).tolist() for size in ([0.1, 0.2, 0.1], [0.2, 0.1, 0.1])]
     for hulls, answer in ((boxes, Answer.FREE), (boxes[:1], Answer.FALSE_PART)):
@@ -318,7 +318,7 @@ def test_a_contact_that_is_left_is_a_case_of_its_own():
     assert whole.answer is Answer.CONTACT
     cases = [
         case_of(told)
-        for told in case_file.cases(dataclasses.replace(motion, touching=[("l2", "block")], left_at=(0, 0.5)))
+        for told in case_file.make_cases(dataclasses.replace(motion, touching=[("l2", "block")], left_at=(0, 0.5)))
     ]
     verdicts = [judge(case) for case in cases]
     assert [verdict.answer for verdict in verdicts] == [Answer.FREE, Answer.FREE]

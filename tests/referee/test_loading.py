@@ -29,7 +29,7 @@ from tests.robots import box_arm, group, grouped, robot
 
 def told() -> dict[str, Any]:
     planned = grouped(box_arm("y", 1), "l1")
-    (case,) = case_file.cases(straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [[0.0], [0.3]]))
+    (case,) = case_file.make_cases(straight(world_of(planned, [box("b", (0.1, 0.1, 0.1), (1, 0, 0))]), [[0.0], [0.3]]))
     made: dict[str, Any] = json.loads(json.dumps(case))
     return made
 
@@ -174,7 +174,9 @@ def swept(obstacle: tuple[float, float, float], mimic: str = "", **names: str) -
     """The referee's answer to a turn of an arm, whose outer body is 0.5 m from its axis, beside a ball."""
     called = {"a": "a", "b": "b", "one": "j", "two": "f", **names}
     planned = grouped(UrdfText(text=NAMED.format(body=BODY, limit=LIMIT, mimic=mimic, **called)), called["b"])
-    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02, 0.02, 0.02), obstacle)]), [[0.0], [0.8]]))
+    (case,) = case_file.make_cases(
+        straight(world_of(planned, [box("box", (0.02, 0.02, 0.02), obstacle)]), [[0.0], [0.8]])
+    )
     return judge(case_of(json.loads(json.dumps(case)))).answer
 
 
@@ -211,10 +213,10 @@ def test_a_planar_joint_moves_as_its_axis_says(axis: str) -> None:
     z = np.array([0.6, -0.4, 0.7])
     pin.framesForwardKinematics(model, data, planned.expand_from_chart(z))
     there = data.oMf[planned.tip_id].translation
-    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02,) * 3, there)]), [0.9 * z, 1.1 * z]))
+    (case,) = case_file.make_cases(straight(world_of(planned, [box("box", (0.02,) * 3, there)]), [0.9 * z, 1.1 * z]))
     assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.CONTACT
     beside = there + 0.25 * data.oMi[1].rotation[:, 2]
-    (case,) = case_file.cases(straight(world_of(planned, [box("box", (0.02,) * 3, beside)]), [0.9 * z, 1.1 * z]))
+    (case,) = case_file.make_cases(straight(world_of(planned, [box("box", (0.02,) * 3, beside)]), [0.9 * z, 1.1 * z]))
     assert judge(case_of(json.loads(json.dumps(case)))).answer is Answer.FREE
 
 

@@ -38,8 +38,8 @@ def test_the_proof_of_a_fixed_request_holds(name: str, requests: Any, tmp_path: 
         motion = motion_of(msgspec.convert(asked, CertifyRequest))
     else:
         plan = msgspec.convert(asked, PlanRequest)
-        plan = msgspec.structs.replace(plan, scene=engine._declared(plan.scene))
-        motion = planned(plan, engine._robot(plan.robot))
+        plan = msgspec.structs.replace(plan, scene=engine._find_scene_message(plan.scene))
+        motion = planned(plan, engine._load_robot(plan.robot))
     write_proof(file, motion)
     (verdict,) = replay_file(file)
     assert verdict.answer is Answer.FREE, verdict.finding

@@ -83,7 +83,7 @@ def case(model: RobotModel, request: CertifyRequest) -> dict[str, Any]:
         min_clearance=request.min_clearance,
         path_constraints=request.path_constraints,
     )
-    (plain,) = json.loads(json.dumps(case_file.cases(motion)))
+    (plain,) = json.loads(json.dumps(case_file.make_cases(motion)))
     return {**plain}
 
 

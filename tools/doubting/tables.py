@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pinocchio as pin
 
-from guidefield.case_file import Motion, cases
+from guidefield.case_file import Motion, make_cases
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import LINK
 from guidefield.kernels.prove.kept_distance import LOG_ROW, ROW_A, ROW_AXIS, ROW_B, ROW_PAIR, ROW_SEGMENT
@@ -51,7 +51,7 @@ def check_tables(world: World) -> dict[str, float]:
     straight = np.outer([0.0, 1e-6], np.ones(world.group.nv))
     motion = Motion(world, Placement(), (), None, straight, None)
     proof = _Writer(world, Goal(0.0), np.concatenate(rows)).proof(np.empty((0, 4)), np.array([[0.0, 1.0, 0.5]]))
-    case = case_of(cases(motion)[0])
+    case = case_of(make_cases(motion)[0])
     out = _Replay(case, proof, Along(case, 0.0, 0.0, math.inf))._slabs.standing_out
     found: dict[str, float] = {}
     for one, far in zip(case.bodies, out.tolist(), strict=True):

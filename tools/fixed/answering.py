@@ -58,7 +58,7 @@ def answered(request: dict[str, Any]) -> dict[str, Any]:
 def _refereed(request: dict[str, Any]) -> dict[str, Any]:
     """The referee's verdicts about a motion."""
     asked = msgspec.convert({**request, "type": "certify"}, guidefield.CertifyRequest)
-    verdicts = [judge(case_of(case)) for case in case_file.cases(motion_of(asked))]
+    verdicts = [judge(case_of(case)) for case in case_file.make_cases(motion_of(asked))]
     return {"verdicts": [{**asdict(verdict), "finding": _plain(verdict.finding)} for verdict in verdicts]}
 
 

@@ -13,7 +13,7 @@ from typing import TypeVar
 from guidefield.batch.request_file import Item
 from guidefield.batch.results import CannotWork, Outcome, crashed
 from guidefield.engine import Engine
-from guidefield.errors import GuidefieldError, WorkerCrashed, without_path
+from guidefield.errors import GuidefieldError, WorkerCrashed, strip_path
 from guidefield.messages import codec
 from guidefield.messages.replies import make_error_reply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
@@ -114,7 +114,7 @@ class RenderWorker:
         try:
             self.renderings.render(self.recordings, name, whole=True)
         except OSError as error:
-            return False, without_path(error).encode()
+            return False, strip_path(error).encode()
         return True, b""
 
 

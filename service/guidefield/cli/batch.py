@@ -41,11 +41,11 @@ def run(
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=out) as bar:
             task = bar.add_task("answered", total=wanted, completed=answered)
-            for outcome in _outcomes(left, workers, ray) if answered < wanted else ():
+            for outcome in _start_answers(left, workers, ray) if answered < wanted else ():
                 results.add(outcome)
                 bar.advance(task)
             if render:
-                _render(folder / RECORDINGS, workers, bar)
+                _render_owed(folder / RECORDINGS, workers, bar)
         codes = results.codes
     names = {Status(code).name if code in set(Status) else str(code): count for code, count in codes.most_common()}
     if crashes := wanted - codes.total():
@@ -57,7 +57,7 @@ def run(
     return 0 if all(code == Status.SUCCESS for code in codes) else 1
 
 
-def _render(folder: Path, workers: int, bar: Progress) -> None:
+def _render_owed(folder: Path, workers: int, bar: Progress) -> None:
     """Render the recordings whose logs are in a folder."""
     owed = len(Recordings(folder).owed())
     if not owed:
@@ -73,7 +73,7 @@ def _render(folder: Path, workers: int, bar: Progress) -> None:
         bar.advance(task)
 
 
-def _outcomes(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[Outcome]:
+def _start_answers(items: Iterable[Item], workers: int, ray: str | None) -> Iterator[Outcome]:
     if ray is None:
         from guidefield.batch.local import over_workers
 

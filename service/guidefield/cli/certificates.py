@@ -12,8 +12,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-VALID = timedelta(days=3650)
-EARLIER = timedelta(hours=1)
+VALIDITY = timedelta(days=3650)
+CLOCK_TOLERANCE = timedelta(hours=1)
 """Clocks may differ by this."""
 
 
@@ -33,7 +33,7 @@ class Certificates:
     key: bytes
 
 
-def certificates(hosts: Sequence[str]) -> Certificates:
+def make_certificates(hosts: Sequence[str]) -> Certificates:
     """New certificates.
 
     Args:
@@ -41,28 +41,28 @@ def certificates(hosts: Sequence[str]) -> Certificates:
     """
     now = datetime.now(UTC)
     root, own = ec.generate_private_key(ec.SECP256R1()), ec.generate_private_key(ec.SECP256R1())
-    issuer, subject = _name("guidefield authority"), _name(hosts[0])
+    issuer, subject = _make_name("guidefield authority"), _make_name(hosts[0])
 
-    def begun(whose: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+    def start_builder(whose: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
         return (
             x509.CertificateBuilder()
             .subject_name(whose)
             .issuer_name(issuer)
             .public_key(key)
             .serial_number(x509.random_serial_number())
-            .not_valid_before(now - EARLIER)
-            .not_valid_after(now + VALID)
+            .not_valid_before(now - CLOCK_TOLERANCE)
+            .not_valid_after(now + VALIDITY)
         )
 
     authority = (
-        begun(issuer, root.public_key())
+        start_builder(issuer, root.public_key())
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .sign(root, hashes.SHA256())
     )
     service = (
-        begun(subject, own.public_key())
+        start_builder(subject, own.public_key())
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(x509.SubjectAlternativeName([_host(host) for host in hosts]), critical=False)
+        .add_extension(x509.SubjectAlternativeName([_make_host(host) for host in hosts]), critical=False)
         .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(root.public_key()), critical=False)
         .sign(root, hashes.SHA256())
@@ -72,11 +72,11 @@ def certificates(hosts: Sequence[str]) -> Certificates:
     return Certificates(authority.public_bytes(pem), service.public_bytes(pem), key)
 
 
-def _name(name: str) -> x509.Name:
+def _make_name(name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name[:64])])
 
 
-def _host(host: str) -> x509.GeneralName:
+def _make_host(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:

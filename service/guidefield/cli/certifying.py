@@ -17,10 +17,10 @@ from guidefield.messages import codec, requests
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.scene import Scene
 
-ENDINGS = (".csv", ".json", ".npz", ".rrd")
+MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
 """Of files that hold a motion."""
 
-SHARED = (
+SHARED_FIELDS = (
     "robot",
     "scene",
     "robot_placement",
@@ -36,41 +36,41 @@ SHARED = (
 )
 """Fields of a plan request that a certify request has too."""
 
-TRAJECTORY = ("times", "positions", "velocities", "accelerations")
+TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")
 
 
-def fields_of(file: Path) -> dict[str, Any]:
+def read_fields(file: Path) -> dict[str, Any]:
     """The fields of a certify request that a file holds; without times in it, those of a path.
 
     Args:
-        file: Ends with one of `ENDINGS`.
+        file: Ends with one of `MOTION_ENDINGS`.
 
     Raises:
         UnknownObject: if there is no such file.
         MalformedRequest: if it holds no motion.
     """
-    if file.suffix not in ENDINGS:
-        raise MalformedRequest(f"{file.name!r} must end with one of {', '.join(ENDINGS)}", path=str(file))
+    if file.suffix not in MOTION_ENDINGS:
+        raise MalformedRequest(f"{file.name!r} must end with one of {', '.join(MOTION_ENDINGS)}", path=str(file))
     if not file.is_file():
         raise UnknownObject(f"there is no file {str(file)!r}", path=str(file))
     if file.suffix == ".rrd":
         from guidefield.recorder.reading import read_recording
 
         recorded = read_recording(file)
-        return recorded_fields(recorded.request, msgspec.to_builtins(recorded.reply), file.name)
+        return make_recorded_fields(recorded.request, msgspec.to_builtins(recorded.reply), file.name)
     try:
         match file.suffix:
             case ".csv":
-                return _with_motion(_csv(file), file.name)
+                return _select_motion(_read_csv(file), file.name)
             case ".npz":
-                return _with_motion(_npz(file), file.name)
+                return _select_motion(_read_npz(file), file.name)
             case _:
-                return _json(file)
+                return _read_json(file)
     except (ValueError, OSError, zipfile.BadZipFile) as error:
         raise MalformedRequest(f"{file.name!r} holds no motion: {error}", path=str(file)) from None
 
 
-def recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> dict[str, Any]:
+def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> dict[str, Any]:
     """The fields that ask about the motion of a run, in the scene that it was in.
 
     Args:
@@ -85,53 +85,53 @@ def recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> 
     if isinstance(request, CertifyRequest):
         return {name: value for name, value in plain.items() if name not in ("run_id", "type")}
     assert isinstance(request, PlanRequest), "a run plans or judges"
-    return {**{name: plain[name] for name in SHARED}, "tip": request.tip, **_with_motion(reply, run)}
+    return {**{name: plain[name] for name in SHARED_FIELDS}, "tip": request.tip, **_select_motion(reply, run)}
 
 
-def _with_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
+def _select_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
     """Fields of the motion among what was found; a plan's reply and flat arrays are understood."""
-    motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY if found.get(key) is not None}
+    motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY_FIELDS if found.get(key) is not None}
     fields = {key: found[key] for key in ("position_names", "velocity_names") if found.get(key) is not None}
     if motion.get("positions"):
         timed = "times" in motion
         if not timed and "velocities" not in motion:
-            return {"path": motion["positions"], **_without_rates(fields)}
+            return {"path": motion["positions"], **_drop_rates(fields)}
         if "velocities" not in motion:
-            fields = _without_rates(fields)
+            fields = _drop_rates(fields)
         return {"trajectory": motion, **fields}
     if found.get("path"):
-        return {"path": found["path"], **_without_rates(fields)}
+        return {"path": found["path"], **_drop_rates(fields)}
     raise MalformedRequest(f"{name!r} holds no motion: neither `positions` nor a `path`", path=name)
 
 
-def _without_rates(fields: dict[str, Any]) -> dict[str, Any]:
+def _drop_rates(fields: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in fields.items() if key != "velocity_names"}
 
 
-def _json(file: Path) -> dict[str, Any]:
+def _read_json(file: Path) -> dict[str, Any]:
     found = json.loads(file.read_bytes())
     if not isinstance(found, dict):
         raise ValueError(f"it is a {type(found).__name__}, not an object")
     if found.get("type") == "certify":
         return {name: value for name, value in found.items() if name != "type"}
-    return _with_motion(found, file.name)
+    return _select_motion(found, file.name)
 
 
-def _npz(file: Path) -> dict[str, Any]:
+def _read_npz(file: Path) -> dict[str, Any]:
     import numpy as np
 
     with np.load(file, allow_pickle=False) as arrays:
         return {name: arrays[name].tolist() for name in arrays.files}
 
 
-def _csv(file: Path) -> dict[str, Any]:
+def _read_csv(file: Path) -> dict[str, Any]:
     with file.open(newline="", encoding="utf-8-sig") as text:
         lines = [line for line in csv.reader(text, skipinitialspace=True) if line]
     if len(lines) < 2:
         raise ValueError("a head with the names of its columns and a row at least are expected")
     head = [name.strip() for name in lines[0]]
-    table = [_numbers(line, head, number) for number, line in enumerate(lines[1:], 2)]
-    kinds = [_column(name) for name in head]
+    table = [_parse_row(line, head, number) for number, line in enumerate(lines[1:], 2)]
+    kinds = [_parse_column(name) for name in head]
     found: dict[str, Any] = {}
     for name, kind in (("positions", "position"), ("velocities", "velocity"), ("accelerations", "acceleration")):
         of = [k for k, (said, _) in enumerate(kinds) if said == kind and head[k] != "time"]
@@ -143,7 +143,7 @@ def _csv(file: Path) -> dict[str, Any]:
     return found
 
 
-def _column(name: str) -> tuple[str, str]:
+def _parse_column(name: str) -> tuple[str, str]:
     """The kind of a column's values, and the name of the column that they are of."""
     kind, colon, column = (part.strip() for part in name.partition(":"))
     if colon and kind not in ("position", "velocity", "acceleration"):
@@ -154,7 +154,7 @@ def _column(name: str) -> tuple[str, str]:
     return (kind, column) if colon else ("position", name)
 
 
-def _numbers(line: list[str], head: list[str], number: int) -> list[float]:
+def _parse_row(line: list[str], head: list[str], number: int) -> list[float]:
     if len(line) != len(head):
         raise ValueError(f"line {number} has {len(line)} values, the head names {len(head)} columns")
     try:
@@ -167,7 +167,7 @@ ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
 """Ends of the names of robot files, in any letters' case."""
 
 
-def robot_reference(
+def make_robot_reference(
     robot: str, srdf: Path | None, package_dirs: Sequence[Path], xacro_args: Sequence[str]
 ) -> requests.RobotReference:
     """Return the robot that an argument means: a name, or a file with its SRDF, package folders and xacro arguments.
@@ -190,7 +190,7 @@ def robot_reference(
     return requests.UrdfFile(robot, srdf_path=srdf_path, package_dirs=folders, xacro_args=arguments)
 
 
-def scene_reference(scene: str) -> requests.SceneReference:
+def read_scene_reference(scene: str) -> requests.SceneReference:
     """The scene that an argument means: a name, or a `.json` file.
 
     Raises:
@@ -206,7 +206,7 @@ def scene_reference(scene: str) -> requests.SceneReference:
     return decoded
 
 
-def certify_request(
+def make_certify_request(
     motion: str, given: Mapping[str, Any], allowed_time: float, data: Path | None, name: str
 ) -> requests.CertifyRequest:
     """The request about a motion.
@@ -222,11 +222,11 @@ def certify_request(
         UnknownObject, MalformedRequest: if there is no such file or run, or it holds no motion; if no robot or scene is
             known.
     """
-    if motion.endswith(ENDINGS):
-        fields = fields_of(Path(motion))
+    if motion.endswith(MOTION_ENDINGS):
+        fields = read_fields(Path(motion))
     else:
         found = find_run(motion, data, name)
-        fields = recorded_fields(found.request, msgspec.to_builtins(found.reply), motion)
+        fields = make_recorded_fields(found.request, msgspec.to_builtins(found.reply), motion)
     fields |= {field: msgspec.to_builtins(value) for field, value in given.items() if value is not None}
     if given["time_step"] is not None and "path" in fields:
         fields["trajectory"] = {"positions": fields.pop("path")}

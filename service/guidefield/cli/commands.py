@@ -19,13 +19,13 @@ from rich.console import Console
 
 from guidefield.batch.results import CannotWork
 from guidefield.cli import demonstration, doctoring, ending, serving
-from guidefield.cli.certifying import certify_request, robot_reference, scene_reference
+from guidefield.cli.certifying import make_certify_request, make_robot_reference, read_scene_reference
 from guidefield.cli.documentation import pages_table, show_page
-from guidefield.cli.files import writable
+from guidefield.cli.files import require_writable
 from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_files
-from guidefield.cli.refereeing import refereed, replayed
+from guidefield.cli.refereeing import replay_proofs, run_referee
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas
@@ -64,7 +64,7 @@ ServiceName = Annotated[
 ClientConfig = Annotated[Path | None, typer.Option(help="Zenoh configuration file (certificates, user).")]
 User = Annotated[str | None, typer.Option(help="Ask on the keys of this user; else what the file says.")]
 ProofFile = Annotated[
-    Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=writable)
+    Path | None, typer.Option(help="Write a proof that the motion is free here (.npz).", callback=require_writable)
 ]
 ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
@@ -73,7 +73,7 @@ XacroArguments = Annotated[
     list[str] | None, typer.Option("--xacro-arg", help="name:=value, an argument of a .xacro file; can be repeated.")
 ]
 ReplyFile = Annotated[
-    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=writable)
+    Path | None, typer.Option("--output", "-o", help="Write the whole reply here, as JSON.", callback=require_writable)
 ]
 
 
@@ -106,7 +106,7 @@ def plan(
     request: RequestFile,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=writable)
+        Path | None, typer.Option(help="Write a recording of the run here (.rrd).", callback=require_writable)
     ] = None,
     proof: ProofFile = None,
     objective: ObjectiveOption = None,
@@ -118,7 +118,7 @@ def plan(
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _aimed(_read(request), objective)
+    asked = _set_objective(_read_request(request), objective)
     compile_kernels(err.print)
     _report(answer(asked, record_to=record, proof_to=proof), output)
 
@@ -150,13 +150,14 @@ def certify(
     allowed_time: Annotated[float, typer.Option(help="How long it may take, in seconds.")] = 60.0,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=writable)
+        Path | None, typer.Option(help="Write a recording of the motion here (.rrd).", callback=require_writable)
     ] = None,
     referee: Annotated[
         bool, typer.Option("--referee", help="Ask the second, independent certifier as well; it is slow.")
     ] = False,
     case: Annotated[
-        Path | None, typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=writable)
+        Path | None,
+        typer.Option(help="Write what the referee reads here (.json or .json.xz).", callback=require_writable),
     ] = None,
     proof: ProofFile = None,
     replay: Annotated[
@@ -172,20 +173,20 @@ def certify(
     Exit code 0 where it is, 1 where it isn't, 2 for an error. With --referee both certifiers have to say that it is.
     """
     if replay:
-        raise typer.Exit(0 if replayed(Path(motion), allowed_time) else 1)
+        raise typer.Exit(0 if replay_proofs(Path(motion), allowed_time) else 1)
     given = {
-        "robot": None if robot is None else robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
-        "scene": None if scene is None else scene_reference(scene),
+        "robot": None if robot is None else make_robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
+        "scene": None if scene is None else read_scene_reference(scene),
         "time_step": time_step,
         "interpolation": interpolation,
         "min_clearance": min_clearance,
         "leave_start_contact": leave_start_contact or None,
     }
-    request = certify_request(motion, given, allowed_time, data, name)
+    request = make_certify_request(motion, given, allowed_time, data, name)
     compile_kernels(err.print)
     reply = answer(request, record_to=record, proof_to=proof)
     assert isinstance(reply, CertifyReply), "a certify request was answered"
-    if (referee or case is not None) and not refereed(request, reply, case, asked=referee):
+    if (referee or case is not None) and not run_referee(request, reply, case, asked=referee):
         _show(reply, output)
         raise typer.Exit(1)
     _report(reply, output)
@@ -200,10 +201,11 @@ def query(
     user: User = None,
     output: ReplyFile = None,
     record: Annotated[
-        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=writable)
+        Path | None, typer.Option(help="Fetch the recording of the run to here (.rrd).", callback=require_writable)
     ] = None,
     proof: Annotated[
-        Path | None, typer.Option(help="Ask for a proof that the motion is free, to here (.npz).", callback=writable)
+        Path | None,
+        typer.Option(help="Ask for a proof that the motion is free, to here (.npz).", callback=require_writable),
     ] = None,
     objective: ObjectiveOption = None,
 ) -> None:
@@ -211,10 +213,10 @@ def query(
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _aimed(_read(request), objective)
+    asked = _set_objective(_read_request(request), objective)
     if proof is not None and isinstance(asked, requests.MotionRequest):
         asked = msgspec.structs.replace(asked, proof=True)
-    with _connected(connect, name, config, user) as client:
+    with _connect(connect, name, config, user) as client:
         if isinstance(asked, requests.PlanRequest):
             reply: Reply = client.plan(asked)
         elif isinstance(asked, requests.CertifyRequest):
@@ -336,7 +338,7 @@ def secure(
 
     roles = Roles(tuple(operator or Roles.operators), tuple(user or Roles.users), tuple(onlooker or Roles.onlookers))
     try:
-        written = securing.secure(folder, roles, tuple(host or securing.HOSTS), port)
+        written = securing.secure(folder, roles, tuple(host or securing.LOCAL_HOSTS), port)
     except ImportError:
         raise CannotServe("certificates need a package more: pip install 'guidefield[secure]'") from None
     for path in written:
@@ -378,9 +380,9 @@ def robots(
     if robot is None:
         reply = answer(requests.ReadRobots())
     else:
-        reply = answer(requests.ReadRobot(robot_reference(robot, srdf, package_dir or [], xacro_arg or [])))
+        reply = answer(requests.ReadRobot(make_robot_reference(robot, srdf, package_dir or [], xacro_arg or [])))
     if json:
-        typer.echo(_as_json(reply))
+        typer.echo(_format_json(reply))
     elif isinstance(reply, RobotsReply):
         out.print(robots_table(reply))
     elif isinstance(reply, RobotReply):
@@ -459,14 +461,14 @@ app.add_typer(runs_app, name="runs")
 app.command()(replay)
 
 
-def _connected(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:
+def _connect(endpoints: list[str] | None, name: str | None, config: Path | None, user: str | None) -> Client:
     try:
         return Client.connect(*(endpoints or ()), instance=name, config=config, user=user)
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="'--config'" if not endpoints else "'--connect'") from None
 
 
-def _read(path: Path) -> requests.Request:
+def _read_request(path: Path) -> requests.Request:
     try:
         content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
@@ -478,7 +480,7 @@ def _read(path: Path) -> requests.Request:
         raise MalformedRequest(f"{where}: {error.message}", **error.details) from None
 
 
-def _aimed(request: requests.Request, objective: requests.Objective | None) -> requests.Request:
+def _set_objective(request: requests.Request, objective: requests.Objective | None) -> requests.Request:
     """The request with what the command line says that its motion is optimised for."""
     if objective is None:
         return request
@@ -496,14 +498,14 @@ def _report(reply: Reply, output: Path | None) -> NoReturn:
 
 def _show(reply: Reply, output: Path | None) -> None:
     if output is not None:
-        output.write_text(_as_json(reply) + "\n")
+        output.write_text(_format_json(reply) + "\n")
     if isinstance(reply, PlanReply | CertifyReply):
         out.print(plan_table(reply) if isinstance(reply, PlanReply) else certify_table(reply))
     elif output is None:
-        typer.echo(_as_json(reply))
+        typer.echo(_format_json(reply))
 
 
-def _as_json(reply: Reply) -> str:
+def _format_json(reply: Reply) -> str:
     return msgspec.json.format(codec.encode(reply), indent=1).decode()
 
 

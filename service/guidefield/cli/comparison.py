@@ -11,19 +11,19 @@ from rich.table import Table
 
 from guidefield.messages.replies import PlanReply, Timing
 
-MOTION = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
+PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
 """The parts of a reply that are the plan itself; the rest is measured, or names the run."""
 
 
 def motion_hash(reply: PlanReply) -> str:
-    """SHA-256, in hexadecimal, of the plan itself: equal just where nothing is `differing`."""
-    return hashlib.sha256(b"\n".join(_motion(reply).values())).hexdigest()
+    """SHA-256, in hexadecimal, of the plan itself: equal just where nothing is `list_differences`."""
+    return hashlib.sha256(b"\n".join(_encode_fields(reply).values())).hexdigest()
 
 
-def differing(first: PlanReply, second: PlanReply) -> list[str]:
+def list_differences(first: PlanReply, second: PlanReply) -> list[str]:
     """The parts of the plan that aren't the same to the last bit, in the order of the reply; none if it is the same."""
-    one, other = _motion(first), _motion(second)
-    return [name for name in MOTION if one[name] != other[name]]
+    one, other = _encode_fields(first), _encode_fields(second)
+    return [name for name in PLAN_FIELDS if one[name] != other[name]]
 
 
 def largest_step(first: PlanReply, second: PlanReply) -> float | None:
@@ -40,13 +40,13 @@ def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
     for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
         table.add_row(name, one, other)
     step = largest_step(first, second)
-    parts = ", ".join(differing(first, second)) or "nothing: the same plan to the last bit"
+    parts = ", ".join(list_differences(first, second)) or "nothing: the same plan to the last bit"
     table.add_row("that differs", parts, "" if step is None else f"waypoints by at most {step:.3g}")
     return table
 
 
-def _motion(reply: PlanReply) -> dict[str, bytes]:
-    return {name: msgspec.json.encode(getattr(reply, name)) for name in MOTION}
+def _encode_fields(reply: PlanReply) -> dict[str, bytes]:
+    return {name: msgspec.json.encode(getattr(reply, name)) for name in PLAN_FIELDS}
 
 
 def _rows(reply: PlanReply) -> list[tuple[str, str]]:
@@ -55,13 +55,16 @@ def _rows(reply: PlanReply) -> list[tuple[str, str]]:
         ("status", reply.status.name),
         ("planner", f"{reply.planner}, seed {reply.seed}"),
         ("waypoints", str(len(reply.path))),
-        ("length [rad]", _number(None if metrics is None else metrics.joint_path_length)),
-        ("duration [s]", _number(None if metrics is None else metrics.duration)),
-        ("clearance [mm]", _number(None if clearance is None else clearance.minimum, 1e3)),
-        ("away from the ends [mm]", _number(None if clearance is None else clearance.inner, 1e3)),
-        *((f"{stage} [ms]", _number(getattr(reply.timing, stage), 1e3)) for stage in msgspec.structs.asdict(Timing())),
+        ("length [rad]", _format_number(None if metrics is None else metrics.joint_path_length)),
+        ("duration [s]", _format_number(None if metrics is None else metrics.duration)),
+        ("clearance [mm]", _format_number(None if clearance is None else clearance.minimum, 1e3)),
+        ("away from the ends [mm]", _format_number(None if clearance is None else clearance.inner, 1e3)),
+        *(
+            (f"{stage} [ms]", _format_number(getattr(reply.timing, stage), 1e3))
+            for stage in msgspec.structs.asdict(Timing())
+        ),
     ]
 
 
-def _number(value: float | None, unit: float = 1.0) -> str:
+def _format_number(value: float | None, unit: float = 1.0) -> str:
     return "-" if value is None else f"{value * unit:.4g}"

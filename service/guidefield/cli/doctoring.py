@@ -26,14 +26,14 @@ def examine(data: Path, out: Console, *, json: bool) -> int:
     for finding in examination(data):
         findings.append(finding)
         if not json:
-            out.print(_line(finding), soft_wrap=True)
+            out.print(_format_finding(finding), soft_wrap=True)
     if json:
         text = msgspec.json.format(msgspec.json.encode(findings), indent=1).decode()
         out.print(text, highlight=False, markup=False, soft_wrap=True)
     return int(any(finding.state is State.WRONG for finding in findings))
 
 
-def _line(finding: Finding) -> Text:
+def _format_finding(finding: Finding) -> Text:
     advice = f": {finding.advice}" if finding.advice else ""
     return Text.assemble(
         f"{finding.about:<9}", (f"{finding.state:<7}", COLOURS[finding.state]), f"{finding.found}{advice}"

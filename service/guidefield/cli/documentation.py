@@ -16,26 +16,26 @@ from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
 
 _PACKAGE = "guidefield.docs"
 
-_LESS = "FRX"
+_LESS_OPTIONS = "FRX"
 """How `less` is asked for, as by git: colours as they are, no paging of what fits on the screen."""
 
 
-def subjects() -> tuple[str, ...]:
+def list_subjects() -> tuple[str, ...]:
     """What there are pages about, in alphabetical order."""
     files = resources.files(_PACKAGE).iterdir()
     return tuple(sorted(file.name.removesuffix(".md") for file in files if file.name.endswith(".md")))
 
 
-def page(subject: str) -> str:
+def read_page(subject: str) -> str:
     """The page about a subject, in Markdown.
 
     Args:
-        subject: One of `subjects`.
+        subject: One of `list_subjects`.
 
     Raises:
         UnknownObject: if there is no page about it; lists those there are.
     """
-    available = subjects()
+    available = list_subjects()
     if subject not in available:
         raise UnknownObject(
             f"there is no page about {subject[:MAX_QUOTED_CHARACTERS]!r}; {suggest(subject, available)}"
@@ -61,8 +61,8 @@ def pages_table() -> Table:
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("subject", no_wrap=True)
     table.add_column("what it tells", overflow="fold")
-    for subject in subjects():
-        table.add_row(subject, Markdown(first_sentence(page(subject))))
+    for subject in list_subjects():
+        table.add_row(subject, Markdown(first_sentence(read_page(subject))))
     return table
 
 
@@ -70,16 +70,16 @@ def show_page(subject: str, out: Console) -> None:
     """Print the page about a subject; a terminal gets it page by page.
 
     Args:
-        subject: One of `subjects`.
+        subject: One of `list_subjects`.
         out: Where to.
 
     Raises:
-        UnknownObject: as in `page`.
+        UnknownObject: as in `read_page`.
     """
-    text = Markdown(page(subject))
+    text = Markdown(read_page(subject))
     if not out.is_terminal:
         out.print(text)
         return
-    os.environ.setdefault("LESS", _LESS)
+    os.environ.setdefault("LESS", _LESS_OPTIONS)
     with out.pager(styles=True):
         out.print(text)

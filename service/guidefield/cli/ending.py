@@ -22,30 +22,30 @@ import threading
 from types import FrameType
 from typing import NoReturn
 
-BY_FORCE = os.EX_SOFTWARE
+FORCED_EXIT_CODE = os.EX_SOFTWARE
 """Exit code of a process that had to be ended by force."""
-LAST_WORDS = 5.0
+DUMP_TIME_S = 5.0
 """How long a process that is ended by force may take to say where it stood; then the system's alarm ends it [s]."""
 
 _log = logging.getLogger(__name__)
 
 
-def end_when_told(stop: threading.Event, within: float) -> None:
+def end_on_signal(stop: threading.Event, within: float) -> None:
     """Have SIGTERM and Ctrl-C set an event; a second one, or the end of a time, ends the process whatever it does.
 
     To be called once, in the main thread.
 
     Args:
         stop: Set by the first signal; the process is to end by itself then.
-        within: How long it may take for that [s]; one that is stuck beyond help lasts `LAST_WORDS` longer.
+        within: How long it may take for that [s]; one that is stuck beyond help lasts `DUMP_TIME_S` longer.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)  # whoever started us may have had it ignored
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, _heard_through_the_pipe)
+        signal.signal(number, _ignore_signal)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    threading.Thread(target=_end, args=(reading, stop, within), name="guidefield-signal", daemon=True).start()
+    threading.Thread(target=_await_end, args=(reading, stop, within), name="guidefield-signal", daemon=True).start()
 
 
 def leave() -> NoReturn:
@@ -60,16 +60,16 @@ def leave() -> NoReturn:
     os._exit(0)
 
 
-def _heard_through_the_pipe(_number: int, _frame: FrameType | None) -> None:
+def _ignore_signal(_number: int, _frame: FrameType | None) -> None:
     pass
 
 
-def _end(reading: int, stop: threading.Event, within: float) -> None:
+def _await_end(reading: int, stop: threading.Event, within: float) -> None:
     os.read(reading, 1)
-    signal.setitimer(signal.ITIMER_REAL, within + LAST_WORDS)
+    signal.setitimer(signal.ITIMER_REAL, within + DUMP_TIME_S)
     stop.set()
     if select.select([reading], [], [], within)[0]:
         os._exit(128 + os.read(reading, 1)[0])  # as a shell tells of a process that a signal ended
     _log.error("not ended %g s after it was told to, and ended by force; where its threads stood:", within)
     faulthandler.dump_traceback()
-    os._exit(BY_FORCE)
+    os._exit(FORCED_EXIT_CODE)

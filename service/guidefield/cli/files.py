@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 
-def writable(file: Path | None) -> Path | None:
+def require_writable(file: Path | None) -> Path | None:
     """Callback of an option or argument that names a file to be written: the file itself, if it can be.
 
     Raises:

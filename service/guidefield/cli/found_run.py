@@ -20,7 +20,7 @@ from guidefield.stores.files import default_data_folder
 from guidefield.stores.recordings import LOG
 from guidefield.stores.run_file import FILE
 from guidefield.stores.runs import RunDatabase, UserRuns
-from guidefield.versions import parsed
+from guidefield.versions import parse_versions
 
 Data = Annotated[Path | None, typer.Option(help="The service's data folder; else ~/.local/share/guidefield/NAME.")]
 Service = Annotated[str, typer.Option("--name", help="Name of the service whose data folder it is.")]
@@ -47,7 +47,7 @@ def data_folder(data: Path | None, name: str) -> Path:
     return default_data_folder(name) if data is None else data
 
 
-def kept_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
+def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
     """The runs of a user in a data folder, to read.
 
     Raises:
@@ -65,7 +65,7 @@ def kept_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
     )
 
 
-def kept_run(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
+def split_run_name(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
     """The runs that one is among which an argument names, and its id there; another user's is ``user:id``.
 
     Raises:
@@ -74,8 +74,8 @@ def kept_run(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
     """
     owner, colon, own = run.partition(":")
     if not colon:
-        return kept_runs(data, name), run
-    return kept_runs(data, name, owner if owner == PLAIN else check_user(owner)), own
+        return open_runs(data, name), run
+    return open_runs(data, name, owner if owner == PLAIN else check_user(owner)), own
 
 
 def find_run(run: str, data: Path | None, name: str) -> FoundRun:
@@ -91,13 +91,13 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
     if run.endswith(".rrd"):
         recorded = read_recording(Path(run))
         return FoundRun(recorded.request, recorded.reply, recorded.versions)
-    runs, run_id = kept_run(run, data, name)
+    runs, run_id = split_run_name(run, data, name)
     kept = runs.read(run_id)
     if kept.reply is None:
         why = "is still under way" if kept.error is None else f"ended with an error: {kept.error.message}"
         raise UnknownObject(f"run {run!r} has no reply: it {why}", run_id=run)
     path, log = runs.recordings.path(run_id), runs.recordings.file(run_id, LOG)
-    versions = read_recording(path).versions if path.is_file() else parsed(made_with_of(log))
+    versions = read_recording(path).versions if path.is_file() else parse_versions(made_with_of(log))
     return FoundRun(kept.request, kept.reply, versions)
 
 
@@ -135,7 +135,7 @@ def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
             file = Path(folder) / f"{files[-1].stem}.rrd"
             record_stream(files, data_folder(data, name), (), file)
         else:
-            runs, run_id = kept_run(run, data, name)
+            runs, run_id = split_run_name(run, data, name)
             file = Path(folder) / f"{run_id}.rrd"
             runs.require(run_id)
             file.write_bytes(rendered(runs.recordings, run_id))

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from guidefield.batch.request_file import RECORDINGS
 from guidefield.cli.comparison import comparison_table
-from guidefield.cli.files import writable
+from guidefield.cli.files import require_writable
 from guidefield.cli.found_run import (
     Data,
     RunName,
@@ -24,9 +24,9 @@ from guidefield.cli.found_run import (
     StreamName,
     data_folder,
     find_plan,
-    kept_run,
-    kept_runs,
+    open_runs,
     recording_file,
+    split_run_name,
 )
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.replies import RunsReply, RunSummary
@@ -60,17 +60,17 @@ def list_runs(
         raise typer.BadParameter(
             str(error), param_hint="'--text'" if "$.text" in str(error) else "'--status'"
         ) from None
-    pages = _pages(kept_runs(data, name), wanted, limit)
+    pages = _read_pages(open_runs(data, name), wanted, limit)
     if json:
         first, *others = pages
         runs = [run for page in (first, *others) for run in page.runs]
         typer.echo(msgspec.json.encode(msgspec.structs.replace(first, runs=runs, next=None)).decode())
         return
     for number, page in enumerate(pages):
-        out.print(_table(page.runs, headed=number == 0))
+        out.print(_make_table(page.runs, headed=number == 0))
 
 
-def _pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[RunsReply]:
+def _read_pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[RunsReply]:
     """Pages of the list of runs until its end, or until so many runs are listed."""
     while True:
         most = LARGEST_PAGE if limit is None else min(limit, LARGEST_PAGE)
@@ -82,7 +82,7 @@ def _pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[Runs
         wanted = msgspec.structs.replace(wanted, after=page.next)
 
 
-def _table(runs: list[RunSummary], *, headed: bool) -> Table:
+def _make_table(runs: list[RunSummary], *, headed: bool) -> Table:
     table = Table(box=box.SIMPLE_HEAD if headed else box.SIMPLE, show_header=headed)
     table.add_column("run", no_wrap=True, min_width=max((len(run.run_id) for run in runs), default=0))
     for column in ("status", "robot", "scene", "began", "recording"):
@@ -110,7 +110,7 @@ def render(
     if folder is not None:
         places = [Recordings(folder / RECORDINGS)]
     else:
-        kept_runs(data, name)
+        open_runs(data, name)
         base = data_folder(data, name)
         places = [Recordings(user_folder(base, user) / RECORDINGS) for user in (PLAIN, *users_in(base))]
     renderings, done, lost = Renderings(), 0, 0
@@ -138,7 +138,7 @@ def export(
         Path,
         typer.Argument(
             help="Where to: .csv, .json, .npz, .rrd for the recording, or a name ending with proof.npz for the proof.",
-            callback=writable,
+            callback=require_writable,
         ),
     ],
     data: Data = None,
@@ -152,7 +152,7 @@ def export(
             write_whole(file, recording.read_bytes())
         return
     if file.name.endswith("proof.npz"):
-        runs, run_id = kept_run(run, data, name)
+        runs, run_id = split_run_name(run, data, name)
         runs.require(run_id)
         write_whole(file, runs.recordings.read_proof(run_id))
         return

@@ -12,7 +12,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
 
 
-def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
+def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
     """Ask the referee about a motion, and write the file that it reads; whether nothing speaks against the motion.
 
     Where the certificate says that it is free and the referee doesn't, one of them has a bug, and that is told.
@@ -35,7 +35,7 @@ def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *,
         case_file.write(file, motion)
     if not asked:
         return True
-    verdicts = [judge(case_of(case), seconds=request.allowed_time) for case in case_file.cases(motion)]
+    verdicts = [judge(case_of(case), seconds=request.allowed_time) for case in case_file.make_cases(motion)]
     for verdict in verdicts:
         typer.echo("\n".join(lines(verdict)))
     free = all(verdict.answer is Answer.FREE for verdict in verdicts)
@@ -45,7 +45,7 @@ def refereed(request: CertifyRequest, reply: CertifyReply, file: Path | None, *,
     return free
 
 
-def replayed(file: Path, seconds: float) -> bool:
+def replay_proofs(file: Path, seconds: float) -> bool:
     """Have the referee check a file of proofs, and show what it says; whether all hold.
 
     Raises:

@@ -9,8 +9,8 @@ import msgspec
 import typer
 from rich.console import Console
 
-from guidefield.cli.comparison import differing, largest_step, motion_hash
-from guidefield.cli.files import writable
+from guidefield.cli.comparison import largest_step, list_differences, motion_hash
+from guidefield.cli.files import require_writable
 from guidefield.cli.found_run import Data, Service, StreamName, data_folder, find_run
 from guidefield.cli.stream_replaying import record_stream, replay_stream, stream_files
 from guidefield.engine import Engine
@@ -22,7 +22,7 @@ from guidefield.stores.scenes import SceneStore
 SHOWN_DIGITS = 16
 """Digits of a hash that are shown."""
 
-JUDGED = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
+VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
 """The parts of a reply that are the judgement itself."""
 
 out = Console()
@@ -39,7 +39,7 @@ def replay(
     packages: Packages = None,
     record: Annotated[
         Path | None,
-        typer.Option(help="Write a recording of a stream here (.rrd), to be shown.", callback=writable),
+        typer.Option(help="Write a recording of a stream here (.rrd), to be shown.", callback=require_writable),
     ] = None,
 ) -> None:
     """Plan the request of a run again, or judge its motion; exit code 0 if that is the same to the last bit, else 1.
@@ -54,7 +54,7 @@ def replay(
     if files := stream_files(run, data_folder(data, name)):
         if record is not None:
             record_stream(files, data_folder(data, name), packages or (), record)
-        raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _made_by))
+        raise typer.Exit(replay_stream(files, data_folder(data, name), packages or (), _say, _describe_maker))
     if record is not None:
         raise MalformedRequest(f"{run!r} is no stream, and has a recording already", run=run)
     before = find_run(run, data, name)
@@ -69,41 +69,41 @@ def replay(
     try:
         now = engine.answer(msgspec.structs.replace(before.request, run_id=None, recording="off"))
     except GuidefieldError:
-        if by_another := planned_by(before.versions):
+        if by_another := describe_version(before.versions):
             _say(f"{run}: {by_another}its request is refused now")
         raise
     if isinstance(before.reply, CertifyReply) and isinstance(now, CertifyReply):
-        raise typer.Exit(_judged_again(run, before.reply, now, before.versions))
+        raise typer.Exit(_compare_verdicts(run, before.reply, now, before.versions))
     assert isinstance(before.reply, PlanReply), "a plan was asked for"
     assert isinstance(now, PlanReply), "a plan was asked for"
-    parts = differing(before.reply, now)
+    parts = list_differences(before.reply, now)
     if not parts:
-        _say(f"{run}: bit-identical: {_in_short(now)}")
+        _say(f"{run}: bit-identical: {_summarize(now)}")
         raise typer.Exit(0)
     step = largest_step(before.reply, now)
     by = "" if step is None else f"; waypoints by at most {step:.3g}"
-    verdict = made_on(before.versions) or "not the same: "
-    _say(f"{run}: {verdict}{planned_by(before.versions)}the plan differs in {', '.join(parts)}{by}")
-    _say(f"then: {_in_short(before.reply)}\nnow:  {_in_short(now)}\n{versions_that_differ(before.versions)}")
+    verdict = describe_processor(before.versions) or "not the same: "
+    _say(f"{run}: {verdict}{describe_version(before.versions)}the plan differs in {', '.join(parts)}{by}")
+    _say(f"then: {_summarize(before.reply)}\nnow:  {_summarize(now)}\n{describe_versions(before.versions)}")
     raise typer.Exit(1)
 
 
-def _judged_again(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
+def _compare_verdicts(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
     """Say whether a motion is judged as before; the exit code."""
-    parts = [name for name in JUDGED if getattr(before, name) != getattr(now, name)]
+    parts = [name for name in VERDICT_FIELDS if getattr(before, name) != getattr(now, name)]
     if not parts:
         _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
         return 0
-    _say(f"{run}: {made_on(versions) or 'not judged as before: '}it differs in {', '.join(parts)}")
+    _say(f"{run}: {describe_processor(versions) or 'not judged as before: '}it differs in {', '.join(parts)}")
     _say(f"then: {before.status.name}, {before.status.message}\nnow:  {now.status.name}, {now.status.message}")
     return 1
 
 
-def _made_by(before: dict[str, str]) -> str:
-    return f"{made_on(before) or 'not the same: '}{planned_by(before)}"
+def _describe_maker(before: dict[str, str]) -> str:
+    return f"{describe_processor(before) or 'not the same: '}{describe_version(before)}"
 
 
-def made_on(before: dict[str, str]) -> str:
+def describe_processor(before: dict[str, str]) -> str:
     """What a sentence about a run begins with, if another kind of processor made it, which rounds differently.
 
     Args:
@@ -118,25 +118,25 @@ def made_on(before: dict[str, str]) -> str:
     return f"made on {family}, this is {here}: " if family != here else f"made on another kind of {here}: "
 
 
-def planned_by(before: dict[str, str]) -> str:
+def describe_version(before: dict[str, str]) -> str:
     """What a sentence about a run begins with, if another version of guidefield planned it; else nothing.
 
     Args:
         before: Versions by package, empty where they weren't recorded.
     """
-    from guidefield.versions import OURS, versions
+    from guidefield.versions import PACKAGE, versions
 
-    then, now = before.get(OURS), versions()[OURS]
-    return "" if then in (None, now) else f"planned by {OURS} {then}, this is {now}: "
+    then, now = before.get(PACKAGE), versions()[PACKAGE]
+    return "" if then in (None, now) else f"planned by {PACKAGE} {then}, this is {now}: "
 
 
-def versions_that_differ(before: dict[str, str]) -> str:
+def describe_versions(before: dict[str, str]) -> str:
     """In a sentence: what a run was made with beside guidefield itself, where that is not what is here.
 
     Args:
         before: Versions by package, empty where they weren't recorded.
     """
-    from guidefield.versions import OURS, versions
+    from guidefield.versions import PACKAGE, versions
 
     if not before:
         return "the versions that it was made with were not recorded"
@@ -144,14 +144,14 @@ def versions_that_differ(before: dict[str, str]) -> str:
     others = [
         f"{name} {text} (here {here.get(name, 'none')})"
         for name, text in before.items()
-        if name != OURS and here.get(name) != text
+        if name != PACKAGE and here.get(name) != text
     ]
     if others:
         return f"it was made with {', '.join(others)}"
-    return f"{'otherwise ' if planned_by(before) else ''}it was made with the same versions as are here"
+    return f"{'otherwise ' if describe_version(before) else ''}it was made with the same versions as are here"
 
 
-def _in_short(reply: PlanReply) -> str:
+def _summarize(reply: PlanReply) -> str:
     return f"{reply.status.name}, {len(reply.path)} waypoints, sha256 {motion_hash(reply)[:SHOWN_DIGITS]}"
 
 

@@ -13,21 +13,21 @@ from typing import Any
 
 from guidefield.messages.identities import base_key, shared_key
 
-ASKING = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
+ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
 """What a client sends that asks and listens."""
-ANSWERING = ["reply", "put", "declare_queryable", "liveliness_token"]
+ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]
 """What it is sent."""
-PRESENCE = ["liveliness_token"]
+PRESENCE_MESSAGES = ["liveliness_token"]
 """What a client sends to say that it is there."""
-SENDING, EXPECTING = ["put"], ["declare_subscriber"]
+PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
 """What a client sends for a stream of its own, and what the service says so that it is sent."""
-UPDATES = "streams/*/update"
-HEARING, HEARD = ["declare_subscriber"], ["put"]
+UPDATE_KEY = "streams/*/update"
+SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]
 """What a client sends that listens, and what it is sent."""
-OF_ALL = ("guidefield/*/alive", "guidefield/*/starting")
+PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
 """What everybody may look at: which services there are."""
-LISTS = ("info", "robots", "scenes", "runs")
-SHARED = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
+LIST_KEYS = ("info", "robots", "scenes", "runs")
+SHARED_KEYS = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
 """What others share: with an owner before the name a key is for reading alone, unless an operator asks."""
 
 
@@ -54,22 +54,25 @@ def access_control(roles: Roles) -> dict[str, Any]:
     """The section ``access_control`` of the service's Zenoh configuration: what isn't allowed is denied."""
     published = [f"{shared_key('*')}/**"]
     rules: list[dict[str, Any]] = [
-        *_rules("everybody", OF_ALL),
-        _rule("everybody listens", HEARING, "ingress", published),
-        _rule("everybody hears", HEARD, "egress", published),
+        *_make_rules("everybody", PUBLIC_KEYS),
+        _make_rule("everybody listens", SUBSCRIBE_MESSAGES, "ingress", published),
+        _make_rule("everybody hears", PUBLISHED_MESSAGES, "egress", published),
     ]
     policies: list[dict[str, Any]] = [{"rules": _ids(rules), "subjects": list(roles.everybody())}]
     of_roles = [
         *((name, ["guidefield/**"], base_key("*", "plain")) for name in roles.operators),
         *((name, [f"{base_key('*', name)}/**"], base_key("*", name)) for name in roles.users),
-        *((name, [f"{base_key('*', name)}/{key}" for key in (*LISTS, *SHARED)], None) for name in roles.onlookers),
+        *(
+            (name, [f"{base_key('*', name)}/{key}" for key in (*LIST_KEYS, *SHARED_KEYS)], None)
+            for name in roles.onlookers
+        ),
     ]
     for name, keys, present in of_roles:
-        own = _rules(f"user {name}", keys, None if present is None else f"{present}/clients/*")
+        own = _make_rules(f"user {name}", keys, None if present is None else f"{present}/clients/*")
         if present is not None:
-            updates = [f"{present}/{UPDATES}"]
-            own.append(_rule(f"user {name} sends updates", SENDING, "ingress", updates))
-            own.append(_rule(f"user {name} may send updates", EXPECTING, "egress", updates))
+            updates = [f"{present}/{UPDATE_KEY}"]
+            own.append(_make_rule(f"user {name} sends updates", PUT_MESSAGES, "ingress", updates))
+            own.append(_make_rule(f"user {name} may send updates", PUT_DECLARATIONS, "egress", updates))
         rules += own
         policies.append({"rules": _ids(own), "subjects": [name]})
     return {
@@ -81,13 +84,18 @@ def access_control(roles: Roles) -> dict[str, Any]:
     }
 
 
-def _rules(who: str, keys: Sequence[str], present: str | None = None) -> list[dict[str, Any]]:
+def _make_rules(who: str, keys: Sequence[str], present: str | None = None) -> list[dict[str, Any]]:
     """Rules that let somebody ask and be answered on some keys, and say on one that it is there."""
-    found = [_rule(f"{who} asks", ASKING, "ingress", keys), _rule(f"{who} is answered", ANSWERING, "egress", keys)]
-    return found if present is None else [*found, _rule(f"{who} is there", PRESENCE, "ingress", [present])]
+    found = [
+        _make_rule(f"{who} asks", ASK_MESSAGES, "ingress", keys),
+        _make_rule(f"{who} is answered", ANSWER_MESSAGES, "egress", keys),
+    ]
+    return (
+        found if present is None else [*found, _make_rule(f"{who} is there", PRESENCE_MESSAGES, "ingress", [present])]
+    )
 
 
-def _rule(name: str, messages: Sequence[str], flow: str, keys: Iterable[str]) -> dict[str, Any]:
+def _make_rule(name: str, messages: Sequence[str], flow: str, keys: Iterable[str]) -> dict[str, Any]:
     return {
         "id": name,
         "permission": "allow",

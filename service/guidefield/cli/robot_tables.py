@@ -12,18 +12,20 @@ from rich.text import Text
 
 from guidefield.messages.replies import GeometryInfo, JointInfo, RobotReply, RobotsReply, RobotSummary
 
-MOST_GROUPS = 4
+MAX_LISTED_GROUPS = 4
 """Names of groups that a line of the list has room for."""
 
 
 def robots_table(reply: RobotsReply) -> RenderableType:
     """The robots that can be named, variants of one beside each other; below them those that can't be used, and why."""
-    table = _table("name", "DoF", "joints", "groups", "tip", "from")
+    table = _make_table("name", "DoF", "joints", "groups", "tip", "from")
     usable = [robot for robot in reply.robots if robot.problem is None]
     for _, family in groupby(sorted(usable, key=lambda r: (r.family, r.name)), key=lambda r: r.family):
         for robot in family:
             dof = "" if robot.dof is None else str(robot.dof)
-            table.add_row(robot.name, dof, _kinds(robot), _groups(robot.groups), robot.tip or "", robot.source)
+            table.add_row(
+                robot.name, dof, _count_kinds(robot), _list_groups(robot.groups), robot.tip or "", robot.source
+            )
     problems = [Text(f"{robot.name}: {robot.problem}") for robot in reply.robots if robot.problem is not None]
     if not problems:
         return table
@@ -32,16 +34,16 @@ def robots_table(reply: RobotsReply) -> RenderableType:
 
 def robot_table(reply: RobotReply) -> RenderableType:
     """One robot: joints with limits and where these come from, groups, shapes, pairs of links not tested and why."""
-    joints = _table("joint", "kind", "range", "velocity", "acceleration")
+    joints = _make_table("joint", "kind", "range", "velocity", "acceleration")
     for joint in reply.joints:
         joints.add_row(
             joint.name,
-            joint.kind if joint.mimics is None else _followed(joint),
-            _range(joint),
-            f"{_numbers(joint.velocity)} ({joint.velocity_source})",
-            f"{_numbers(joint.acceleration)} ({joint.acceleration_source})",
+            joint.kind if joint.mimics is None else _describe_mimic(joint),
+            _format_range(joint),
+            f"{_format_numbers(joint.velocity)} ({joint.velocity_source})",
+            f"{_format_numbers(joint.acceleration)} ({joint.acceleration_source})",
         )
-    pairs = _table("links not tested against each other", "reason")
+    pairs = _make_table("links not tested against each other", "reason")
     for pair in reply.pairs_left_out:
         pairs.add_row(" and ".join(pair.links), pair.reason)
     judged = Counter(shape.judged_as for shape in reply.geometry)
@@ -50,7 +52,7 @@ def robot_table(reply: RobotReply) -> RenderableType:
         Text(f"tip {reply.tip}; {len(reply.links)} links, {len(reply.frames)} frames"),
         *([] if reply.rest_state is None else [Text(f"rest: the SRDF's state {reply.rest_state}")]),
         Text(f"collision shapes: {', '.join(f'{count} {kind}' for kind, count in judged.items()) or 'none'}"),
-        *(Text(line) for line in _measured(reply.geometry)),
+        *(Text(line) for line in _describe_covers(reply.geometry)),
         *(Text(f"group {name}: {', '.join(members)}") for name, members in reply.groups.items()),
         joints,
         Text(f"{len(reply.collision_pairs)} pairs of links are tested against each other"),
@@ -59,7 +61,7 @@ def robot_table(reply: RobotReply) -> RenderableType:
     )
 
 
-def _measured(geometry: list[GeometryInfo]) -> list[str]:
+def _describe_covers(geometry: list[GeometryInfo]) -> list[str]:
     """How closely shapes are covered and cut into parts, as far as that is known."""
     lines = []
     covers = [shape.cover for shape in geometry if shape.cover is not None]
@@ -79,43 +81,43 @@ def _measured(geometry: list[GeometryInfo]) -> list[str]:
     return lines
 
 
-def _table(*headings: str) -> Table:
+def _make_table(*headings: str) -> Table:
     table = Table(box=box.SIMPLE_HEAD)
     for heading in headings:
         table.add_column(heading, overflow="fold")
     return table
 
 
-def _kinds(robot: RobotSummary) -> str:
+def _count_kinds(robot: RobotSummary) -> str:
     kinds = [f"{count} {kind}" for kind, count in robot.joint_kinds.items()]
     if robot.mimics:
         kinds.append(f"{robot.mimics} that follow")
     return ", ".join(kinds) or "none"
 
 
-def _groups(groups: list[str]) -> str:
-    more = len(groups) - MOST_GROUPS
-    return ", ".join(groups[:MOST_GROUPS]) + (f" and {more} more" if more > 0 else "")
+def _list_groups(groups: list[str]) -> str:
+    more = len(groups) - MAX_LISTED_GROUPS
+    return ", ".join(groups[:MAX_LISTED_GROUPS]) + (f" and {more} more" if more > 0 else "")
 
 
-def _followed(joint: JointInfo) -> str:
+def _describe_mimic(joint: JointInfo) -> str:
     times = "" if joint.multiplier == 1.0 else f"{joint.multiplier:g} * "
     sign = "-" if joint.offset < 0.0 else "+"
     offset = f" {sign} {abs(joint.offset):g}" if joint.offset else ""
     return f"{joint.kind}, = {times}{joint.mimics}{offset}"
 
 
-def _range(joint: JointInfo) -> str:
+def _format_range(joint: JointInfo) -> str:
     pairs = zip(joint.lower, joint.upper, strict=True)
     return ", ".join(
-        "no limits" if lower is None and upper is None else f"{_limit(lower)} … {_limit(upper)}"
+        "no limits" if lower is None and upper is None else f"{_format_limit(lower)} … {_format_limit(upper)}"
         for lower, upper in dict.fromkeys(pairs)
     )
 
 
-def _limit(value: float | None) -> str:
+def _format_limit(value: float | None) -> str:
     return "none" if value is None else f"{value:.4g}"
 
 
-def _numbers(values: list[float]) -> str:
+def _format_numbers(values: list[float]) -> str:
     return ", ".join(f"{value:.4g}" for value in dict.fromkeys(values))

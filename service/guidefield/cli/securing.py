@@ -15,7 +15,7 @@ from guidefield.messages.identities import check_user
 if TYPE_CHECKING:
     from guidefield.cli.certificates import Certificates
 
-HOSTS = ("localhost", "127.0.0.1")
+LOCAL_HOSTS = ("localhost", "127.0.0.1")
 """How clients reach a service on their own machine."""
 SECRET_BYTES = 24
 """How many random bytes a password is made of."""
@@ -39,26 +39,28 @@ def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> lis
         MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
         ImportError: if ``guidefield[secure]`` isn't installed.
     """
-    from guidefield.cli.certificates import certificates
+    from guidefield.cli.certificates import make_certificates
 
     names = roles.everybody()
     for name in names:
         check_user(name)
     if len(set(names)) < len(names):
         raise MalformedRequest(f"each name has one role, got {', '.join(names)}", names=list(names))
-    made = certificates(hosts)
+    made = make_certificates(hosts)
     passwords = {name: secrets.token_urlsafe(SECRET_BYTES) for name in names}
     where = folder.resolve()
     users = "".join(f"{name}:{password}\n" for name, password in passwords.items())
-    clients = {name: _client(name, name in roles.operators, passwords[name], made, hosts[0], port) for name in names}
+    clients = {
+        name: _make_client_file(name, name in roles.operators, passwords[name], made, hosts[0], port) for name in names
+    }
     files: dict[str, tuple[bytes, int]] = {
-        "service.json5": (_commented(SERVICE, service_configuration(roles, where, port)), READABLE),
+        "service.json5": (_add_comment(SERVICE, service_configuration(roles, where, port)), READABLE),
         **{f"{name}.json5": (content, SECRET) for name, content in clients.items()},
         "service.pem": (made.service, READABLE),
         "service.key": (made.key, SECRET),
         "users.txt": (users.encode(), SECRET),
     }
-    return _written(where, files)
+    return _write_files(where, files)
 
 
 def service_configuration(roles: Roles, folder: Path, port: int) -> dict[str, Any]:
@@ -101,17 +103,17 @@ CLIENT = """All that {name} needs to use the service. It holds a password: give 
     Client.connect(config=Path("{name}.json5"))"""
 
 
-def _client(name: str, operator: bool, password: str, made: Certificates, host: str, port: int) -> bytes:
+def _make_client_file(name: str, operator: bool, password: str, made: Certificates, host: str, port: int) -> bytes:
     text = CLIENT.format(name=name)
-    return _commented(text, client_configuration(name, operator, password, made.authority, host, port))
+    return _add_comment(text, client_configuration(name, operator, password, made.authority, host, port))
 
 
-def _commented(text: str, configuration: dict[str, Any]) -> bytes:
+def _add_comment(text: str, configuration: dict[str, Any]) -> bytes:
     comment = "".join(f"// {line}".rstrip() + "\n" for line in text.splitlines())
     return f"{comment}{json.dumps(configuration, indent=2)}\n".encode()
 
 
-def _written(folder: Path, files: dict[str, tuple[bytes, int]]) -> list[Path]:
+def _write_files(folder: Path, files: dict[str, tuple[bytes, int]]) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     there = [name for name in files if (folder / name).exists()]
     if there:

@@ -19,43 +19,43 @@ from functools import partial
 from pathlib import Path
 
 from guidefield import logs
-from guidefield.cli.ending import BY_FORCE, end_when_told
+from guidefield.cli.ending import FORCED_EXIT_CODE, end_on_signal
 from guidefield.cli.loopback import LOOPBACK, free_port
 from guidefield.endpoint.service import ServiceSettings, serve
 from guidefield.errors import MalformedRequest
 from guidefield.messages import codec
 from guidefield.messages.quotas import Quotas
 
-WHERE = signal.SIGUSR1
+TRACE_SIGNAL = signal.SIGUSR1
 """A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
 
-LEAVES_WITHIN = 30.0
+END_TIME_S = 30.0
 """How long a service may take to end, beyond what it is given to finish its work; then it is ended by force [s]."""
 
-ENDS_WITHIN = 60.0
+CHILD_END_TIME_S = 60.0
 """How long a child service may take to end, longer than one takes that has to be ended by force [s]."""
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once.
 
-    Once it is told to, the process ends: after `settings.grace` and `LEAVES_WITHIN` by force, with the code
-    `ending.BY_FORCE`, and its workers with it.
+    Once it is told to, the process ends: after `settings.grace` and `END_TIME_S` by force, with the code
+    `ending.FORCED_EXIT_CODE`, and its workers with it.
 
     Args:
         settings: How to serve.
         announce: Is told how the start and the end go, unless standard output takes nothing more.
     """
     logs.configure(logging.INFO, json=settings.json_logs)
-    faulthandler.register(WHERE)
+    faulthandler.register(TRACE_SIGNAL)
     stop = threading.Event()
-    end_when_told(stop, settings.grace + LEAVES_WITHIN)
-    serve(settings, stop, partial(_tell, announce))
+    end_on_signal(stop, settings.grace + END_TIME_S)
+    serve(settings, stop, partial(_announce, announce))
 
 
-def _tell(announce: Callable[[str], None], sentence: str) -> None:
+def _announce(announce: Callable[[str], None], sentence: str) -> None:
     """Announce a sentence, unless that would wait for whoever is to read standard output; tell the supervisor, too."""
-    tell_supervisor(sentence)
+    notify_supervisor(sentence)
     output = select.poll()
     output.register(sys.stdout, select.POLLOUT)
     if output.poll(0) == [(sys.stdout.fileno(), select.POLLOUT)]:
@@ -111,13 +111,13 @@ def service_in_child(
             _await_ready(child.stdout, announce)
             yield ChildService(f"tcp/{LOOPBACK}:{port}", child)
         finally:
-            _end(child)
+            _end_child(child)
 
 
-def _end(child: subprocess.Popen[str]) -> None:
+def _end_child(child: subprocess.Popen[str]) -> None:
     child.terminate()
     try:
-        forced = child.wait(ENDS_WITHIN) == BY_FORCE
+        forced = child.wait(CHILD_END_TIME_S) == FORCED_EXIT_CODE
     except subprocess.TimeoutExpired:
         child.kill()
         forced = True
@@ -137,7 +137,7 @@ READY, STOPPING = "ready", "stopping"
 """How the sentences begin by which a service says that it takes requests, and that it ends."""
 
 
-def tell_supervisor(sentence: str) -> None:
+def notify_supervisor(sentence: str) -> None:
     """Tell a sentence, if there is anybody to be told; a supervisor that doesn't listen keeps nobody waiting.
 
     Args:

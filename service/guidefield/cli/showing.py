@@ -21,13 +21,13 @@ from rich.console import Console
 
 from guidefield.cli.loopback import LOOPBACK, free_port
 
-PATIENCE = 30.0
-"""How long the web viewer's server may take to answer [s]."""
+SERVER_START_TIME_S = 30.0
+"""Time that the web viewer's server has to answer [s]."""
 
 
 def show_in_window(recording: Path, err: Console) -> int:
-    """Open a recording in the viewer's window; the viewer's exit code."""
-    code = subprocess.call([*_viewer(), str(recording)], env=_quiet())  # noqa: S603 - our interpreter, a file that exists
+    """Open a recording in the viewer's window, and return the viewer's exit code."""
+    code = subprocess.call([*_viewer_command(), str(recording)], env=_quiet_env())  # noqa: S603 - our interpreter, a file that exists
     if code:
         err.print(
             "Where there is no display, `guidefield show --web` serves the recording to a browser on this machine."
@@ -43,9 +43,9 @@ def show_in_browser(recording: Path, out: Console) -> int:
     Returns:
         The viewer server's exit code; 0 after Ctrl-C or SIGTERM.
     """
-    with free_port() as page, _served(recording) as file, _viewer_server(page, file) as server:
+    with free_port() as page, _serve_file(recording) as file, _start_viewer_server(page, file) as server:
         try:
-            if not _answers(page, server):
+            if not _await_server(page, server):
                 return server.wait() or 1
             url = f"http://{LOOPBACK}:{page}/?url={quote(file, safe='')}"
             out.print(f"{recording} is at {url}\nCtrl-C ends it.", highlight=False, soft_wrap=True)
@@ -57,15 +57,15 @@ def show_in_browser(recording: Path, out: Console) -> int:
 
 
 @contextlib.contextmanager
-def _viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A server of Rerun's web viewer; SIGTERM ends it as Ctrl-C does.
+def _start_viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the server of Rerun's web viewer for as long as a block runs; SIGTERM ends it as Ctrl-C does.
 
     In a session of its own: the command starts the real server as a child, and both have to end.
     """
-    serve = [*_viewer(), "--serve-web", "--web-viewer-port", str(page), file]
+    serve = [*_viewer_command(), "--serve-web", "--web-viewer-port", str(page), file]
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with subprocess.Popen(serve, env=_quiet(), stdout=subprocess.DEVNULL, start_new_session=True) as server:  # noqa: S603
+        with subprocess.Popen(serve, env=_quiet_env(), stdout=subprocess.DEVNULL, start_new_session=True) as server:  # noqa: S603
             try:
                 yield server
             finally:
@@ -76,8 +76,8 @@ def _viewer_server(page: int, file: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @contextlib.contextmanager
-def _served(recording: Path) -> Iterator[str]:
-    """The address of one file, readable by pages of this machine's browsers; nothing else is served."""
+def _serve_file(recording: Path) -> Iterator[str]:
+    """Serve one file, and nothing else, to pages of this machine's browsers; yield its address."""
 
     class File(SimpleHTTPRequestHandler):
         def send_head(self) -> Any:
@@ -101,17 +101,17 @@ def _served(recording: Path) -> Iterator[str]:
             server.shutdown()
 
 
-def _viewer() -> list[str]:
+def _viewer_command() -> list[str]:
     return [sys.executable, "-m", "rerun", "--bind", LOOPBACK]
 
 
-def _quiet() -> dict[str, str]:
-    """The environment, with a viewer that only tells of what is wrong."""
+def _quiet_env() -> dict[str, str]:
+    """Return the environment in which the viewer logs only warnings."""
     return {"RUST_LOG": "warn", **os.environ}
 
 
-def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
-    deadline = time.monotonic() + PATIENCE
+def _await_server(port: int, server: subprocess.Popen[bytes]) -> bool:
+    deadline = time.monotonic() + SERVER_START_TIME_S
     while time.monotonic() < deadline and server.poll() is None:
         with socket.socket() as probe:
             probe.settimeout(1.0)

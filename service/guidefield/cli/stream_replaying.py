@@ -75,14 +75,14 @@ def replay_stream(
                 "its first update" if begun.snapshot.now is None else f"{begun.snapshot.now} s of its client's clock"
             )
             say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
-        done = replayed(file, _engine(begun.user, folder, packages).stream)
+        done = replayed(file, _make_engine(begun.user, folder, packages).stream)
         name = f"{file.parent.name}/{file.name}"
         if done.same:
             say(f"{name}: bit-identical: {done.updates} updates, {done.pieces} pieces")
             continue
         code = 1
         say(f"{name}: {made_by(begun.versions)}the answer to the update at {done.first} s differs")
-        say(f"then: {_in_short(done.was)}\nnow:  {_in_short(done.now)}")
+        say(f"then: {_summarize(done.was)}\nnow:  {_summarize(done.now)}")
     return code
 
 
@@ -102,17 +102,17 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
     from guidefield.stream.shown import record
 
     begun, _ = read(files[-1])
-    record(files, _engine(begun.user, folder, packages).stream, recording)
+    record(files, _make_engine(begun.user, folder, packages).stream, recording)
 
 
-def _engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
+def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
     """The engine of a user, on what is stored in a data folder; looking leaves no folder behind."""
     if not folder.is_dir():
         return Engine(packages=packages)
     return Engines("local", StoresByUser(folder), packages).of(user)
 
 
-def _in_short(answer: Piece | StreamState | str | None) -> str:
+def _summarize(answer: Piece | StreamState | str | None) -> str:
     if isinstance(answer, Piece):
         return f"piece {answer.number}, {answer.leads_to}, stops at {answer.stops} s"
     if isinstance(answer, StreamState):

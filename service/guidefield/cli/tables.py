@@ -24,7 +24,7 @@ def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
         reply: The reply.
         title: What the table is headed with.
     """
-    return _headed(title, [*_planned_rows(reply), *_last_rows(reply)])
+    return _make_table(title, [*_plan_rows(reply), *_last_rows(reply)])
 
 
 def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType:
@@ -34,10 +34,10 @@ def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType
         reply: The reply.
         title: What the table is headed with.
     """
-    return _headed(title, [*_judged_rows(reply), *_last_rows(reply)])
+    return _make_table(title, [*_verdict_rows(reply), *_last_rows(reply)])
 
 
-def _headed(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
+def _make_table(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
     """Named values below a title."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
     table.add_column(style="dim", no_wrap=True)
@@ -47,10 +47,10 @@ def _headed(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
     return table
 
 
-def _judged_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
+def _verdict_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
     certificate = reply.certificate
     verdict = ("collision-free", "green") if certificate.collision_free else (certificate.reason, "yellow")
-    evaluations = _counted(certificate.evaluations, "evaluation")
+    evaluations = _format_count(certificate.evaluations, "evaluation")
     rows: list[tuple[str, RenderableType]] = [
         ("status", _status(reply)),
         ("run", Text(f"{reply.run_id}  (curve {reply.curve})")),
@@ -59,9 +59,9 @@ def _judged_rows(reply: CertifyReply) -> list[tuple[str, RenderableType]]:
     if not certificate.collision_free:
         rows.append(("free until", Text(describe_place(certificate.free_until.row, certificate.free_until.time))))
     if certificate.place is not None:
-        where = f"{describe_place(certificate.place.row, certificate.place.time)}{_pair(certificate.pair)}"
+        where = f"{describe_place(certificate.place.row, certificate.place.time)}{_format_pair(certificate.pair)}"
         rows.append(("refused at", Text(where)))
-    rows += _distances(reply)
+    rows += _distance_rows(reply)
     for name in reply.limits.__struct_fields__:
         use: LimitUse = getattr(reply.limits, name)
         if use.joint is not None and use.row is not None:
@@ -75,14 +75,14 @@ def _status(reply: MotionReply) -> Text:
     return Text.assemble((reply.status.name, style), f"  {reply.status.message}")
 
 
-def _distances(reply: MotionReply) -> list[tuple[str, RenderableType]]:
+def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     """What was kept from obstacles, and between links."""
     rows: list[tuple[str, RenderableType]] = []
     if reply.clearance is not None:
         rows.append(("clearance", Text(_clearance(reply.clearance))))
     own = reply.self_clearance
     if own is not None and own.minimum is not None:
-        rows.append(("to itself", Text(f"{_millimetres(own.minimum)}{_pair(own.pair)}")))
+        rows.append(("to itself", Text(f"{_format_millimetres(own.minimum)}{_format_pair(own.pair)}")))
     return rows
 
 
@@ -101,7 +101,7 @@ def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
     return rows
 
 
-def _planned_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
+def _plan_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
     rows: list[tuple[str, RenderableType]] = [
         ("status", _status(reply)),
         ("run", Text(f"{reply.run_id}  (planner {reply.planner}, objective {reply.objective}, seed {reply.seed})")),
@@ -109,7 +109,7 @@ def _planned_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
     ]
     if reply.guide_planes:
         rows.append(("guide planes", Text(" → ".join(plane.name for plane in reply.guide_planes))))
-    rows += _distances(reply)
+    rows += _distance_rows(reply)
     rows.append(("certificate", _certificate(reply)))
     rows.extend(("stage", Text(_stage(reply, stage))) for stage in reply.stages)
     return rows
@@ -125,7 +125,7 @@ def _this_command() -> str:
 
 
 def _path(reply: PlanReply) -> str:
-    parts = [_counted(len(reply.path), "waypoint")]
+    parts = [_format_count(len(reply.path), "waypoint")]
     if reply.metrics is not None:
         parts.append(f"{reply.metrics.joint_path_length:.2f} rad or m in the joints")
         parts.append(f"{reply.metrics.tip_path_length:.2f} m of the tip")
@@ -136,27 +136,27 @@ def _path(reply: PlanReply) -> str:
 def _clearance(clearance: ClearanceFigures) -> str:
     if clearance.minimum is None:
         return "no obstacle"
-    text = f"{_millimetres(clearance.minimum)}{_pair(clearance.pair)}"
+    text = f"{_format_millimetres(clearance.minimum)}{_format_pair(clearance.pair)}"
     if clearance.time is not None:
         text += f", at {clearance.time:.2f} s"
     if clearance.inner is not None:
-        text += f"; away from the ends {_millimetres(clearance.inner)}"
+        text += f"; away from the ends {_format_millimetres(clearance.inner)}"
     if clearance.mean is not None:
-        text += f"; on average {_millimetres(clearance.mean)}"
+        text += f"; on average {_format_millimetres(clearance.mean)}"
     return text
 
 
 def _certificate(reply: PlanReply) -> Text:
     figures = reply.certificate
     said = (describe_certificate(reply), "green" if figures.collision_free else "yellow")
-    return Text.assemble(said, f", {_counted(figures.evaluations, 'evaluation')}")
+    return Text.assemble(said, f", {_format_count(figures.evaluations, 'evaluation')}")
 
 
 def _stage(reply: PlanReply, stage: Stage) -> str:
     about = ""
     if stage.plane is not None and stage.plane < len(reply.guide_planes):
         about = f" {reply.guide_planes[stage.plane].name}"
-    return f"{stage.name}{about}: {stage.outcome}, {_milliseconds(stage.seconds)}"
+    return f"{stage.name}{about}: {stage.outcome}, {_format_time(stage.seconds)}"
 
 
 def _timing(timing: Timing) -> str:
@@ -171,21 +171,21 @@ def _timing(timing: Timing) -> str:
         ("certify", timing.certify),
         ("measure", timing.measure),
     ]
-    parts = ", ".join(f"{name} {_milliseconds(seconds)}" for name, seconds in spent if seconds >= 5e-5)
-    return f"{_milliseconds(timing.total)} in all" + (f" ({parts})" if parts else "")
+    parts = ", ".join(f"{name} {_format_time(seconds)}" for name, seconds in spent if seconds >= 5e-5)
+    return f"{_format_time(timing.total)} in all" + (f" ({parts})" if parts else "")
 
 
-def _counted(number: int, what: str) -> str:
+def _format_count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def _pair(pair: list[str] | None) -> str:
+def _format_pair(pair: list[str] | None) -> str:
     return f" between {pair[0]} and {pair[1]}" if pair else ""
 
 
-def _millimetres(metres: float) -> str:
+def _format_millimetres(metres: float) -> str:
     return f"{1e3 * metres:.1f} mm"
 
 
-def _milliseconds(seconds: float) -> str:
+def _format_time(seconds: float) -> str:
     return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1e3 * seconds:.1f} ms"

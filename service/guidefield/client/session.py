@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from guidefield.errors import NoService, without_source
+from guidefield.errors import NoService, strip_source
 from guidefield.messages.identities import PLAIN, check_user
 
 RETRY_PERIOD = 0.05
@@ -39,7 +39,7 @@ def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
             return zenoh.open(settings)
         except zenoh.ZError as error:
             if time.monotonic() > deadline:
-                raise explain_no_link(settings, without_source(error)) from None
+                raise explain_no_link(settings, strip_source(error)) from None
         time.sleep(RETRY_PERIOD)
 
 
@@ -106,7 +106,7 @@ def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Confi
     try:
         settings = zenoh.Config() if config is None else zenoh.Config.from_file(str(config))
     except zenoh.ZError as error:
-        raise ValueError(f"the Zenoh configuration {str(config)!r} is wrong: {without_source(error)}") from None
+        raise ValueError(f"the Zenoh configuration {str(config)!r} is wrong: {strip_source(error)}") from None
     if endpoints:
         try:
             settings.insert_json5("connect/endpoints", json.dumps(endpoints))

@@ -20,7 +20,14 @@ from guidefield.doctor.finding import Finding, fine, remark, wrong
 from guidefield.doctor.resources import cores, memory, vectors
 from guidefield.endpoint.link import DEFAULT_LISTEN, NoAnswer, is_taken, measure_answer
 from guidefield.errors import DiskRefused
-from guidefield.first_start import KNOWN, PLAIN, cache_parent, compiled_mark, plain_numba, processor
+from guidefield.first_start import (
+    KNOWN_NUMBA,
+    PLAIN_VARIABLE,
+    cache_parent,
+    compiled_marker,
+    plain_numba,
+    processor,
+)
 from guidefield.stores.run_file import FILE, connect_reader, connect_writer, telling_faults
 from guidefield.stores.runs import DEFAULT_RETENTION
 
@@ -94,7 +101,7 @@ def kernels() -> Finding:
             f"{there} can't be written: every start compiles for a minute",
             "set XDG_CACHE_HOME or NUMBA_CACHE_DIR to a folder that stays",
         )
-    if not compiled_mark().exists():
+    if not compiled_marker().exists():
         return remark(
             "kernels",
             f"not compiled for this version and processor ({processor()}) in {folder}",
@@ -103,8 +110,8 @@ def kernels() -> Finding:
     if plain_numba():
         return remark(
             "kernels",
-            f"compiled by plain numba, as {PLAIN} is set or its version is none of {', '.join(KNOWN)}",
-            f"unset {PLAIN}, or install one of these: the first start and plans take longer",
+            f"compiled by plain numba, as {PLAIN_VARIABLE} is set or its version is none of {', '.join(KNOWN_NUMBA)}",
+            f"unset {PLAIN_VARIABLE}, or install one of these: the first start and plans take longer",
         )
     return fine("kernels", f"compiled for this processor ({processor()}), in {folder}")
 

@@ -12,7 +12,7 @@ from functools import partial
 
 import zenoh
 
-from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, unforeseen
+from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, convert_exception
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, split_owner, split_user
@@ -161,7 +161,7 @@ class Asked:
             self._refuse(error)
         except Exception as error:
             _log.exception("a query failed by itself")
-            self._refuse(unforeseen(error))
+            self._refuse(convert_exception(error))
 
     def _refuse(self, error: GuidefieldError) -> None:
         try:

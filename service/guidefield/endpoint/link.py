@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from guidefield.errors import without_source
+from guidefield.errors import strip_source
 from guidefield.messages import codec
 from guidefield.pool.outbox import MOST_THREADS
 
@@ -112,7 +112,7 @@ def measure_answer() -> float:
                 raise NoAnswer(f"a query at {endpoint} got none within {WITHIN:g} s")
             return time.monotonic() - began
     except (zenoh.ZError, OSError) as error:
-        raise NoAnswer(without_source(error)) from None
+        raise NoAnswer(strip_source(error)) from None
 
 
 def _answer(query: zenoh.Query) -> None:

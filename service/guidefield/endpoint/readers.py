@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from guidefield.errors import GuidefieldError, ServerBusy, unforeseen
+from guidefield.errors import GuidefieldError, ServerBusy, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
@@ -66,7 +66,7 @@ class Readers:
             outcome: Answer | GuidefieldError = error
         except Exception as error:  # the thread must outlive it
             _log.exception("a query failed by itself")
-            outcome = unforeseen(error)
+            outcome = convert_exception(error)
         else:
             outcome = answer
         seconds = time.monotonic() - began

@@ -31,7 +31,7 @@ from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.rules import DELIVERY, limits_told
 from guidefield.endpoint.streams import Streams
 from guidefield.engines import Engines
-from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, without_source
+from guidefield.errors import DiskRefused, GuidefieldError, WorkerCrashed, strip_source
 from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
@@ -243,7 +243,7 @@ def session_config(settings: ServiceSettings) -> zenoh.Config:
             config.insert_json5(*LATCHING)
     except zenoh.ZError as error:
         file = "" if settings.config is None else f" {str(settings.config)!r}"
-        raise CannotServe(f"the Zenoh configuration{file} is wrong: {without_source(error)}") from None
+        raise CannotServe(f"the Zenoh configuration{file} is wrong: {strip_source(error)}") from None
     return config
 
 
@@ -329,7 +329,7 @@ def _ros_offer(
         session = opened.enter_context(session_for(settings, own))
         node = ros_node(settings, session, engines.of(IDENTITY).robot(settings.robot), endpoint.ask)
     except (GuidefieldError, zenoh.ZError) as error:
-        raise CannotServe(f"the service can't be offered to ROS: {without_source(error)}") from None
+        raise CannotServe(f"the service can't be offered to ROS: {strip_source(error)}") from None
     opened.callback(node.finish)
 
     def offer(ready: contextlib.ExitStack) -> None:
@@ -344,7 +344,7 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         where = config.get_json("listen/endpoints")
-        raise CannotServe(f"Zenoh can't be opened at {where}: {without_source(error)}") from None
+        raise CannotServe(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
 
 
 def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:

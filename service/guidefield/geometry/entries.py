@@ -19,7 +19,7 @@ import msgspec
 import numpy as np
 
 from guidefield.kernels.linalg.page_sums import PAGE, page_sums
-from guidefield.whole_file import draft_of, write_whole
+from guidefield.whole_file import draft_path, write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -134,7 +134,7 @@ class Draft:
         header, size = _header(layout)
         try:
             self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            self._file = draft_of(self._path)
+            self._file = draft_path(self._path)
             content = _mapped(self._file, size)
         except OSError as error:
             _log.warning("cannot keep %s: %s", self._path, error)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, cast
 import msgspec
 import numpy as np
 
-from guidefield.collector import waiting_collector
+from guidefield.collector import pause_collector
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.clearance import ClearanceAt, clearance_gradient
 from guidefield.collision.world import World
@@ -119,7 +119,7 @@ def forward_kinematics(
         place_frames(joints, frames, np.ascontiguousarray(root), configurations[some], placements[some])
     if request.packed:
         return ForwardKinematicsReply(placements=[], packed=packed(placements))
-    with waiting_collector():  # many small objects are made, and all are kept
+    with pause_collector():  # many small objects are made, and all are kept
         listed = [
             [Placement((x, y, z), (a, b, c, d)) for x, y, z, a, b, c, d in of_frames]
             for of_frames in placements.tolist()

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from guidefield.client import AsyncClient
-from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject, unforeseen
+from guidefield.errors import GuidefieldError, MalformedRequest, UnknownObject, convert_exception
 from guidefield.mcp_server import words
 from guidefield.mcp_server.words import error_told
 from guidefield.messages.replies import (
@@ -316,7 +316,7 @@ async def _asked(
         failure = error
     except Exception as error:
         _log.exception("tool %s failed by itself", name)
-        failure = unforeseen(error)
+        failure = convert_exception(error)
     return error_told(failure), to_plain_data(make_error_reply(failure)), True
 
 

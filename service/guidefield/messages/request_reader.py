@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from guidefield.bounded_map import READ_SCENES, BoundedMap
-from guidefield.collector import waiting_collector
+from guidefield.collector import pause_collector
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
 from guidefield.messages.frozen_scenes import FrozenFacts, freeze
@@ -94,7 +94,7 @@ def _read(
         if not isinstance(made, requests.StoreScene):
             msgspec.structs.force_setattr(made, "scene", known)
             return made
-    with waiting_collector() if size >= MANY_OBJECTS_BYTES else contextlib.nullcontext():
+    with pause_collector() if size >= MANY_OBJECTS_BYTES else contextlib.nullcontext():
         made = read_all()
     read = getattr(made, "scene", None)
     if scene is None or digest is None or not isinstance(read, Scene) or isinstance(made, requests.StoreScene):

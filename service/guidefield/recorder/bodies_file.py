@@ -18,7 +18,7 @@ import rerun as rr
 from lxml import etree
 from rerun.chunk import Chunk
 
-from guidefield.errors import without_path
+from guidefield.errors import strip_path
 from guidefield.geometry import cache
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import RobotBodies, mesh
@@ -102,7 +102,7 @@ def _prepared(robot: RobotModel, folder: Path) -> Drawn:
         folder.mkdir(parents=True, exist_ok=True)
         write_whole(file, encode_recording(file.stem, [*made.chunks, *_sketch_chunks(made)], None), durable=False)
     except OSError as error:
-        return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {without_path(error)}"))
+        return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {strip_path(error)}"))
     with contextlib.suppress(OSError):  # another process may make room too
         _make_room(folder)
     return drawn

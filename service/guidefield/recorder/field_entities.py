@@ -57,7 +57,7 @@ def charges(
         column: Column of n times, as they are shown.
     """
     charged = moving_charges(group)
-    points, joints = charged.placed(configurations), charged.joints
+    points, joints = charged.place_points(configurations), charged.joints
     forces = -charged.weights[:, None] * field_in_time(scene, points, times, origin_of(group))[1]
     colors = _colors(_share(np.linalg.norm(forces, axis=2)))
     moved = np.unique(joints)

@@ -17,7 +17,7 @@ from guidefield.messages.scene import Scene
 from guidefield.recorder.documents import MADE_WITH, PROPERTIES, REPLY, REQUEST
 from guidefield.recorder.packing import MESSAGE_COMPONENT, SCENE, unpacked
 from guidefield.recorder.whole import LINK
-from guidefield.versions import parsed
+from guidefield.versions import parse_versions
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def read_recording(path: Path) -> Recorded:
             scene = unpacked(bytes(_values(apart, MESSAGE_COMPONENT)), Scene)
             asked = msgspec.structs.replace(asked, scene=scene)
         answered: MotionReply = unpacked(reply, CertifyReply) if judged else unpacked(reply, PlanReply)
-        return Recorded(asked, answered, parsed(packages))
+        return Recorded(asked, answered, parse_versions(packages))
     except (RuntimeError, ValueError, LookupError) as error:
         why = f"it has no {error}" if isinstance(error, KeyError) else f"{error}"
         what = f"{path.name!r} is no whole recording of guidefield, or one of another version"

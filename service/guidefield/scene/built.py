@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 
 from guidefield.bounded_map import BUILT_SCENES, BYTES_PER_FACE, BoundedMap, Limit
-from guidefield.collector import waiting_collector
+from guidefield.collector import pause_collector
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
 from guidefield.messages.frozen_scenes import Derivation, FrozenFacts, frozen_facts
@@ -77,7 +77,7 @@ class BuiltScenes:
         many = _has_many(message) if found is None else are_many([message.obstacles[k] for k in found[1].fresh], MANY)
         if many:
             deadline.check(f"scene {message.name} was built")
-        with waiting_collector() if many else contextlib.nullcontext():
+        with pause_collector() if many else contextlib.nullcontext():
             if found is None:
                 return scenes.build(message, parts)
             return scenes.changed(found[0], message, found[1], parts)

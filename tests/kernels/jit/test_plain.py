@@ -12,7 +12,13 @@ import numpy as np
 import pytest
 
 from guidefield import first_start, kernels
-from guidefield.first_start import KNOWN, PLAIN, kernel_compiler, kernels_fingerprint, plain_numba
+from guidefield.first_start import (
+    KNOWN_NUMBA,
+    PLAIN_VARIABLE,
+    kernel_compiler,
+    kernels_fingerprint,
+    plain_numba,
+)
 from tests.kernels.jit.plain_slice import results
 
 KERNELS = Path(kernels.__file__).parent
@@ -40,7 +46,7 @@ print(*sorted(name for name in sys.modules if name.startswith("guidefield.kernel
 
 
 def run(*command: str, plain: bool) -> str:
-    environment = {**os.environ, PLAIN: "1" if plain else ""}
+    environment = {**os.environ, PLAIN_VARIABLE: "1" if plain else ""}
     ran = subprocess.run(
         [sys.executable, *command], cwd=HOUSE, env=environment, capture_output=True, text=True, check=True
     )
@@ -91,10 +97,10 @@ def _taken(node: ast.AST) -> list[str]:
 @pytest.mark.parametrize(
     ("said", "numba", "plain"),
     [
-        ("", KNOWN[-1], False),
-        ("0", KNOWN[0], False),
-        ("1", KNOWN[-1], True),
-        ("yes", KNOWN[0], True),
+        ("", KNOWN_NUMBA[-1], False),
+        ("0", KNOWN_NUMBA[0], False),
+        ("1", KNOWN_NUMBA[-1], True),
+        ("yes", KNOWN_NUMBA[0], True),
         ("", "1.2", True),
     ],
 )
@@ -102,12 +108,12 @@ def test_variable_and_version_say_whether_and_keep_machine_code_apart(
     monkeypatch: pytest.MonkeyPatch, said: str, numba: str, plain: bool
 ) -> None:
     monkeypatch.setattr(first_start, "version", lambda _: numba)
-    monkeypatch.setenv(PLAIN, said)
+    monkeypatch.setenv(PLAIN_VARIABLE, said)
     assert plain_numba() is plain
     assert kernel_compiler().startswith(f"plain numba {numba} for " if plain else f"numba {numba} for ")
     whole = kernels_fingerprint.__wrapped__()
-    monkeypatch.setattr(first_start, "version", lambda _: KNOWN[0])
-    monkeypatch.setenv(PLAIN, "" if plain else "1")
+    monkeypatch.setattr(first_start, "version", lambda _: KNOWN_NUMBA[0])
+    monkeypatch.setenv(PLAIN_VARIABLE, "" if plain else "1")
     assert kernels_fingerprint.__wrapped__() != whole
 
 

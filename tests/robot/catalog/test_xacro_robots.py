@@ -151,13 +151,13 @@ def test_the_command_line_takes_arguments(main: Path, capsys: pytest.CaptureFixt
     told = CliRunner().invoke(app, ["robots", str(main), "--xacro-arg", "with_tool:=true", "--json"])
     assert told.exit_code == 0, told.output
     assert '"j_tool"' in told.stdout
-    from guidefield.cli.certifying import robot_reference
+    from guidefield.cli.certifying import make_robot_reference
     from guidefield.errors import MalformedRequest
 
-    assert robot_reference("a.XACRO", None, [], ["x:=1:=2"]) == UrdfFile("a.XACRO", xacro_args={"x": "1:=2"})
+    assert make_robot_reference("a.XACRO", None, [], ["x:=1:=2"]) == UrdfFile("a.XACRO", xacro_args={"x": "1:=2"})
     for robot, argument, words in (("a.xacro", "x=1", "name:=value"), ("panda", "x:=1", r"\.xacro file")):
         with pytest.raises(MalformedRequest, match=words):
-            robot_reference(robot, None, [], [argument])
+            make_robot_reference(robot, None, [], [argument])
 
 
 def test_where_xacro_is_missing_the_command_to_install_it_is_told(main: Path, monkeypatch: pytest.MonkeyPatch) -> None:

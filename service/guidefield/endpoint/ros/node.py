@@ -33,7 +33,7 @@ from guidefield.endpoint.ros.options import IDENTITY
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
 from guidefield.endpoint.ros.scene_updates import heard, updated
 from guidefield.endpoint.ros.services import Answered, Service, Services
-from guidefield.errors import GuidefieldError, unforeseen
+from guidefield.errors import GuidefieldError, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox
 
@@ -310,7 +310,7 @@ class RosNode:
             self._post(query, 0, partial(_send_error, query, str(error)))
         except Exception as error:
             _log.exception("%s failed by itself", service.name)
-            self._post(query, 0, partial(_send_error, query, unforeseen(error).message))
+            self._post(query, 0, partial(_send_error, query, convert_exception(error).message))
         finally:
             self._free.release()
 
@@ -323,7 +323,7 @@ class RosNode:
             code, sentence = moveit_code(error.code), f"{error.code.name}: {error.message}"
         except Exception as error:
             _log.exception("%s failed by itself", service.name)
-            told = unforeseen(error)
+            told = convert_exception(error)
             code, sentence = moveit_code(told.code), f"{told.code.name}: {told.message}"
         if not service.has_place:
             self._complain(f"{service.name}: {sentence}")
