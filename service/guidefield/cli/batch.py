@@ -1,4 +1,4 @@
-"""`guidefield batch`: the requests of a file, answered by all cores or by a cluster, with a bar that says how far."""
+"""`guidefield batch`: answer the requests of a file on all cores or a cluster, with a progress bar."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ def run(
 
     Args:
         requests: One JSON object on each line.
-        folder: Where results and recordings go; what is there already is not asked again.
-        out: Where the bar goes.
+        folder: Folder of results and recordings; requests with results there aren't answered again.
+        out: Console of the bar.
         workers: Processes on this machine.
-        ray: Address of a Ray cluster that works instead.
+        ray: Address of a Ray cluster to use instead.
         recordings: Whether plans are recorded.
         render: Whether the recordings are rendered after the answers; else their logs stay.
 
     Returns:
-        Exit code: 0 if all went well, 1 where there was an honest "no", 2 where there was an error.
+        Exit code: 0 if all succeeded, 1 if a reply is a failure, 2 if there was an error.
 
     Raises:
         MalformedRequest: if the file can't be read.

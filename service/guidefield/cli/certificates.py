@@ -1,4 +1,4 @@
-"""A certificate for a service, and one of an authority that signs it alone; needs ``guidefield[secure]``."""
+"""Make a certificate for a service, signed by an authority of its own; needs ``guidefield[secure]``."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 VALIDITY = timedelta(days=3650)
 CLOCK_TOLERANCE = timedelta(hours=1)
-"""Clocks may differ by this."""
+"""Tolerance for clocks that are slow."""
 
 
 @dataclass(frozen=True)
 class Certificates:
-    """In PEM.
+    """Certificates in PEM.
 
     Attributes:
-        authority: The authority's certificate, by which clients know the service. Its key is kept nowhere, so it never
+        authority: The authority's certificate, with which clients verify the service. Its key is discarded, so it never
             signs anything else.
         service: The service's certificate.
         key: The service's key.
@@ -34,7 +34,7 @@ class Certificates:
 
 
 def make_certificates(hosts: Sequence[str]) -> Certificates:
-    """New certificates.
+    """Make new certificates.
 
     Args:
         hosts: Names and addresses by which clients reach the service.

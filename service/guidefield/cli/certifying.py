@@ -1,4 +1,4 @@
-"""The request that `guidefield certify` makes, from a file or a kept run and from options."""
+"""Make the request of `guidefield certify` from a motion file or a stored run, and from options."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequ
 from guidefield.messages.scene import Scene
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
-"""Of files that hold a motion."""
+"""Suffixes of motion files."""
 
 SHARED_FIELDS = (
     "robot",
@@ -34,13 +34,13 @@ SHARED_FIELDS = (
     "max_acceleration_scaling_factor",
     "leave_start_contact",
 )
-"""Fields of a plan request that a certify request has too."""
+"""Common fields of plan and certify requests."""
 
 TRAJECTORY_FIELDS = ("times", "positions", "velocities", "accelerations")
 
 
 def read_fields(file: Path) -> dict[str, Any]:
-    """The fields of a certify request that a file holds; without times in it, those of a path.
+    """Read the fields of a certify request from a file; without times, those of a path.
 
     Args:
         file: Ends with one of `MOTION_ENDINGS`.
@@ -71,7 +71,7 @@ def read_fields(file: Path) -> dict[str, Any]:
 
 
 def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str) -> dict[str, Any]:
-    """The fields that ask about the motion of a run, in the scene that it was in.
+    """Make the fields of a certify request about the motion of a run, in its scene.
 
     Args:
         request: Of the run.
@@ -89,7 +89,7 @@ def make_recorded_fields(request: MotionRequest, reply: dict[str, Any], run: str
 
 
 def _select_motion(found: dict[str, Any], name: str) -> dict[str, Any]:
-    """Fields of the motion among what was found; a plan's reply and flat arrays are understood."""
+    """Select the fields of the motion from those of a file: a plan's reply, or flat arrays."""
     motion = found.get("trajectory") or {key: found[key] for key in TRAJECTORY_FIELDS if found.get(key) is not None}
     fields = {key: found[key] for key in ("position_names", "velocity_names") if found.get(key) is not None}
     if motion.get("positions"):
@@ -144,7 +144,7 @@ def _read_csv(file: Path) -> dict[str, Any]:
 
 
 def _parse_column(name: str) -> tuple[str, str]:
-    """The kind of a column's values, and the name of the column that they are of."""
+    """Split the heading of a column into the kind of its values, and the joint coordinate."""
     kind, colon, column = (part.strip() for part in name.partition(":"))
     if colon and kind not in ("position", "velocity", "acceleration"):
         raise ValueError(
@@ -164,13 +164,13 @@ def _parse_row(line: list[str], head: list[str], number: int) -> list[float]:
 
 
 ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")
-"""Ends of the names of robot files, in any letters' case."""
+"""Suffixes of robot files, in lower case."""
 
 
 def make_robot_reference(
     robot: str, srdf: Path | None, package_dirs: Sequence[Path], xacro_args: Sequence[str]
 ) -> requests.RobotReference:
-    """Return the robot that an argument means: a name, or a file with its SRDF, package folders and xacro arguments.
+    """Make the reference of a robot: a name, or a file with its SRDF, package folders and xacro arguments.
 
     Raises:
         MalformedRequest: if an argument of xacro isn't ``name:=value``, or the robot isn't a file.
@@ -191,7 +191,7 @@ def make_robot_reference(
 
 
 def read_scene_reference(scene: str) -> requests.SceneReference:
-    """The scene that an argument means: a name, or a `.json` file.
+    """Return the scene of an argument: a name, or the content of a `.json` file.
 
     Raises:
         MalformedRequest: if the file can't be read, or holds no scene.
@@ -209,13 +209,13 @@ def read_scene_reference(scene: str) -> requests.SceneReference:
 def make_certify_request(
     motion: str, given: Mapping[str, Any], allowed_time: float, data: Path | None, name: str
 ) -> requests.CertifyRequest:
-    """The request about a motion.
+    """Make the request about a motion.
 
     Args:
-        motion: A file, or the id of a kept run.
-        given: Fields that replace those of the file or run, where they aren't None.
-        allowed_time: How long it may take [s].
-        data: The data folder of the service that kept the run; None: the user's.
+        motion: A file, or the id of a stored run.
+        given: Fields that replace those of the file or run, unless they are None.
+        allowed_time: The allowed time [s].
+        data: The data folder of the service with the run; None: the user's.
         name: The name of that service.
 
     Raises:

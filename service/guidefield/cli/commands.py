@@ -481,7 +481,7 @@ def _read_request(path: Path) -> requests.Request:
 
 
 def _set_objective(request: requests.Request, objective: requests.Objective | None) -> requests.Request:
-    """The request with what the command line says that its motion is optimised for."""
+    """Set the objective of a plan request, if the command line has one."""
     if objective is None:
         return request
     if not isinstance(request, requests.PlanRequest):
@@ -490,7 +490,7 @@ def _set_objective(request: requests.Request, objective: requests.Objective | No
 
 
 def _report(reply: Reply, output: Path | None) -> NoReturn:
-    """Show a reply to a person, write it for a machine, and end with the exit code that it stands for."""
+    """Print a reply, write it to a file if one is named, and exit with its code."""
     _show(reply, output)
     good = not isinstance(reply, PlanReply | CertifyReply) or reply.status.code == Status.SUCCESS
     raise typer.Exit(0 if good else 1)

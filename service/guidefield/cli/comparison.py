@@ -1,4 +1,4 @@
-"""Two plans beside each other, as a table; and whether their motions are the same to the last bit."""
+"""Compare two plans: a table of both, and the fields that differ in any bit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from rich.table import Table
 from guidefield.messages.replies import PlanReply, Timing
 
 PLAN_FIELDS = ("status", "position_names", "velocity_names", "path", "trajectory", "guide_planes", "planner", "seed")
-"""The parts of a reply that are the plan itself; the rest is measured, or names the run."""
+"""The fields of a reply that are the plan itself; the others are measured, or name the run."""
 
 
 def motion_hash(reply: PlanReply) -> str:
-    """SHA-256, in hexadecimal, of the plan itself: equal just where nothing is `list_differences`."""
+    """Return the SHA-256 of the plan itself in hexadecimal: equal if and only if `list_differences` is empty."""
     return hashlib.sha256(b"\n".join(_encode_fields(reply).values())).hexdigest()
 
 
 def list_differences(first: PlanReply, second: PlanReply) -> list[str]:
-    """The parts of the plan that aren't the same to the last bit, in the order of the reply; none if it is the same."""
+    """List the fields of the plan that differ in any bit, in the order of the reply."""
     one, other = _encode_fields(first), _encode_fields(second)
     return [name for name in PLAN_FIELDS if one[name] != other[name]]
 
 
 def largest_step(first: PlanReply, second: PlanReply) -> float | None:
-    """Largest difference of a coordinate of two paths [rad or m], or None where they aren't of one shape."""
+    """Return the largest difference of a coordinate of two paths [rad or m]; None if their shapes differ."""
     if [len(row) for row in first.path] != [len(row) for row in second.path]:
         return None
     rows = zip(first.path, second.path, strict=True)
@@ -35,7 +35,7 @@ def largest_step(first: PlanReply, second: PlanReply) -> float | None:
 
 
 def comparison_table(first: PlanReply, second: PlanReply) -> RenderableType:
-    """Outcome, motion, clearance and times of two plans, and where the plans differ."""
+    """Make a table of outcome, motion, clearance and times of two plans, and of the fields that differ."""
     table = Table("", first.run_id, second.run_id, box=box.SIMPLE_HEAD)
     for (name, one), (_, other) in zip(_rows(first), _rows(second), strict=True):
         table.add_row(name, one, other)

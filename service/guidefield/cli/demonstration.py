@@ -1,4 +1,4 @@
-"""`guidefield demo`: the whole journey, from a service's start to recordings that can be looked at."""
+"""`guidefield demo`: start a service, have it plan, and store recordings for the viewer."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from guidefield.errors import Status
 
 
 def run(folder: Path, out: Console) -> int:
-    """Have a service of our own plan the demonstration's requests; show the replies, keep their recordings.
+    """Start a service, have it plan the demonstration's requests, show the replies, and store their recordings.
 
     Args:
-        folder: Where the recordings go.
-        out: Where the tables go.
+        folder: Folder of the recordings.
+        out: Console of the tables.
 
     Returns:
         Exit code: 0 if every request succeeded, else 1.
@@ -39,11 +39,11 @@ def run(folder: Path, out: Console) -> int:
 
 
 def run_stream(folder: Path, out: Console) -> int:
-    """Have a Panda serve at a table where boxes drift through, in this process; keep what it did, and its recording.
+    """Have a Panda serve at a table among drifting boxes, in this process; store its journal and recording.
 
     Args:
-        folder: Where they go.
-        out: Where it is told.
+        folder: Folder of both.
+        out: Console of messages.
 
     Returns:
         Exit code: 0 if a place was reached and the same pieces come again, else 1.

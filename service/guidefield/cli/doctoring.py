@@ -1,4 +1,4 @@
-"""`guidefield doctor`: a line for each thing that was looked at, for a person or as JSON."""
+"""`guidefield doctor`: print the findings about this machine, as lines or as JSON."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ COLOURS = {State.FINE: "green", State.REMARK: "yellow", State.WRONG: "red"}
 
 
 def examine(data: Path, out: Console, *, json: bool) -> int:
-    """Say what is found; exit code 1 if something is wrong, else 0.
+    """Print the findings, and return exit code 1 if something is wrong, else 0.
 
     Args:
         data: Folder of a service's runs, scenes and robots.
-        out: Where to.
-        json: Whether as a JSON list of findings.
+        out: The console.
+        json: Whether to print a JSON list of findings.
     """
     findings = []
     for finding in examination(data):

@@ -1,4 +1,4 @@
-"""`guidefield docs`: the pages of the documentation, listed or read in the terminal."""
+"""`guidefield docs`: list the pages of the documentation, or show one in the terminal."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from guidefield.messages.faults import MAX_QUOTED_CHARACTERS, suggest
 _PACKAGE = "guidefield.docs"
 
 _LESS_OPTIONS = "FRX"
-"""How `less` is asked for, as by git: colours as they are, no paging of what fits on the screen."""
+"""Options of `less`, as git sets them: colours, and no paging of what fits on the screen."""
 
 
 def list_subjects() -> tuple[str, ...]:
-    """What there are pages about, in alphabetical order."""
+    """List the subjects of the pages, in alphabetical order."""
     files = resources.files(_PACKAGE).iterdir()
     return tuple(sorted(file.name.removesuffix(".md") for file in files if file.name.endswith(".md")))
 
 
 def read_page(subject: str) -> str:
-    """The page about a subject, in Markdown.
+    """Read the page about a subject, in Markdown.
 
     Args:
         subject: One of `list_subjects`.
 
     Raises:
-        UnknownObject: if there is no page about it; lists those there are.
+        UnknownObject: if there is no page about it; lists the subjects.
     """
     available = list_subjects()
     if subject not in available:
@@ -47,7 +47,7 @@ def read_page(subject: str) -> str:
 
 
 def first_sentence(text: str) -> str:
-    """The first sentence of a page: what it is about.
+    """Return the first sentence of a page, its summary.
 
     Args:
         text: The page: its heading, then a paragraph.
@@ -57,7 +57,7 @@ def first_sentence(text: str) -> str:
 
 
 def pages_table() -> Table:
-    """The subjects, with the first sentence of each page."""
+    """Make a table of the subjects with the first sentence of each page."""
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column("subject", no_wrap=True)
     table.add_column("what it tells", overflow="fold")
@@ -67,11 +67,11 @@ def pages_table() -> Table:
 
 
 def show_page(subject: str, out: Console) -> None:
-    """Print the page about a subject; a terminal gets it page by page.
+    """Print the page about a subject; in a terminal, through a pager.
 
     Args:
         subject: One of `list_subjects`.
-        out: Where to.
+        out: The console.
 
     Raises:
         UnknownObject: as in `read_page`.

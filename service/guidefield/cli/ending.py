@@ -1,11 +1,11 @@
-"""A process that a signal tells to end: it hears of it whichever thread takes the signal, and ends in bounded time.
+"""End a process on a signal, in any thread and in bounded time.
 
-Theory of operation. The system may hand a signal to any thread; Python's handlers run in the main thread, which nothing
-wakes where a thread of Zenoh took it, so that a service that waits would never hear of it. What runs in the thread that
-took it is the interpreter's own handler, which writes the signal's number into a pipe (`signal.set_wakeup_fd`): a
-thread that does nothing else reads it there. Should the process not be gone in time, the same thread ends it by force.
-Should that thread be stuck as well, because another one keeps the interpreter's lock or nobody reads the log, the
-system's alarm ends it: nothing of ours has to run for that. Workers end with their parent (`pool.process`).
+Theory of operation. The system may deliver a signal to any thread. Python's handlers run in the main thread, which
+stays asleep if a thread of Zenoh got the signal, so that a waiting service would never notice it. The interpreter's own
+handler runs in the thread that got the signal and writes the signal's number into a pipe (`signal.set_wakeup_fd`); a
+thread of its own reads it there. If the process doesn't end in time, the same thread ends it by force. If that thread
+is stuck as well, because another one holds the interpreter's lock or nobody reads the log, the system's alarm ends the
+process without any code of ours. Workers end with their parent (`pool.process`).
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from types import FrameType
 from typing import NoReturn
 
 FORCED_EXIT_CODE = os.EX_SOFTWARE
-"""Exit code of a process that had to be ended by force."""
+"""Exit code of a process that was ended by force."""
 DUMP_TIME_S = 5.0
-"""How long a process that is ended by force may take to say where it stood; then the system's alarm ends it [s]."""
+"""Time to dump the traces of all threads before the system's alarm ends the process [s]."""
 
 _log = logging.getLogger(__name__)
 
 
 def end_on_signal(stop: threading.Event, within: float) -> None:
-    """Have SIGTERM and Ctrl-C set an event; a second one, or the end of a time, ends the process whatever it does.
+    """Make SIGTERM and Ctrl-C set an event; a second signal, or a timeout, ends the process by force.
 
     To be called once, in the main thread.
 
     Args:
-        stop: Set by the first signal; the process is to end by itself then.
-        within: How long it may take for that [s]; one that is stuck beyond help lasts `DUMP_TIME_S` longer.
+        stop: Set by the first signal; the process should then end by itself.
+        within: Time for that [s]; a process that can't even dump its traces lasts `DUMP_TIME_S` longer.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # whoever started us may have had it ignored
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # the parent process may have ignored it
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, _ignore_signal)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
@@ -49,9 +49,9 @@ def end_on_signal(stop: threading.Event, within: float) -> None:
 
 
 def leave() -> NoReturn:
-    """End the process with code 0 now that all is done, and without the interpreter's own end.
+    """End the process with code 0 without the interpreter's finalization.
 
-    A thread of Zenoh that still waits to call Python would abort the process there, after an orderly end.
+    A thread of Zenoh that still waits to call Python would abort the process during finalization.
     """
     atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):

@@ -1,4 +1,4 @@
-"""Files that a command writes: refused before the work begins where they can't be written."""
+"""Check before the work begins that the files of a command can be written."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 
 def require_writable(file: Path | None) -> Path | None:
-    """Callback of an option or argument that names a file to be written: the file itself, if it can be.
+    """Callback of an option or argument that names an output file: return the file if it can be written.
 
     Raises:
         typer.BadParameter: otherwise.

@@ -1,4 +1,4 @@
-"""A run that a command line names: by its id in a service's data folder, or by a recording from anywhere."""
+"""Find the run that a command line names: an id in a service's data folder, or a recording."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ RunName = Annotated[str, typer.Argument(help="Id of a kept run, or a recording's
 
 @dataclass(frozen=True)
 class FoundRun:
-    """A run that has ended; `versions` are of the packages that it was made with, empty where they weren't recorded."""
+    """A run that has ended; `versions` are those of the packages that made it, empty if they weren't recorded."""
 
     request: MotionRequest
     reply: MotionReply
@@ -43,15 +43,15 @@ class FoundRun:
 
 
 def data_folder(data: Path | None, name: str) -> Path:
-    """The folder that the options mean."""
+    """Return the data folder of the options."""
     return default_data_folder(name) if data is None else data
 
 
 def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
-    """The runs of a user in a data folder, to read.
+    """Open the runs of a user in a data folder for reading.
 
     Raises:
-        UnknownObject: if there are none, so that looking leaves no file behind.
+        UnknownObject: if there are none; no file is created.
     """
     folder = data_folder(data, name)
     if (folder / FILE).is_file():
@@ -66,7 +66,7 @@ def open_runs(data: Path | None, name: str, owner: str = PLAIN) -> UserRuns:
 
 
 def split_run_name(run: str, data: Path | None, name: str) -> tuple[UserRuns, str]:
-    """The runs that one is among which an argument names, and its id there; another user's is ``user:id``.
+    """Return the store and the id of a named run; another user's is ``user:id``.
 
     Raises:
         UnknownObject: if no runs are kept there.
@@ -79,7 +79,7 @@ def split_run_name(run: str, data: Path | None, name: str) -> tuple[UserRuns, st
 
 
 def find_run(run: str, data: Path | None, name: str) -> FoundRun:
-    """The run that an argument means.
+    """Find the run of an argument.
 
     Raises:
         UnknownObject: if there is no such run or file, or it has no reply.
@@ -102,7 +102,7 @@ def find_run(run: str, data: Path | None, name: str) -> FoundRun:
 
 
 def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
-    """The plan of the run that an argument means.
+    """Find the plan of the run of an argument.
 
     Raises:
         UnknownObject: as `find_run`.
@@ -116,7 +116,7 @@ def find_plan(run: str, data: Path | None, name: str) -> PlanReply:
 
 @contextlib.contextmanager
 def recording_file(run: str, data: Path | None, name: str) -> Iterator[Path]:
-    """The file of a run's or stream's recording, with all it needs; of a kept one it is there while the block runs.
+    """Yield the self-contained recording of a run or stream; that of a stored one exists while the block runs.
 
     Raises:
         UnknownObject: if there is no such run, stream or file.

@@ -1,4 +1,4 @@
-"""`guidefield runs`: what a service has kept, read from its data folder; a single recording too."""
+"""`guidefield runs`: list, render, compare and export the stored runs of a service, or a single recording."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def list_runs(
 
 
 def _read_pages(runs: UserRuns, wanted: ReadRuns, limit: int | None) -> Iterator[RunsReply]:
-    """Pages of the list of runs until its end, or until so many runs are listed."""
+    """Yield the pages of the list of runs, up to a number of runs."""
     while True:
         most = LARGEST_PAGE if limit is None else min(limit, LARGEST_PAGE)
         page = runs.list(msgspec.structs.replace(wanted, limit=most))

@@ -1,4 +1,4 @@
-"""A run's recording and proof, fetched from a service to files."""
+"""Fetch a run's recording and proof from a service to files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _R = TypeVar("_R", bound=PlanReply | CertifyReply)
 
 
 def fetch_files(client: Client, reply: _R, recording: Path | None, proof: Path | None = None) -> _R:
-    """The reply, with its recording and proof in files here, where it has them and a file is named for them."""
+    """Write the recording and proof of a reply to files, if it has them, and return the reply with their paths."""
     if recording is not None and reply.recording is not None:
         recording.write_bytes(client.recording(reply.run_id))
         reply = msgspec.structs.replace(reply, recording=str(recording))

@@ -1,4 +1,4 @@
-"""`guidefield certify --referee`: the second certifier's verdict beside the first one's; the files that it reads."""
+"""`guidefield certify --referee`: the verdict of the second certifier, and the files that it reads."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from guidefield.messages.requests import CertifyRequest
 
 
 def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None, *, asked: bool) -> bool:
-    """Ask the referee about a motion, and write the file that it reads; whether nothing speaks against the motion.
+    """Have the referee certify a motion, and write the file that it reads; return whether all verdicts are free.
 
-    Where the certificate says that it is free and the referee doesn't, one of them has a bug, and that is told.
+    If the certificate is free and a verdict refuses the motion, one of them has a bug, and a line says so.
 
     Args:
-        request: What the certificate was asked.
-        reply: What it said.
-        file: Where to write the motion, if anywhere.
-        asked: Whether the referee is to judge.
+        request: The certify request.
+        reply: Its reply.
+        file: File for the motion, if any.
+        asked: Whether the referee is to certify.
     """
-    # Pinocchio and Coal are loaded where somebody asks
+    # Pinocchio and Coal are loaded only here
     from guidefield import case_file
     from guidefield.referee.judge import judge
     from guidefield.referee.loading import case_of
@@ -46,7 +46,7 @@ def run_referee(request: CertifyRequest, reply: CertifyReply, file: Path | None,
 
 
 def replay_proofs(file: Path, seconds: float) -> bool:
-    """Have the referee check a file of proofs, and show what it says; whether all hold.
+    """Have the referee check a file of proofs, print its verdicts, and return whether all hold.
 
     Raises:
         MalformedRequest: if the file can't be used.

@@ -1,4 +1,4 @@
-"""`guidefield replay`: a run's request planned again, and whether the plan is the same to the last bit."""
+"""`guidefield replay`: plan a run's request again, and compare the plans bit for bit."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
 
 SHOWN_DIGITS = 16
-"""Digits of a hash that are shown."""
+"""Number of digits of a hash to show."""
 
 VERDICT_FIELDS = ("status", "curve", "certificate", "clearance", "self_clearance", "limits")
-"""The parts of a reply that are the judgement itself."""
+"""The fields of a certify reply that are the verdict itself."""
 
 out = Console()
 
@@ -89,7 +89,7 @@ def replay(
 
 
 def _compare_verdicts(run: str, before: CertifyReply, now: CertifyReply, versions: dict[str, str]) -> int:
-    """Say whether a motion is judged as before; the exit code."""
+    """Print whether two verdicts agree, and return the exit code."""
     parts = [name for name in VERDICT_FIELDS if getattr(before, name) != getattr(now, name)]
     if not parts:
         _say(f"{run}: judged as before: {now.status.name}, {now.status.message}")
@@ -104,10 +104,10 @@ def _describe_maker(before: dict[str, str]) -> str:
 
 
 def describe_processor(before: dict[str, str]) -> str:
-    """What a sentence about a run begins with, if another kind of processor made it, which rounds differently.
+    """Name the processor that made a run, if it is of another kind, which rounds differently; else return "".
 
     Args:
-        before: Versions by package, empty where they weren't recorded.
+        before: Versions by package, empty if they weren't recorded.
     """
     from guidefield.versions import PROCESSOR, versions
 
@@ -119,10 +119,10 @@ def describe_processor(before: dict[str, str]) -> str:
 
 
 def describe_version(before: dict[str, str]) -> str:
-    """What a sentence about a run begins with, if another version of guidefield planned it; else nothing.
+    """Name the version of guidefield that planned a run, if it is another one; else return "".
 
     Args:
-        before: Versions by package, empty where they weren't recorded.
+        before: Versions by package, empty if they weren't recorded.
     """
     from guidefield.versions import PACKAGE, versions
 
@@ -131,10 +131,10 @@ def describe_version(before: dict[str, str]) -> str:
 
 
 def describe_versions(before: dict[str, str]) -> str:
-    """In a sentence: what a run was made with beside guidefield itself, where that is not what is here.
+    """Say in a sentence which packages beside guidefield had other versions when a run was made.
 
     Args:
-        before: Versions by package, empty where they weren't recorded.
+        before: Versions by package, empty if they weren't recorded.
     """
     from guidefield.versions import PACKAGE, versions
 

@@ -1,8 +1,8 @@
-"""Who may use which keys: Zenoh's access control for operators, users and onlookers.
+"""Zenoh's access control for operators, users and onlookers: the keys that each may use.
 
-Zenoh looks at each message of each link. What comes from a client may be a question, or that it wants to hear of
-something; what goes to it may be an answer, or what is published. So nobody but the service answers, publishes or says
-that it lives: a client is sent no question of another one, and what it publishes reaches nobody.
+Zenoh checks each message of each link. A client may send queries and subscriptions, and may get replies and
+publications. So only the service replies, publishes or declares its liveliness: a client gets no query of another
+one, and its publications reach nobody.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ from typing import Any
 from guidefield.messages.identities import base_key, shared_key
 
 ASK_MESSAGES = ["query", "declare_subscriber", "liveliness_query", "declare_liveliness_subscriber"]
-"""What a client sends that asks and listens."""
+"""Messages that a client sends to query and subscribe."""
 ANSWER_MESSAGES = ["reply", "put", "declare_queryable", "liveliness_token"]
-"""What it is sent."""
+"""Messages that it gets."""
 PRESENCE_MESSAGES = ["liveliness_token"]
-"""What a client sends to say that it is there."""
+"""Messages that declare a client's liveliness."""
 PUT_MESSAGES, PUT_DECLARATIONS = ["put"], ["declare_subscriber"]
-"""What a client sends for a stream of its own, and what the service says so that it is sent."""
+"""Messages that a client sends for its own stream, and the service's subscription for them."""
 UPDATE_KEY = "streams/*/update"
 SUBSCRIBE_MESSAGES, PUBLISHED_MESSAGES = ["declare_subscriber"], ["put"]
-"""What a client sends that listens, and what it is sent."""
+"""Messages that a subscriber sends and gets."""
 PUBLIC_KEYS = ("guidefield/*/alive", "guidefield/*/starting")
-"""What everybody may look at: which services there are."""
+"""Keys that everybody may read: the liveliness of services."""
 LIST_KEYS = ("info", "robots", "scenes", "runs")
 SHARED_KEYS = ("robots/$*:$*", "scenes/$*:$*", "runs/$*:$*", "runs/$*:$*/recording", "runs/$*:$*/proof")
-"""What others share: with an owner before the name a key is for reading alone, unless an operator asks."""
+"""Keys of shared things: with an owner before the name they are read-only, except for operators."""
 
 
 @dataclass(frozen=True)
 class Roles:
-    """Who may do what.
+    """Names by role.
 
     Attributes:
         operators: They may do everything, on the keys without a user.
         users: Each has keys of its own.
-        onlookers: They see lists, figures, and what is shared.
+        onlookers: They read lists, figures, and shared things.
     """
 
     operators: tuple[str, ...] = ("operator",)
@@ -46,12 +46,12 @@ class Roles:
     onlookers: tuple[str, ...] = ("onlooker",)
 
     def everybody(self) -> tuple[str, ...]:
-        """All names."""
+        """Return all names."""
         return (*self.operators, *self.users, *self.onlookers)
 
 
 def access_control(roles: Roles) -> dict[str, Any]:
-    """The section ``access_control`` of the service's Zenoh configuration: what isn't allowed is denied."""
+    """Make the section ``access_control`` of the service's Zenoh configuration, which denies by default."""
     published = [f"{shared_key('*')}/**"]
     rules: list[dict[str, Any]] = [
         *_make_rules("everybody", PUBLIC_KEYS),
@@ -85,7 +85,7 @@ def access_control(roles: Roles) -> dict[str, Any]:
 
 
 def _make_rules(who: str, keys: Sequence[str], present: str | None = None) -> list[dict[str, Any]]:
-    """Rules that let somebody ask and be answered on some keys, and say on one that it is there."""
+    """Make the rules by which somebody may query some keys and declare liveliness on one."""
     found = [
         _make_rule(f"{who} asks", ASK_MESSAGES, "ingress", keys),
         _make_rule(f"{who} is answered", ANSWER_MESSAGES, "egress", keys),

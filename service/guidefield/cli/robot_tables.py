@@ -1,4 +1,4 @@
-"""Robots as tables that a person can read: the list, and all about one."""
+"""Tables of robots for a terminal: the list, and one robot in detail."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from rich.text import Text
 from guidefield.messages.replies import GeometryInfo, JointInfo, RobotReply, RobotsReply, RobotSummary
 
 MAX_LISTED_GROUPS = 4
-"""Names of groups that a line of the list has room for."""
+"""The largest number of groups in a line of the list."""
 
 
 def robots_table(reply: RobotsReply) -> RenderableType:
-    """The robots that can be named, variants of one beside each other; below them those that can't be used, and why."""
+    """Make a table of the robots, variants of a family together, and of those that are unusable, with reasons."""
     table = _make_table("name", "DoF", "joints", "groups", "tip", "from")
     usable = [robot for robot in reply.robots if robot.problem is None]
     for _, family in groupby(sorted(usable, key=lambda r: (r.family, r.name)), key=lambda r: r.family):
@@ -33,7 +33,7 @@ def robots_table(reply: RobotsReply) -> RenderableType:
 
 
 def robot_table(reply: RobotReply) -> RenderableType:
-    """One robot: joints with limits and where these come from, groups, shapes, pairs of links not tested and why."""
+    """Make tables of one robot: joints, limits and their sources, groups, shapes, link pairs that aren't tested."""
     joints = _make_table("joint", "kind", "range", "velocity", "acceleration")
     for joint in reply.joints:
         joints.add_row(
@@ -62,7 +62,7 @@ def robot_table(reply: RobotReply) -> RenderableType:
 
 
 def _describe_covers(geometry: list[GeometryInfo]) -> list[str]:
-    """How closely shapes are covered and cut into parts, as far as that is known."""
+    """Describe the bounding spheres and convex parts of shapes, as far as they are known."""
     lines = []
     covers = [shape.cover for shape in geometry if shape.cover is not None]
     if covers and len(covers) == len(geometry):

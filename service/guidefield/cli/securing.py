@@ -1,4 +1,4 @@
-"""`guidefield secure`: the files of a service that whole networks can reach, and one file for each who may use it."""
+"""`guidefield secure`: the files of a service that a network can reach, and a file for each of its users."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ if TYPE_CHECKING:
     from guidefield.cli.certificates import Certificates
 
 LOCAL_HOSTS = ("localhost", "127.0.0.1")
-"""How clients reach a service on their own machine."""
+"""Names of a service on the client's own machine."""
 SECRET_BYTES = 24
-"""How many random bytes a password is made of."""
+"""Random bytes of a password."""
 READABLE, SECRET = 0o644, 0o600
-"""Rights of files: those with a password or key are for the one alone who wrote them."""
+"""Modes of files; those with a password or key are readable by their owner only."""
 
 
 def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> list[Path]:
-    """Write certificates, passwords and Zenoh configurations into a folder, which is made.
+    """Write certificates, passwords and Zenoh configurations into a folder, which is created.
 
     Args:
         folder: It must not hold any of these files.
-        roles: Who may do what.
+        roles: Names by role.
         hosts: Names and addresses by which clients reach the service; each client's file has the first.
-        port: Where the service listens.
+        port: Port of the service.
 
     Returns:
-        What was written: the service's configuration first, then those of the clients, then what the service reads.
+        The files: the service's configuration first, then those of the clients, then those that the service reads.
 
     Raises:
         MalformedRequest: if a name can't be a user's, or two have the same, or a file is there already.
@@ -64,7 +64,7 @@ def secure(folder: Path, roles: Roles, hosts: tuple[str, ...], port: int) -> lis
 
 
 def service_configuration(roles: Roles, folder: Path, port: int) -> dict[str, Any]:
-    """The Zenoh configuration of a service whose other files are in a folder."""
+    """Make the Zenoh configuration of a service whose other files are in a folder."""
     tls = {"listen_certificate": str(folder / "service.pem"), "listen_private_key": str(folder / "service.key")}
     return {
         "mode": "peer",
@@ -80,7 +80,7 @@ def service_configuration(roles: Roles, folder: Path, port: int) -> dict[str, An
 def client_configuration(
     name: str, operator: bool, password: str, authority: bytes, host: str, port: int
 ) -> dict[str, Any]:
-    """The Zenoh configuration of a client; the Python client asks on the keys of the user that it names."""
+    """Make the Zenoh configuration of a client, with the user whose keys the Python client uses."""
     configuration: dict[str, Any] = {
         "mode": "client",
         "connect": {"endpoints": [f"tls/{host}:{port}"]},

@@ -1,4 +1,4 @@
-"""A service in this process until a signal ends it, or in a child process for as long as a block runs."""
+"""Run a service in this process until a signal, or in a child process for as long as a block runs."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from guidefield.messages import codec
 from guidefield.messages.quotas import Quotas
 
 TRACE_SIGNAL = signal.SIGUSR1
-"""A service that gets this signal writes to stderr where each of its threads stands, and goes on."""
+"""On this signal a service writes the traces of all threads to stderr, and continues."""
 
 END_TIME_S = 30.0
-"""How long a service may take to end, beyond what it is given to finish its work; then it is ended by force [s]."""
+"""Time of a service to end after its work is finished, before it is ended by force [s]."""
 
 CHILD_END_TIME_S = 60.0
-"""How long a child service may take to end, longer than one takes that has to be ended by force [s]."""
+"""Time of a child service to end, longer than that of a service that is ended by force [s]."""
 
 
 def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None]) -> None:
     """Serve until SIGTERM or Ctrl-C asks for an orderly end; a second one ends the process at once.
 
-    Once it is told to, the process ends: after `settings.grace` and `END_TIME_S` by force, with the code
+    After a signal the process ends, at the latest after `settings.grace` and `END_TIME_S` by force, with the code
     `ending.FORCED_EXIT_CODE`, and its workers with it.
 
     Args:
-        settings: How to serve.
-        announce: Is told how the start and the end go, unless standard output takes nothing more.
+        settings: Settings of the service.
+        announce: Takes sentences about start and end, unless standard output would block.
     """
     logs.configure(logging.INFO, json=settings.json_logs)
     faulthandler.register(TRACE_SIGNAL)
@@ -54,7 +54,7 @@ def serve_until_signal(settings: ServiceSettings, announce: Callable[[str], None
 
 
 def _announce(announce: Callable[[str], None], sentence: str) -> None:
-    """Announce a sentence, unless that would wait for whoever is to read standard output; tell the supervisor, too."""
+    """Announce a sentence unless standard output would block; notify the supervisor, too."""
     notify_supervisor(sentence)
     output = select.poll()
     output.register(sys.stdout, select.POLLOUT)
@@ -64,7 +64,7 @@ def _announce(announce: Callable[[str], None], sentence: str) -> None:
 
 @dataclass(frozen=True)
 class ChildService:
-    """A service in a child process: where to connect to, and the process that answers there."""
+    """A service in a child process: its endpoint, and the process."""
 
     endpoint: str
     process: subprocess.Popen[str]
@@ -80,21 +80,21 @@ def service_in_child(
     within: Path | None = None,
     data: Path | None = None,
 ) -> Iterator[ChildService]:
-    """A service of its own, in a child process on a free loopback port.
+    """Run a service in a child process on a free loopback port.
 
     Args:
-        announce: Is told what the service tells while it starts.
-        workers: Its worker processes.
+        announce: Takes the service's messages during its start.
+        workers: Number of its worker processes.
         name: Its instance's name.
-        options: More of `guidefield serve`.
-        within: Where its data folder is made, which goes with it; None: where temporary ones are.
-        data: Its data folder in place of that; it stays.
+        options: Further options of `guidefield serve`.
+        within: Parent of its temporary data folder; None: the system's.
+        data: A data folder that stays, instead.
 
     Yields:
         The service, ready for requests.
 
     Raises:
-        RuntimeError: if it doesn't start; if it doesn't end when it is told to, and has to be ended by force.
+        RuntimeError: if it doesn't start; if it has to be ended by force.
     """
     serve_there = [sys.executable, "-m", "guidefield", "serve", "--workers", str(workers), "--name", name, *options]
     with (
@@ -134,11 +134,11 @@ def _await_ready(lines: Iterator[str], announce: Callable[[str], None]) -> None:
 
 
 READY, STOPPING = "ready", "stopping"
-"""How the sentences begin by which a service says that it takes requests, and that it ends."""
+"""Beginnings of the sentences in which a service says that it takes requests, and that it ends."""
 
 
 def notify_supervisor(sentence: str) -> None:
-    """Tell a sentence, if there is anybody to be told; a supervisor that doesn't listen keeps nobody waiting.
+    """Send a sentence to the supervisor (`sd_notify`), if there is one, without blocking.
 
     Args:
         sentence: As `endpoint.service.serve` announces it.
@@ -157,14 +157,14 @@ def notify_supervisor(sentence: str) -> None:
         try:
             sender.sendto("\n".join(told).encode(), address)
         except OSError:
-            return  # it has gone, or reads nothing; the service is none the worse
+            return  # it has ended, or doesn't read
 
 
 def read_quotas(file: Path) -> Quotas:
-    """The quotas that a JSON file holds.
+    """Read quotas from a JSON file.
 
     Raises:
-        MalformedRequest: if it holds none; says where it is wrong and what would be right.
+        MalformedRequest: if it holds none; names the place of the fault and the valid choices.
         OSError: if it can't be read.
     """
     try:

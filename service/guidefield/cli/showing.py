@@ -1,4 +1,4 @@
-"""`guidefield show`: a recording in the Rerun viewer, in a window or in a web browser, on this machine only."""
+"""`guidefield show`: open a recording in the Rerun viewer, in a window or a web browser of this machine."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def show_in_window(recording: Path, err: Console) -> int:
 
 
 def show_in_browser(recording: Path, out: Console) -> int:
-    """Serve a recording and the viewer to browsers on this machine until Ctrl-C; open one where there is a display.
+    """Serve a recording and the viewer to browsers on this machine until Ctrl-C; open one if there is a display.
 
     The viewer reads the recording as a file: sent by Rerun's own server it loses its layout.
 

@@ -1,4 +1,4 @@
-"""`guidefield replay` of a stream: its journal done again, file by file, and whether the same pieces come of it."""
+"""`guidefield replay` of a stream: replay its journal file by file, and compare the pieces bit for bit."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ ENDING = ".stream"
 
 
 def stream_files(name: str, folder: Path) -> list[Path]:
-    """The files of a stream's journal that an argument means, the oldest first; none: it means something else.
+    """List the files of a stream's journal, the oldest first; none if the argument names something else.
 
     Args:
         name: A file, a folder of such files, or a kept stream, another user's as `user:id`.
         folder: The service's data folder.
 
     Raises:
-        UnknownObject: if it names a file that isn't there.
+        UnknownObject: if it names a file that doesn't exist.
     """
     if name.endswith(ENDING):
         if not Path(name).is_file():
@@ -47,21 +47,21 @@ def replay_stream(
     say: Callable[[str], None],
     made_by: Callable[[dict[str, str]], str],
 ) -> int:
-    """Do the files of a journal again, and say what came of each.
+    """Replay the files of a journal, and print the result of each.
 
     Args:
-        files: They.
-        folder: The service's data folder: there are the robots and scenes that its users stored.
+        files: The files.
+        folder: The service's data folder, with its users' robots and scenes.
         packages: Folders of packages with robots' meshes.
-        say: Says a line.
-        made_by: What a sentence about what is another now begins with, given the versions that made it.
+        say: Prints a line.
+        made_by: Names the processor and version that made a stream, given its versions.
 
     Returns:
         Exit code: 0 if everything is the same to the last bit, else 1.
 
     Raises:
         MalformedRequest: if a file isn't one of a stream.
-        GuidefieldError: if what it was opened with is refused now.
+        GuidefieldError: if the request that opened it is refused now.
     """
     from guidefield.first_start import compile_kernels
     from guidefield.stream.replay import read, replayed
@@ -93,7 +93,7 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
         files: The files of one stream, the oldest first.
         folder: The service's data folder.
         packages: Folders of packages with robots' meshes.
-        recording: Where the recording goes.
+        recording: The recording.
 
     Raises:
         MalformedRequest: if one isn't such a file, or none holds an update.
@@ -106,7 +106,7 @@ def record_stream(files: Sequence[Path], folder: Path, packages: Sequence[Path],
 
 
 def _make_engine(user: str, folder: Path, packages: Sequence[Path]) -> Engine:
-    """The engine of a user, on what is stored in a data folder; looking leaves no folder behind."""
+    """Make the engine of a user with the stores of a data folder, which isn't created."""
     if not folder.is_dir():
         return Engine(packages=packages)
     return Engines("local", StoresByUser(folder), packages).of(user)

@@ -1,4 +1,4 @@
-"""Plans and verdicts as tables that a person can read."""
+"""Tables of plans and verdicts for a terminal."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from guidefield.messages.replies import CertifyReply, ClearanceFigures, LimitUse
 
 
 def plan_table(reply: PlanReply, title: str = "plan") -> RenderableType:
-    """What became of a plan: outcome, motion, clearance and where, certificate, time by stage, and the recording.
+    """Make a table of a plan: outcome, motion, clearance and its place, certificate, time by stage, recording.
 
     Args:
         reply: The reply.
-        title: What the table is headed with.
+        title: Title of the table.
     """
     return _make_table(title, [*_plan_rows(reply), *_last_rows(reply)])
 
 
 def certify_table(reply: CertifyReply, title: str = "certify") -> RenderableType:
-    """The verdict about a motion: how far it is free, clearance and where, shares of limits, and the recording.
+    """Make a table of a verdict: the free part, clearance and its place, shares of limits, recording.
 
     Args:
         reply: The reply.
-        title: What the table is headed with.
+        title: Title of the table.
     """
     return _make_table(title, [*_verdict_rows(reply), *_last_rows(reply)])
 
 
 def _make_table(title: str, rows: list[tuple[str, RenderableType]]) -> Table:
-    """Named values below a title."""
+    """Make a table of named values below a title."""
     table = Table(title=title, title_justify="left", title_style="bold", box=box.ROUNDED, show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -76,7 +76,7 @@ def _status(reply: MotionReply) -> Text:
 
 
 def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
-    """What was kept from obstacles, and between links."""
+    """Make the rows of the distances to obstacles, and between links."""
     rows: list[tuple[str, RenderableType]] = []
     if reply.clearance is not None:
         rows.append(("clearance", Text(_clearance(reply.clearance))))
@@ -87,7 +87,7 @@ def _distance_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
 
 
 def _last_rows(reply: MotionReply) -> list[tuple[str, RenderableType]]:
-    """Time, warnings, the recording and the proof."""
+    """Make the rows of time, warnings, recording and proof."""
     rows: list[tuple[str, RenderableType]] = [("time", Text(_timing(reply.timing)))]
     rows.extend(("warning", Text(warning, style="yellow")) for warning in reply.warnings)
     if reply.recording is not None:
@@ -116,7 +116,7 @@ def _plan_rows(reply: PlanReply) -> list[tuple[str, RenderableType]]:
 
 
 def _this_command() -> str:
-    """What to type to run the command line again: it may be installed where no PATH leads."""
+    """Return the command that runs this command line, which may not be on the PATH."""
     if shutil.which("guidefield") is not None:
         return "guidefield"
     beside = Path(sys.executable).with_name("guidefield")
