@@ -100,7 +100,7 @@ class LimitShares(Reply):
 
 
 class CertifyReply(Reply):
-    """The verdict about a motion, an honest "no" included.
+    """The verdict on a motion.
 
     Look at `status` first: SUCCESS if the motion is free, keeps the request's conditions and is within all limits;
     INVALID_MOTION_PLAN if it doesn't, and `certificate` or `limits` says why; TIMED_OUT or PREEMPTED if the work ended

@@ -1,4 +1,4 @@
-"""The answer to a plan request, and what it is made of."""
+"""The reply to a plan request, and its parts."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Rows = list[list[float]]
 
 
 class Outcome(Reply):
-    """The end of a plan.
+    """The outcome of a run.
 
     Attributes:
         code: Of `errors.Status`.
         name: Its name.
         message: One sentence to act on.
-        details: The values that it speaks about: of a motion that is beyond a joint's limits `joint`, `value`, `limits`
-            and `excess` [rad or m], and the `configuration` there.
+        details: The values of that sentence: of a motion beyond a joint's limits `joint`, `value`, `limits` and
+            `excess` [rad or m], and the `configuration` there.
     """
 
     code: int
@@ -47,10 +47,10 @@ class Stage(Reply):
     """One stage of a plan.
 
     Attributes:
-        name: What it was.
-        outcome: How it ended.
-        seconds: How long it took [s].
-        plane: Index of the guide plane that it was about, if any.
+        name: Its name.
+        outcome: Its outcome.
+        seconds: Its duration [s].
+        plane: Index of its guide plane, if any.
     """
 
     name: str
@@ -60,20 +60,20 @@ class Stage(Reply):
 
 
 class ClearanceFigures(Reply):
-    """Distance between moving links and obstacles along the trajectory, as they then stand; null without such a pair.
+    """Distance between moving links and obstacles along the trajectory; null without such a pair.
 
-    The smallest distances are over the whole curve, between any samples too, and while the robot waits: no distance is
-    smaller by more than 0.1 mm. Where there was no time to find one (it is looked for until `allowed_planning_time` is
-    up, and for a hundredth of a second at least), a warning says so, and what stands there is what is kept at least
-    instead, null if nothing is known.
+    The smallest distances are over the whole curve, between samples too, and while the robot waits: no distance is
+    smaller by more than 0.1 mm. If time was too short to find one (the search ends with `allowed_planning_time`, and
+    takes at least a hundredth of a second), a warning says so, and the figure is a lower bound, or null if none is
+    known.
 
     Attributes:
         minimum: The smallest [m].
         mean: Over the motion, sampled [m].
-        inner: The smallest without 0.3 rad or m of the way at each end [m].
+        inner: The smallest without 0.3 rad or m of the path at each end [m].
         ends: The smaller of those at start and goal [m].
-        pair: Link and obstacle where it is smallest.
-        time: When it is smallest [s].
+        pair: Link and obstacle at the smallest distance.
+        time: Time of the smallest distance [s].
     """
 
     minimum: float | None
@@ -100,11 +100,11 @@ class CertificateFigures(Reply):
     """The certificate of a plan.
 
     Attributes:
-        collision_free: Whether what it covers is free, keeps the clearance asked for and the joints' position limits,
-            between samples too.
-        method: How it was judged.
-        covers: What was judged.
-        evaluations: With how many evaluations of configurations.
+        collision_free: Whether the covered motion is free, and keeps the requested clearance and the joints' position
+            limits, between samples too.
+        method: The method.
+        covers: The covered part, such as trajectory, path, or nothing.
+        evaluations: The number of evaluated configurations.
     """
 
     collision_free: bool
@@ -118,10 +118,10 @@ class Metrics(Reply):
 
     Attributes:
         joint_path_length: In the joints' coordinates [rad or m].
-        tip_path_length: Of the tip's way [m].
+        tip_path_length: Of the tip's path [m].
         duration: [s].
         peak_jerk: The largest [rad/s^3 or m/s^3].
-        smoothness: Bending energy of the way times its length, without unit; 0 for a straight one.
+        smoothness: Bending energy of the path times its length, without unit; 0 for a straight one.
     """
 
     joint_path_length: float
@@ -134,7 +134,7 @@ class Metrics(Reply):
 class Timing(Reply):
     """Time by stage [s].
 
-    `ends` judges start and goal, `relax` optimises the motion, `measure` takes the reply's figures and writes its rows,
+    `ends` checks start and goal, `relax` optimises the motion, `measure` computes the reply's figures and rows,
     `queue` is waiting.
     """
 
@@ -156,7 +156,7 @@ class Counters(Reply):
     Attributes:
         iterations: Of trees, descents and the optimisation.
         potential_evaluations: Configurations at which the field on the robot was evaluated.
-        collision_checks: Motions, and configurations of the certificate, that were judged.
+        collision_checks: Checked motions, and configurations of the certificate.
     """
 
     iterations: int = 0
@@ -168,10 +168,10 @@ class Permission(Reply):
     """The times between which a held object may touch an obstacle: the certificate leaves the pair out.
 
     Attributes:
-        object: What is held.
-        obstacle: What it may touch.
-        begin: Since when [s].
-        end: Until when [s].
+        object: The held object.
+        obstacle: The obstacle that it may touch.
+        begin: Begin [s].
+        end: End [s].
     """
 
     object: str
@@ -184,17 +184,17 @@ class StepFigures(Reply):
     """One step of a sequence.
 
     Attributes:
-        begin: When it begins [s].
-        end: When it ends, its pause included [s]; when it passes its goal where it doesn't stop.
-        held: Names of the objects that are held meanwhile.
-        attached: What is picked up at its end.
-        detached: What is put down at its end.
-        clearance: From obstacles meanwhile, but for what a held object may touch; null where nothing moves.
-        self_clearance: Of the robot from itself; the same.
-        certificate: The judgement of the trajectory between `begin` and `end`, with what is held then.
-        permissions: What a held object may touch meanwhile.
-        passed: How far from its goal it passes at `end` where it doesn't stop: the tip's place [m] or its turn [rad],
-            whichever is more, for a pose or relative goal; the farthest joint [rad or m] for one of joints.
+        begin: Its begin [s].
+        end: Its end, pause included [s]; the time at which it passes its goal if it doesn't stop.
+        held: Names of the objects held during the step.
+        attached: Object that is picked up at its end.
+        detached: Object that is put down at its end.
+        clearance: From obstacles, except those that a held object may touch; null if nothing moves.
+        self_clearance: Of the robot from itself; null if nothing moves.
+        certificate: The certificate of the trajectory between `begin` and `end`, with the held objects.
+        permissions: Contacts that a held object may have during the step.
+        passed: Distance from its goal at `end` if it doesn't stop: the larger of the tip's distance [m] and angle [rad]
+            for a pose or relative goal, the largest of the joints [rad or m] for a goal of joints.
     """
 
     begin: float
@@ -210,23 +210,23 @@ class StepFigures(Reply):
 
 
 class PlanReply(Reply):
-    """The answer to a plan request, an honest "no" included.
+    """The reply to a plan request, also if no motion was found.
 
     Look at `status` first. The motion is `trajectory`: the cubic Hermite curve through its times, positions and
     velocities is the curve that was certified.
 
     Attributes:
         run_id: Name of the run.
-        status: How it ended.
+        status: The outcome.
         position_names: Columns of positions, such as panda_joint1, root_joint.x, ball.qw.
         velocity_names: Columns of velocities, in the tangent space.
-        path: What the planner found, a row for each waypoint; the best partial motion where it failed.
-        trajectory: What the robot would execute; null where there is none.
+        path: The planner's path, a row for each waypoint; the best partial motion if it failed.
+        trajectory: The motion to execute; null if there is none.
         guide_planes: Those of the plan, derived ones included.
-        stages: What was done, in order.
-        clearance: From obstacles, along the trajectory; null where time was up before it was measured.
+        stages: The stages, in order.
+        clearance: From obstacles, along the trajectory; null if time was up before it was measured.
         self_clearance: Of the robot from itself; null as `clearance`.
-        certificate: The judgement of the trajectory, or of the path where there is no trajectory.
+        certificate: The certificate of the trajectory, or of the path if there is no trajectory.
         metrics: Of the trajectory.
         timing: Time by stage.
         counters: Numbers of operations.
@@ -236,8 +236,8 @@ class PlanReply(Reply):
         schema: Version of this message.
         warnings: Harmless peculiarities of the request.
         objective: The request's.
-        steps: Of a sequence: each step in time. Of one that failed, those before the step that failed; `path` is then
-            that step's, and `status.details` has its number as `step`.
+        steps: The steps of a sequence. If one failed, those before it; `path` is then the failed step's, and
+            `status.details` has its number as `step`.
         proof: Key or file of the proof, if the request asks for one and there is one; else `warnings` says why not.
 
     Example:

@@ -1,4 +1,4 @@
-"""The quotas of users: a file that an operator writes."""
+"""The quotas of users, a file that an operator writes."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Quota(Message):
     """The quota of one user; null: no more than all users together.
 
     Attributes:
-        waiting: How many requests may wait.
-        per_second: How many queries a second are answered; as many may come at once. A list counts as ten.
-        payload_per_second: How much comes with them a second in the long run; 256 MiB may come at once [bytes].
-        processor_per_minute: Seconds of a processor in a minute, in the long run [s].
-        bytes: What kept runs may take, what kept streams may, and what stored robots and scenes may together [bytes].
-        streams: How many streams may be open.
+        waiting: The largest number of waiting requests.
+        per_second: Queries per second, and the largest burst. A list counts as ten.
+        payload_per_second: Payload per second in the long run; a burst may have 256 MiB [bytes].
+        processor_per_minute: Processor time per minute, in the long run [s].
+        bytes: Space for stored runs, the same for stored streams, and for robots and scenes together [bytes].
+        streams: The largest number of open streams.
     """
 
     waiting: Annotated[int, msgspec.Meta(ge=1)] | None = None
@@ -39,7 +39,7 @@ class Quota(Message):
 
 
 OF_ALL = Quota(per_second=5_000.0)
-"""Of whoever asks on keys without a user, which may be everybody: more than a service on two processors answers."""
+"""Quota of the keys without a user, perhaps everybody: more queries than a service on two processors answers."""
 OF_USERS = Quota(payload_per_second=16 * 2**20, bytes=4 * 2**30)
 
 
@@ -47,9 +47,9 @@ class Quotas(Message):
     """The quotas of all users.
 
     Attributes:
-        plain: Of whoever asks on keys without a user.
-        default: Of users that aren't named.
-        users: Of those that are.
+        plain: Of keys without a user.
+        default: Of users without a quota of their own.
+        users: Quotas by user.
     """
 
     plain: Quota = OF_ALL

@@ -1,4 +1,4 @@
-"""The robot and the scene of a request: named, or sent with it."""
+"""References of a request to its robot and scene: by name, or sent with it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class UrdfText(Message, tag_field="type", tag="urdf"):
     Attributes:
         text: Its URDF; meshes must come from packages that the service allows.
         srdf: Its SRDF.
-        root_joint: How its root link moves in the world.
+        root_joint: Joint between the world and its root link.
     """
 
     text: UrdfCharacters
@@ -26,13 +26,13 @@ class UrdfText(Message, tag_field="type", tag="urdf"):
 
 
 class UrdfFile(Message, tag_field="type", tag="urdf_file"):
-    """A robot in local files: in Python and on the command line only, refused from the wire.
+    """A robot in local files; only in Python and on the command line, refused from the wire.
 
     Attributes:
         path: Its URDF, a file that ends in `.xacro`, or an MJCF.
         srdf_path: Its SRDF.
         package_dirs: Folders that hold the packages of its meshes.
-        root_joint: How its root link moves in the world.
+        root_joint: Joint between the world and its root link.
         xacro_args: Arguments of a `.xacro` file by name.
     """
 
@@ -44,17 +44,17 @@ class UrdfFile(Message, tag_field="type", tag="urdf_file"):
 
 
 ROBOT_DESCRIPTIONS = "robot_descriptions:"
-"""Begins the names of robots of the package robot_descriptions: in Python and on the command line only."""
+"""Prefix of robots of the package robot_descriptions; only in Python and on the command line."""
 
 RobotReference = str | UrdfText | UrdfFile
 if TYPE_CHECKING:
     SceneReference = str | Scene
-else:  # a decoder makes the one kind of scene that both forms fit, and `settle_scene` a plain one where it is whole
+else:  # the decoder makes a RequestScene of both forms, and `settle_scene` a plain one if it is whole
     SceneReference = str | RequestScene
 
 
 def settle_scene(request: msgspec.Struct) -> None:
-    """Put the scene itself into a request that was decoded with one that is declared whole; as it is made."""
+    """Replace a RequestScene without a base by the plain scene, while its request is constructed."""
     scene = getattr(request, "scene", None)
     if isinstance(scene, RequestScene) and scene.base is None:
         msgspec.structs.force_setattr(request, "scene", scene.declared)

@@ -87,31 +87,31 @@ from guidefield.messages.values import (
 )
 
 MOST_STEPS = 200
-"""Most steps of a request."""
+"""The largest number of steps of a request."""
 
 
 class PlanRequest(Message):
-    """Ask for a motion: a certified, timed path from `start` to `goal`, or through `steps` one after the other.
+    """Ask for a motion: a certified, timed path from `start` to `goal`, or through `steps` in order.
 
     Robot, scene, and goal or steps are enough. Lengths are in metres, angles in radians, times in seconds; joints go by
     name.
 
     Attributes:
         robot: A name of the catalog or of a stored robot, or the robot itself.
-        scene: A name, the scene itself, or a stored one and what is changed about it (`RequestScene`).
-        goal: What to reach; null: `steps` say it.
+        scene: A name, the scene itself, or changes of a stored one (`RequestScene`).
+        goal: The goal; null: there are `steps`.
         schema: Version of this message.
         run_id: Name of the run; null: the service makes a name.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
-        tip: Frame that goals and guide planes are about; null: the robot's own.
+        tip: Frame that reaches goals and guide planes; null: the robot's own.
         start: Joints left out are at the robot's rest configuration.
-        start_velocities: With which joints move at the start, by name; others are at rest [rad/s or m/s].
-        start_accelerations: The same of accelerations [rad/s^2 or m/s^2].
-        end_velocities: With which joints move at a goal of joints, by name; others are at rest [rad/s or m/s].
+        start_velocities: Velocities of joints at the start, by name; others are at rest [rad/s or m/s].
+        start_accelerations: Accelerations of joints at the start, by name; others have none [rad/s^2 or m/s^2].
+        end_velocities: Velocities of joints at a goal of joints, by name; others are at rest [rad/s or m/s].
         guide_planes: Planes to cross, in order; null: the scene's; "auto": derived, and sent back in the reply.
         planner: "guided": guide planes alone; "tree": a connection alone; "auto": first the planes, then a connection.
-        minimizer: How the guided planner descends; "univariate" is for chains of ball or universal joints only.
+        minimizer: Descent of the guided planner; "univariate" is for chains of ball or universal joints only.
         min_clearance: Smallest allowed distance of moving links to obstacles [m].
         attached_objects: Objects held by links.
         allowed_collisions: Pairs of links and obstacles that may touch.
@@ -120,16 +120,16 @@ class PlanRequest(Message):
         max_velocity_scaling_factor: Fraction of the velocity limits that is used.
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
         allowed_planning_time: From the request's arrival [s].
-        optimization_iterations: Rounds in which a connection is made shorter, within half of the time that is left, and
-            most steps of the optimisation; null: no rounds, and the optimisation's own stopping rule; 0: the path as it
-            was found, as fast as it can be executed.
-        objective: What motions are optimised for: "balanced": fast, and well away from obstacles; "time": as fast as is
-            found, with more tries; "clearance": in the middle of the free space. `min_clearance` is kept all the same.
-        leave_start_contact: Whether a start in slight contact is left first, instead of being refused.
+        optimization_iterations: Rounds that shorten a connection, within half of the remaining time, and most steps of
+            the optimisation; null: no rounds, and the optimisation's own stopping rule; 0: the path as it was found, at
+            the highest speed.
+        objective: Objective of the optimisation: "balanced": fast, and well away from obstacles; "time": the fastest
+            motion found, with more tries; "clearance": in the middle of the free space. `min_clearance` holds always.
+        leave_start_contact: Whether the motion first leaves a start in slight contact, instead of being refused.
         sample_rate: Samples per second of the trajectory in the reply [1/s]; null: the knots of the curve.
         recording: Extent of the recording.
         seed: Of all randomness.
-        steps: In place of a goal: what to do in order, as one motion; guide planes then are the steps' own.
+        steps: Steps in order, instead of a goal, as one motion; guide planes are then the steps' own.
         proof: Whether to keep a proof with the run that the motion is free; anybody can check it (`referee.md`).
 
     Example:
@@ -140,7 +140,7 @@ class PlanRequest(Message):
         >>> request.planner, request.allowed_planning_time
         ('auto', 5.0)
 
-        `guidefield.answer(request)` plans it here, `Client.plan(request)` in a service.
+        `guidefield.answer(request)` plans it in this process, `Client.plan(request)` in a service.
     """
 
     robot: RobotReference

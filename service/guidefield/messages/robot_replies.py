@@ -11,14 +11,14 @@ class JointInfo(Reply):
 
     Attributes:
         name: Its name.
-        kind: What it can do, such as revolute or planar. A continuous joint with a follower that is elsewhere after a
-            whole turn of it (one that slides, has limits, or turns half as far) is revolute: its turns count.
-        lower, upper: Limits of its coordinates [rad or m]; null where there is none.
+        kind: Its type, such as revolute or planar. A continuous joint is revolute, with whole turns that count, if one
+            of its mimic joints is elsewhere after a turn: it slides, has limits, or turns half as far.
+        lower, upper: Limits of its coordinates [rad or m]; null for none.
         velocity: Limits [rad/s or m/s].
         acceleration: Limits [rad/s^2 or m/s^2].
-        velocity_source, acceleration_source: Where those come from.
-        mimics: The joint that it follows, if it does; where that is a follower too, the one at the end of the chain.
-        multiplier, offset: Then its value is multiplier * that joint's, whose turns count, + offset [rad or m].
+        velocity_source, acceleration_source: Sources of those limits.
+        mimics: Its source joint, if it is a mimic joint; at the end of a chain of mimic joints.
+        multiplier, offset: Its value is then multiplier * the source joint's, with whole turns, + offset [rad or m].
     """
 
     name: str
@@ -35,14 +35,14 @@ class JointInfo(Reply):
 
 
 class PairLeftOut(Reply):
-    """A pair of links that is not tested for collision, and why."""
+    """A pair of links that isn't tested for collision, and the reason."""
 
     links: list[str]
     reason: str
 
 
 class CoverInfo(Reply):
-    """Spheres that contain a shape, by how much they leave it at most [m], and how many balls are inside of it."""
+    """Bounding spheres of a shape, their largest distance beyond it [m], and the number of inscribed spheres."""
 
     spheres: int
     overhang: float
@@ -50,16 +50,16 @@ class CoverInfo(Reply):
 
 
 class PartsInfo(Reply):
-    """Convex parts that together contain a mesh, and how far they stand off it at most [m]."""
+    """Convex parts that together contain a mesh, and their one-sided Hausdorff distance to it [m]."""
 
     count: int
     stand_off: float
 
 
 class GeometryInfo(Reply):
-    """One collision shape of a link, and as what it is judged; how far a hull stands off the mesh at most [m].
+    """One collision shape of a link, its form in collision checks, and a hull's Hausdorff distance to the mesh [m].
 
-    Cover and parts are told once they are known: the first plan that needs them finds them.
+    Cover and parts are null until the first plan that needs them computes them.
     """
 
     name: str
@@ -72,11 +72,11 @@ class GeometryInfo(Reply):
 
 
 class RobotReply(Reply):
-    """Everything a client needs to know to plan for a robot.
+    """All facts about a robot that a client needs to plan for it.
 
     Attributes:
         rest: Values of joints that a request leaves out.
-        rest_state: Name of the SRDF's state that `rest` is made of; null where it is made of none.
+        rest_state: Name of the SRDF's state in `rest`; null if there is none.
     """
 
     name: str
@@ -95,7 +95,7 @@ class RobotReply(Reply):
 
 
 class RobotSummary(Reply):
-    """One line of the list of robots; those of one family are variants. `dof` is without joints that mimic others."""
+    """One line of the list of robots; those of one family are variants. `dof` excludes mimic joints."""
 
     name: str
     source: str
@@ -109,7 +109,7 @@ class RobotSummary(Reply):
 
 
 class RobotsReply(Reply):
-    """The robots that can be named."""
+    """All robots of the catalog and the store."""
 
     robots: list[RobotSummary]
     schema: int = 1

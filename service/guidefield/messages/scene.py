@@ -1,4 +1,4 @@
-"""Obstacles, guide planes and scenes as declared data: one schema for the wire and the files."""
+"""Obstacles, guide planes and scenes: one schema for the wire and for files."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from guidefield.messages.values import (
 )
 
 MOST_OBSTACLES = 100_000
-"""Most obstacles of a scene."""
+"""The largest number of obstacles of a scene."""
 MOST_PLANES = 1_000
-"""Most guide planes of a scene, or of a request."""
+"""The largest number of guide planes of a scene, or of a request."""
 LONGEST_TRAJECTORY = 100_000
-"""Most places of an obstacle that moves."""
+"""The largest number of placements of a moving obstacle."""
 
 Times = Annotated[list[float], msgspec.Meta(min_length=1, max_length=LONGEST_TRAJECTORY)]
 
@@ -52,9 +52,9 @@ class _Obstacle(Message, tag_field="type"):
     """Fields of every obstacle.
 
     Attributes:
-        name: Its own, by which replies and `allowed_collisions` know it.
+        name: Its unique name in replies and `allowed_collisions`.
         charge: Of its surface, per area [1].
-        trajectory: How it moves; null: it rests.
+        trajectory: Its motion; null: it rests.
     """
 
     name: Name
@@ -96,7 +96,7 @@ class Box(_Placed, tag="box", kw_only=True):
 
 
 class Sphere(_Obstacle, tag="sphere", kw_only=True):
-    """A ball of `radius` [m] about `position` [m, world]."""
+    """A sphere of `radius` [m] about `position` [m, world]."""
 
     radius: Positive
     position: Vector3 = ORIGIN
@@ -134,8 +134,8 @@ class Capsule(_Placed, tag="capsule", kw_only=True):
 class Mesh(_Placed, tag="mesh", kw_only=True):
     """A triangle mesh in its own frame [m]; triangles counter-clockwise from outside. Closed, it is solid.
 
-    Cracks between corners at most 1 mm apart are closed; an open mesh is a thin wall that something
-    may be inside of. A warning in the reply says either.
+    Cracks between corners at most 1 mm apart are closed; an open mesh is a thin wall without an inside. A warning in
+    the reply says either.
     """
 
     vertices: Points
@@ -159,7 +159,7 @@ class Polygon(_Obstacle, tag="polygon", kw_only=True):
 
 
 class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
-    """Everything with ``normal . x <= offset`` [m, world]; the normal, of any length but 0, points to the free side."""
+    """The half-space ``normal . x <= offset`` [m, world]; the normal, of any length but 0, points to the free side."""
 
     normal: Vector3
     offset: float = 0.0
@@ -173,7 +173,7 @@ class HalfSpace(_Obstacle, tag="half_space", kw_only=True):
 
 
 class PointCloud(_Obstacle, tag="point_cloud", kw_only=True):
-    """Points [m, world] judged as spheres of `radius` [m]."""
+    """Points [m, world], as spheres of `radius` [m]."""
 
     points: Points
     radius: Positive
@@ -202,8 +202,8 @@ class GuidePlane(Message):
 GuidePlanes = Annotated[list[GuidePlane], msgspec.Meta(max_length=MOST_PLANES)]
 
 
-class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes`: nothing of it travels or is copied
-    """A named set of obstacles, and the guide planes that lead through them."""
+class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes`, and isn't encoded or copied
+    """A named set of obstacles, and guide planes that lead through them."""
 
     name: Name
     schema: Literal[1] = 1

@@ -1,4 +1,4 @@
-"""The keys of an instance: what each is for, and which parameters and messages go with it."""
+"""The keys of an instance, their purposes, parameters and messages."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class KeyInfo(Reply):
 
     Attributes:
         key: Below the instance's, ``guidefield/<i>/``.
-        what: What it is for.
+        what: Its purpose.
         how: Whether it is queried, put by clients, published for subscribers, or a liveliness token.
-        worker: Whether a query waits for a worker: never, always, with a payload only, or while what is asked for is
-            owed. What needs none is answered while the service starts and ends, too.
-        parameters: Those that a query may have, and what they do.
-        takes: Names of the messages that its payload may be; none: it takes no payload.
-        gives: Names of the messages that it answers or publishes; none: bytes.
+        worker: Whether a query waits for a worker: never, always, only with a payload, or while the recording is
+            owed. A query without a worker is answered while the service starts and ends, too.
+        parameters: The valid parameters, and their meanings.
+        takes: Names of the messages of its payload; none: it takes no payload.
+        gives: Names of the messages that it replies or publishes; none: bytes.
     """
 
     key: str

@@ -22,8 +22,8 @@ class Health(Reply):
     """The health of a service.
 
     Attributes:
-        state: starting: only what needs no worker is answered; ready; ending: nothing new is begun.
-        doing: What it does meanwhile, in a sentence; empty where it is ready.
+        state: starting: only queries without a worker are answered; ready; ending: no new work begins.
+        doing: Its present work in a sentence; empty if it is ready.
     """
 
     state: Literal["starting", "ready", "ending"] = "ready"
@@ -31,20 +31,20 @@ class Health(Reply):
 
 
 class Disk(Reply):
-    """The disk that the data folder is on: how much is free, and how large it is [bytes]."""
+    """The disk of the data folder: its free space and its size [bytes]."""
 
     free: int
     total: int
 
 
 class LimitInfo(Reply):
-    """One limit that a service keeps.
+    """One limit of a service.
 
     Attributes:
         name: Its name.
-        value: How much.
-        unit: Of what: s, bytes, or what is counted.
-        what: What is limited, and what becomes of what is beyond it.
+        value: Its value.
+        unit: Its unit: s, bytes, or the counted things.
+        what: The limited quantity, and the consequence of exceeding it.
     """
 
     name: str
@@ -57,8 +57,8 @@ class DeliveryRule(Reply):
     """One rule by which queries are answered.
 
     Attributes:
-        name: What it is about.
-        rule: What holds, in a sentence or a few.
+        name: Its subject.
+        rule: The rule in a few sentences.
     """
 
     name: str
@@ -69,9 +69,9 @@ class UserFigures(Reply):
     """The requests and processor time of a user now.
 
     Attributes:
-        waiting: Requests that wait.
-        running: Requests that are worked on.
-        processor: Seconds of a processor that it got lately; what it got 30 s ago counts half [s].
+        waiting: Number of waiting requests.
+        running: Number of running requests.
+        processor: Recent processor time; time of 30 s ago counts half [s].
     """
 
     waiting: int = 0
@@ -80,13 +80,13 @@ class UserFigures(Reply):
 
 
 class Identity(Reply):
-    """Who asks, as far as the service can tell.
+    """The identity of the caller, as far as the service knows it.
 
     Attributes:
-        user: The user whose keys were asked on; ``plain`` on keys without one.
-        access_control: Whether the service's own configuration has access control. Where it hasn't, and no router has
-            in its place, anybody can use anybody's keys, and all who use the plain keys are one user.
-        quota: What this user may have.
+        user: The user whose keys were queried; ``plain`` for keys without one.
+        access_control: Whether the service's own configuration has access control. If neither it nor a router has,
+            anybody can use anybody's keys, and all users of the plain keys are one user.
+        quota: The quota of this user.
     """
 
     user: str
@@ -99,27 +99,27 @@ class InfoReply(Reply):
 
     Attributes:
         version: Of guidefield.
-        packages: Versions of what it stands on.
-        schemas: JSON Schema of every message; empty where a brief answer was asked for, as are the packages, keys,
-            codes, limits and rules.
-        workers: Processes that work on requests.
-        busy: How many of them do so now.
-        queue: Requests that wait.
-        counters: What was counted since the start.
+        packages: Versions of its packages.
+        schemas: JSON Schema of every message; empty in a brief reply, as are the packages, keys, codes, limits and
+            rules.
+        workers: Number of worker processes.
+        busy: Number of busy ones.
+        queue: Number of waiting requests.
+        counters: Counts since the start.
         uptime: Time since the start [s].
         latency: From a query's arrival to its answer, by the first chunk of its key.
         memory: Resident memory of the workers, of the streams' processes and of that which renders recordings [bytes].
         keys: Every key with its parameters and messages; the names are those of the schemas.
-        codes: Every code that a status or an error may have.
-        limits: What it bounds, and by how much.
-        delivery: The rules by which it answers.
-        health: How it is.
+        codes: Every status code.
+        limits: Its limits.
+        delivery: Its rules of delivery.
+        health: Its health.
         own_memory: Resident memory of the service's own process, without the workers [bytes].
-        disk: Where it keeps runs, scenes and robots; null where it keeps none.
-        payload_limit: The largest payload that is looked at [bytes]; a larger one is refused.
-        identity: Who asks; null where nobody can but oneself.
-        users: What users have now; for operators that of all who have any, for a user its own.
-        streams: How many streams are open.
+        disk: The disk of its runs, scenes and robots; null if it stores none.
+        payload_limit: The largest payload that is decoded [bytes]; a larger one is refused.
+        identity: Identity of the caller; null in this process.
+        users: Present figures of users: for operators all users with any, for a user its own.
+        streams: Number of open streams.
     """
 
     version: str
@@ -151,12 +151,12 @@ class Progress(Reply):
 
     Attributes:
         run_id: Its name.
-        stage: The stage that it is in, such as load, guide, connect, relax, parameterize, certify.
+        stage: Its present stage, such as load, guide, connect, relax, parameterize, certify.
         plane: Index of the guide plane that it approaches, if any.
-        clearance: Distance of the robot from the obstacles at the last step [m]; None without obstacles, or before.
-        best_clearance: The largest of those told by now [m].
+        clearance: Distance of the robot to the obstacles at the last step [m]; None without obstacles, or before.
+        best_clearance: The largest of those published by now [m].
         elapsed: Time since the request arrived [s].
-        preparing: In the stage load, which part of robot or scene is prepared: ``cutting link2, shape 3 of 8``.
+        preparing: In the stage load, the part of robot or scene that is prepared: ``cutting link2, shape 3 of 8``.
     """
 
     run_id: str

@@ -1,4 +1,4 @@
-"""Keys of streams: what a query on one of them asks for."""
+"""Decode queries on the keys of streams."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STREAMS = "streams"
 
 @dataclass(frozen=True)
 class OpenStream:
-    """A stream is to be opened."""
+    """Open a stream."""
 
     request: StreamOpen
 
@@ -34,35 +34,35 @@ class ReadStream:
 
 @dataclass(frozen=True)
 class EndStream:
-    """One is to end."""
+    """End a stream."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class AimStream:
-    """One gets another goal; its payload is read by the stream."""
+    """Give a stream another goal; the stream decodes the payload."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class JudgeStream:
-    """Judge the last piece of a stream; the stream reads the payload."""
+    """Judge the last piece of a stream; the stream decodes the payload."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class HaltStream:
-    """One is to stop its robot."""
+    """Stop the robot of a stream."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class RecordStream:
-    """A recording of what is kept of one is to be made, which may be over."""
+    """Make the recording of a stream, open or ended, from its stored journal."""
 
     name: str
 
@@ -103,11 +103,11 @@ def check(query: Query) -> None:
 
 
 def decode_stream_query(query: Query) -> StreamQuery:
-    """Return the request of a query about streams.
+    """Decode the request of a query about streams.
 
     Raises:
-        MalformedRequest: as `check`, and if its payload isn't what it has to be.
-        RequestTooLarge: if the payload is too long to be looked at.
+        MalformedRequest: as `check`, and if its payload is malformed.
+        RequestTooLarge: if the payload is too long to be decoded.
     """
     check(query)
     if len(query.key) == 1:

@@ -9,10 +9,10 @@ from guidefield.messages.values import Message, Reply, require_finite_number
 
 
 class StreamAim(Message):
-    """A stream gets another goal.
+    """Give a stream another goal.
 
     Attributes:
-        goal: What to reach; null: to stand. Going on after a stop is asked for in the same way.
+        goal: The goal; null: to stand. A goal also ends a stop.
         schema: Version of this message.
     """
 
@@ -21,10 +21,10 @@ class StreamAim(Message):
 
 
 class StreamAimed(Reply):
-    """A stream has another goal.
+    """The success of another goal.
 
     Attributes:
-        goal: Its number, which its pieces have.
+        goal: Its number, which its pieces carry.
     """
 
     goal: int
@@ -32,10 +32,10 @@ class StreamAimed(Reply):
 
 
 class StreamJudge(Message):
-    """Ask whether the last piece and its stop are still proven, by what was seen last.
+    """Ask whether the last piece and its stop are still proven by the last observations.
 
     Attributes:
-        time: From when on, by the client's clock [s].
+        time: Begin of the part to prove, by the client's clock [s].
         schema: Version of this message.
     """
 
@@ -52,9 +52,9 @@ class StreamJudged(Reply):
     Attributes:
         proven: Whether they are.
         executing: Number of that piece; 0: the robot stands at the start.
-        stops: When the robot stands, by the client's clock [s].
-        pair: What couldn't be told apart: a link, and a link or an obstacle; null where it is proven, or undecided.
-        time: Where that is [s]; null as there.
+        stops: Time at which the robot stands, by the client's clock [s].
+        pair: The bodies that couldn't be proven apart: a link, and a link or an obstacle; null if proven, or undecided.
+        time: Time of that [s]; null as there.
         evaluations: Configurations at which it was certified.
     """
 
@@ -68,22 +68,22 @@ class StreamJudged(Reply):
 
 
 class StreamReply(Reply):
-    """A stream that is open.
+    """An open stream.
 
     Attributes:
         stream_id: Its name.
         robot: The robot, by its name or its kind.
         position_names: Names of the columns of its pieces.
-        start: Where the robot stood when it was opened, in their order [rad or m].
+        start: The robot's configuration when it was opened, in their order [rad or m].
         goal: Number of the goal that was set last; 0: there was none yet.
         executing: Number of the last piece; 0: there is none.
-        stops: When the robot stands if no piece follows, by the client's clock [s]; null: it does.
-        updates: How many updates came.
-        pieces: How many of them were answered with a piece.
-        silence: After so long without an update it ends [s].
-        age: How long it has been open [s].
+        stops: Time at which the robot stands if no piece follows, by the client's clock [s]; null: it stands now.
+        updates: Number of updates.
+        pieces: Number of pieces.
+        silence: Longest time without an update, after which it ends [s].
+        age: Time since it was opened [s].
         warnings: Harmless peculiarities of the request.
-        last: The last state that was told; null: none.
+        last: The last published state; null: none.
     """
 
     stream_id: str
@@ -103,11 +103,11 @@ class StreamReply(Reply):
 
 
 class StreamsReply(Reply):
-    """The streams that are open, of the user who asks; for operators all, those of users as `user:name`.
+    """The open streams of the caller; for operators all, those of users as `user:name`.
 
     Attributes:
         streams: Their names.
-        most: How many the service takes.
+        most: The largest number of open streams.
     """
 
     streams: list[str]

@@ -1,6 +1,6 @@
-"""Streams: what a client opens, what it sees and sends, and the pieces of motion that it gets.
+"""Messages of streams: the request that opens one, observations of a client, and pieces of motion.
 
-All times are the client's clock, in seconds from an origin of its choice; they are compared with no other clock.
+All times are on the client's clock, in seconds from an origin of its choice; they are compared with no other clock.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from guidefield.messages.values import (
 )
 
 MOST_OBSTACLES = 10_000
-"""Most obstacles that a stream knows at once."""
+"""The largest number of obstacles of a stream."""
 
 MOST_UPDATE_BYTES = 16 << 20
-"""The longest update that a service looks at [bytes]."""
+"""The largest update that a service decodes [bytes]."""
 
 Seconds = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
 
@@ -40,14 +40,14 @@ StreamGoal = JointsGoal | JointSetGoal | PoseGoal
 
 
 class StreamObstacle(Message):
-    """A shape that may be observed, and what is known of how it moves.
+    """A shape that may be observed, with bounds on its motion.
 
     Attributes:
-        obstacle: Its shape. A box, cylinder, capsule, sphere or mesh is placed by observations alone; of a polygon, a
-            half-space and a point cloud they place the frame that its numbers are in.
+        obstacle: Its shape. Observations place a box, cylinder, capsule, sphere or mesh; of a polygon, a half-space and
+            a point cloud they place the frame of its coordinates.
         largest_speed: Of the origin of its frame [m/s].
-        largest_angular_speed: At which it turns about that origin [rad/s].
-        uncertainty: How far any point of it may be from where it is observed [m].
+        largest_angular_speed: Of its rotation about that origin [rad/s].
+        uncertainty: Largest distance of any of its points from the observed place [m].
     """
 
     obstacle: Obstacle
@@ -63,7 +63,7 @@ class StreamObstacle(Message):
 
 
 def require_own_names(field: str, declared: list[StreamObstacle]) -> None:
-    """Raise ValueError, which names the place, if two of the shapes that are declared at once have the same name."""
+    """Raise ValueError, with the place, if two shapes of a list have the same name."""
     first: dict[str, int] = {}
     for index, one in enumerate(declared):
         name = one.obstacle.name
@@ -75,7 +75,7 @@ def require_own_names(field: str, declared: list[StreamObstacle]) -> None:
 
 
 class Deviation(Message):
-    """The largest deviation of an obstacle's velocity from the observed one, in place of its largest speed.
+    """The largest deviation of an obstacle's velocity from the observed one, instead of its largest speed.
 
     Attributes:
         speed: Of the origin of its frame [m/s].
@@ -95,36 +95,34 @@ class StreamOpen(Message):
 
     Attributes:
         robot: A name of the catalog or of a stored robot, or the robot itself.
-        scene: What rests; none of its obstacles may have a `trajectory`.
-        goal: What to reach; null: to stand.
+        scene: The obstacles at rest; none may have a `trajectory`.
+        goal: The goal; null: to stand.
         schema: Version of this message.
         robot_placement: Of the robot's root in the world.
         group: Joints that move: a group's name or their names; null: every actuated joint between root and tip.
-        tip: Frame that goals are about; null: the robot's own.
-        start: Where the robot stands, at rest; joints left out are as the robot has it.
+        tip: Frame that reaches goals; null: the robot's own.
+        start: Configuration in which the robot stands; joints left out are at the robot's rest configuration.
         attached_objects: Objects held by links.
-        allowed_collisions: Pairs of links and obstacles that may touch; what is to be seen later is declared in
-            `obstacles` for that.
+        allowed_collisions: Pairs of links and obstacles that may touch; the obstacles must be declared.
         limits: Limits of joints, by name. Without a jerk limit the acceleration reaches its limit in 0.05 s.
         max_velocity_scaling_factor: Fraction of the velocity limits that is used.
         max_acceleration_scaling_factor: Fraction of the acceleration limits that is used.
-        obstacles: What may be observed.
-        assume: What is assumed of obstacles: that they keep their largest speeds, or that their velocities stay as
-            observed but for a deviation.
-        period: Time between two updates, as a rule [s].
+        obstacles: Shapes that may be observed.
+        assume: Assumption on obstacles: they keep their largest speeds, or their observed velocities up to a deviation.
+        period: Usual time between two updates [s].
         latency: From an update's `time` to the beginning of the piece that answers it [s].
-        piece: How long a piece lasts before its braking begins [s]; more than `period`.
-        age_limit: Where an observation is older, there is no piece [s].
-        min_clearance: What moving links keep from every obstacle beyond all that [m].
-        tracking_tolerance: How far any joint may be from where a piece has it [rad or m].
-        clock_error: How far the `time` of an observation may be from the true one, on the client's clock [s].
-        appear_distance: What isn't observed yet is at least so far from the robot whenever an update is made [m];
-            null: nothing appears but what was observed.
-        appear_speed: And moves at most so fast [m/s].
-        planning_time: How long the planning of a way lasts [s]: it is taken over so long after it was asked for.
+        piece: Duration of a piece before its braking begins [s]; more than `period`.
+        age_limit: Largest age of an observation [s]; with an older one there is no piece.
+        min_clearance: Additional distance that moving links keep from every obstacle [m].
+        tracking_tolerance: Largest deviation of any joint from its piece [rad or m].
+        clock_error: Largest error of the `time` of an observation, on the client's clock [s].
+        appear_distance: Smallest distance to the robot of an obstacle that isn't observed yet, at any update [m]; null:
+            no unobserved obstacle appears.
+        appear_speed: Largest speed of such an obstacle [m/s].
+        planning_time: Time from the request of a path to its takeover [s].
         seed: Of all randomness.
-        recording: Whether a service keeps what is asked and answered, so that it can be done again.
-        stream_id: What a service is to call the stream, new; null: the service makes a name.
+        recording: Whether a service stores updates and answers, so that the stream can be replayed.
+        stream_id: A new name of the stream; null: the service makes one.
 
     Example:
         >>> from guidefield import Box, JointsGoal, StreamObstacle, StreamOpen
@@ -180,7 +178,7 @@ class Observation(Message):
 
     Attributes:
         name: The obstacle.
-        time: When, by the client's clock [s]; not after the update that brings it.
+        time: Time of the observation, by the client's clock [s]; not after its update.
         placement: Of its frame in the world.
         velocity: Of the frame's origin [m/s, world]; counts where deviations are assumed, and for choosing motions.
         angular_velocity: [rad/s, world]; counts where deviations are assumed.
@@ -202,13 +200,13 @@ class StreamUpdate(Message):
     """The observations of a client.
 
     Attributes:
-        time: By the client's clock [s]; later than that of every update before, else it is left aside.
-        obstacles: What was observed since; what isn't in it is as it was observed last. An observation that is older
-            than one before is left aside.
-        joints: Where the robot is at `time`; null: where its piece has it.
+        time: By the client's clock [s]; later than that of every earlier update, else the update is ignored.
+        obstacles: New observations; other obstacles keep their last one. An observation that is older than an earlier
+            one is ignored.
+        joints: Configuration of the robot at `time`; null: that of its piece.
         executing: Number of the piece that the robot executes at `time`; null: the last one that has begun.
-        declare: Shapes that are new, or in place of those of the same name.
-        gone: Obstacles that aren't there any more.
+        declare: New shapes; they replace those of the same name.
+        gone: Obstacles that have disappeared.
         schema: Version of this message.
     """
 
@@ -246,18 +244,18 @@ class PieceTrajectory(Reply):
 class Piece(Reply):
     """A piece of motion and the hardest braking after it, proven together.
 
-    A client takes it if it executes the piece that this one `follows`, before it `begins`; until then it goes on with
-    that one. What isn't followed by another piece is executed to its end, where the robot stands.
+    A client takes it if it still executes the piece that this one `follows` when this one `begins`; until then it
+    executes that one. A piece without a following one is executed to its end, where the robot stands.
 
     Attributes:
         number: Counted from 1.
         update: Time of the update that it answers [s].
         follows: Number of the piece that it follows; 0: the robot stands at the start.
-        goal: Number of the goal that it is about.
-        begins: When it begins, by the client's clock [s].
-        brakes: When its braking begins [s].
-        stops: When the robot stands [s].
-        leads_to: Where to: the goal's direction, or away from what comes close.
+        goal: Number of its goal.
+        begins: Its begin, by the client's clock [s].
+        brakes: Begin of its braking [s].
+        stops: Time at which the robot stands [s].
+        leads_to: Its direction: towards the goal, or away from an approaching obstacle.
         reaches_goal: Whether the robot stands at the goal in the end.
         position_names: Names of the columns.
         trajectory: The motion from `begins` to `stops`.
@@ -296,21 +294,21 @@ Reason = Literal[
 
 
 class StreamState(Reply):
-    """Why an update got no piece; what was sent before is executed to its end.
+    """The reason why an update got no piece; the piece before is executed to its end.
 
     Attributes:
-        update: Time of the update [s]; null where it couldn't be read, or there was none.
+        update: Time of the update [s]; null if it couldn't be decoded, or there was none.
         reason: `at_goal`: the last piece ends there. `standing`: there is no goal. `too_close`: nothing could be
             proven. `no_way`: none was found to the goal. `goal_taken`: an obstacle is on it. `late`: an update before
             was later. `stale`: observations are too old. `tracking`: the robot isn't where its piece has it.
             `stopped`: a stop was asked for. `appeared`: the piece that is executed isn't proven against what was
             observed for the first time. Of a service alone: `refused`: the update is ill-posed. `ended`: the stream is
             over; no update is answered any more.
-        pair: What couldn't be told apart: a link, and a link or an obstacle; null where that isn't the reason.
-        time: Where that is, by the client's clock [s]; null as there.
+        pair: The bodies that couldn't be proven apart: a link, and a link or an obstacle; null for other reasons.
+        time: Time of that, by the client's clock [s]; null as there.
         executing: Number of the piece that is executed.
-        stops: When the robot stands [s].
-        error: Why it is `refused` or `ended`; null otherwise.
+        stops: Time at which the robot stands [s].
+        error: The error of `refused` or `ended`; else null.
     """
 
     update: float | None
