@@ -26,9 +26,9 @@ PLANE = {"type": "guide_plane"}
     ("fields", "error", "words"),
     [
         (
-            {"scene": MOVING, "goal": JOINTS, "guide_planes": "auto"},
+            {"scene": MOVING, "goal": JOINTS, "leave_start_contact": True},
             MalformedRequest,
-            r"move \('door'\) `guide_planes` is not served: give them, or \[\]",
+            r"move \('door'\) `leave_start_contact` is not served: leave it out",
         ),
         ({"scene": STILL, "goal": PLANE}, InvalidGoal, "the scene has none; give some in `guide_planes`"),
         ({"scene": STILL, "goal": PLANE, "guide_planes": []}, InvalidGoal, "is empty; null takes the scene's"),

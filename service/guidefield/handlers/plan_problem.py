@@ -103,18 +103,12 @@ def _require_served(request: PlanRequest, scene: Scene) -> None:
     """Refuse what is part of the wire but not served among obstacles that move, by name."""
     if not scene.moves:
         return
-    guided = isinstance(request.goal, requests.GuidePlaneGoal)
-    asks_for_planes = request.guide_planes == "auto" and request.planner != "tree"
-    unserved = {
-        "leave_start_contact": (request.leave_start_contact, "leave it out"),
-        "guide_planes": (not guided and asks_for_planes, "give them, or []"),
-    }
-    moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
-    for what, (asked, instead) in unserved.items():
-        if asked:
-            raise MalformedRequest(
-                f"among obstacles that move ({moving}) `{what}` is not served: {instead}", unserved=what
-            )
+    if request.leave_start_contact:
+        moving = ", ".join(repr(one.name) for one in scene.obstacles if one.motion is not None)
+        raise MalformedRequest(
+            f"among obstacles that move ({moving}) `leave_start_contact` is not served: leave it out",
+            unserved="leave_start_contact",
+        )
 
 
 def in_motion(request: PlanRequest) -> bool:

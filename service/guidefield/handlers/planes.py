@@ -64,11 +64,11 @@ class Derivation:
 
 
 def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem, Derivation]:
-    """The problem with guide planes derived, if the request asks for that."""
+    """The problem with guide planes derived, if the request asks for that: among obstacles as they come to rest."""
     if request.guide_planes != "auto" or request.planner == "tree":
         return problem, Derivation()
     begin = time.perf_counter()
-    planes = derive(problem, _goal_place(problem))
+    planes = derive(problem.at(problem.scene.end), _goal_place(problem))
     seconds = time.perf_counter() - begin
     if planes is None:
         warning = "no guide planes could be derived: the tip alone finds no way to the goal"

@@ -146,9 +146,12 @@ def test_a_reply_names_them_and_they_can_be_sent_again() -> None:
     assert again.path == reply.path
 
 
-@pytest.mark.parametrize("kind", ["joints", "pose"])
-def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str) -> None:
-    """The goal is where a plan through a window ended, told as a configuration and as a pose of the tip."""
+@pytest.mark.parametrize(("kind", "moves"), [("joints", False), ("pose", False), ("joints", True), ("pose", True)])
+def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str, moves: bool) -> None:
+    """The goal is where a plan through a window ended, told as a configuration and as a pose of the tip.
+
+    What moves is a ball that flies through the window to where the robot isn't.
+    """
     made = problem("panda", "wall_with_window")
     q = made.q_start
     for index, plane in enumerate(made.guide_planes):
@@ -162,7 +165,19 @@ def test_goals_beyond_the_planes_are_reached_through_derived_ones(kind: str) -> 
     if kind == "pose":
         quaternion = pin.Quaternion(tip.rotation).normalized().coeffs().tolist()
         goal = {"type": "pose", "position": tip.translation.tolist(), "quaternion_xyzw": quaternion}
-    reply = ask("door", scene="wall_with_window", guide_planes="auto", planner="auto", goal=goal)
+    scene = msgspec.to_builtins(library.read("wall_with_window"))
+    if moves:
+        x, y, z = made.guide_planes[0].centroid.tolist()
+        placements = [{"position": [x, y, z]}, {"position": [x + 0.8, y, z + 0.8]}]
+        way = {"times": [0.5, 1.5], "placements": placements}
+        scene["obstacles"] += [
+            {"type": "sphere", "name": "ball", "radius": 0.05, "position": [x, y, z], "trajectory": way}
+        ]
+    changes = {"scene": scene, "guide_planes": "auto", "planner": "auto", "goal": goal}
+    request = codec.decode_request(msgspec.json.decode(example("door")) | changes)
+    built = build(request.scene)
+    assert built.moves == moves
+    reply = answer_plan(request, robot(request.robot), built, run_id="r", received=time.monotonic())
     assert reply.status.name == "SUCCESS", reply.status
     assert reply.certificate.collision_free
     names = [plane.name for plane in reply.guide_planes]
