@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings, strategies as st
 
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
-from guidefield.planner.blocked_tip import blocked_tip
+from guidefield.planner.ends import blocked_tip
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from tests.planner.problems import scene_of

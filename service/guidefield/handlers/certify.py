@@ -23,8 +23,7 @@ from guidefield.handlers.recording import PackedClearance, PackedMotion, PlainMo
 from guidefield.messages import scene as messages
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
-from guidefield.planner.given_leaving import Leaving, judge_leaving
-from guidefield.planner.judgement import GivenProblem, Judgement, judge
+from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses, limit_shares
 from guidefield.planner.quality import (

@@ -14,8 +14,7 @@ from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
-from guidefield.planner.given_leaving import Leaving
-from guidefield.planner.judgement import GivenProblem, Judgement
+from guidefield.planner.judgement import GivenProblem, Judgement, Leaving
 from guidefield.planner.leaving import left_contacts
 from guidefield.planner.motion.limit_shares import Use
 from guidefield.planner.quality import UNMEASURED, Clearance

@@ -26,9 +26,17 @@ from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.optimized_motion import NO_PLANES, optimize_motion
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
-from guidefield.planner.schedule.schedule import Schedule, Stuck, after, at_any_rate, at_one_rate, slices_in, step_of
+from guidefield.planner.schedule.schedule import (
+    Occupancy,
+    Schedule,
+    Stuck,
+    after,
+    at_any_rate,
+    at_one_rate,
+    slices_in,
+    step_of,
+)
 from guidefield.planner.schedule.settings import SCHEDULE, WAYS
 from guidefield.planner.schedule.slices import Slices
 from guidefield.planner.schedule.standing import free_from, met

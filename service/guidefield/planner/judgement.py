@@ -2,22 +2,140 @@
 
 It begins as a plan does: a body wholly inside another, or a slight contact that may be left. Then certificates judge
 what rests, what moves, and what frames have to keep; of their refusals the first along the motion counts.
+
+Until what touched at the start keeps a distance again it must not come closer, at samples; everything else is certified
+meanwhile, and from then on everything is.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 
-from guidefield.planner.given_leaving import Leaving, judge_leaving
+import numpy as np
+
+from guidefield.collision.contact import Contact, contacts_at
+from guidefield.collision.enclosure import enclosed
+from guidefield.collision.world import World
+from guidefield.planner.leaving import distances_of, touching_pairs
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion_certificate import enclosed_start
+from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
+from guidefield.prove.bezier import restricted
 from guidefield.prove.certificate import certify, certify_timed
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
+from guidefield.robot.model.spaces import ChartCurves, ChartPoints
+
+SPACING = 0.005
+"""Between samples at which what touches is measured [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leaving:
+    """How a motion that begins in contact goes on.
+
+    Attributes:
+        verdict: About the whole of it.
+        contacts: What touched at the start.
+        piece: Index of the piece on which it has left them, or on which they come closer.
+        share: Where on that piece, from 0 to 1.
+        leaves: Whether it leaves them.
+    """
+
+    verdict: Verdict
+    contacts: tuple[Contact, ...]
+    piece: int
+    share: float
+    leaves: bool
+
+
+def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None:
+    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `LEAVING.slight`.
+
+    Args:
+        conditions: What it is judged by, among obstacles that rest.
+        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
+    """
+    contacts = tuple(contacts_at(conditions.world, conditions.group.expand_from_chart(pieces[0, 0])))
+    if not contacts or any(one.depth is not None and one.depth > LEAVING.slight for one in contacts):
+        return None
+    piece, share, closer = _way_out(conditions, contacts, pieces)
+    if closer is not None:
+        names, z = conditions.world.pair_names(closer), _part(pieces[piece], share, share)[0]
+        reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
+        verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
+        return Leaving(verdict, contacts, piece, share, leaves=False)
+    return Leaving(_judged(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
+
+
+def _way_out(
+    conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves
+) -> tuple[int, float, int | None]:
+    """Piece and share of it where what touches has been left; or where, and which pair, comes closer before that."""
+    world = conditions.world
+    pairs = touching_pairs(world, contacts)
+    distances, enough = distances_of(world, pairs), max(LEAVING.apart, conditions.min_clearance)
+    before = distances(pieces[0, 0])
+    for piece, controls in enumerate(pieces):
+        length = float(np.linalg.norm(np.diff(controls, axis=0), axis=1).sum())
+        count = max(1, math.ceil(length / SPACING))
+        for share in (k / count for k in range(1, count + 1)):
+            now = distances(_part(controls, share, share)[0])
+            if (now < before - LEAVING.closer).any() or conditions.deadline.expired():
+                return piece, share, pairs[int(np.argmin(now - before))]
+            if (now >= enough).all():
+                return piece, share, None
+            before = now
+    return len(pieces) - 1, 1.0, pairs[int(np.argmin(before))]
+
+
+def _judged(
+    conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves, piece: int, share: float
+) -> Verdict:
+    """The verdict about a motion that has left its contacts at a share of a piece."""
+    deadline = conditions.deadline
+    allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
+    others = World.build(conditions.group, conditions.scene, allowed)
+    out = np.concatenate([pieces[:piece], _part(pieces[piece], 0.0, share)[None]])
+    leaving = certify(others, out, deadline=deadline)
+    if not leaving.free:
+        return _on_the_whole(leaving, 0, piece, 0.0, share)
+    z = _part(pieces[piece], share, share)[0]
+    if (inside := enclosed(conditions.world, conditions.group.expand_from_chart(z))) is not None:
+        return Verdict(Reason.CONTACT, leaving.evaluations, piece, share, (0, 0.0), inside, z)
+    rest = np.concatenate([_part(pieces[piece], share, 1.0)[None], pieces[piece + 1 :]])
+    left = certify(conditions.world, rest, conditions.min_clearance, deadline=deadline)
+    return replace(_on_the_whole(left, piece, piece, share, 1.0), evaluations=leaving.evaluations + left.evaluations)
+
+
+def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
+    """A verdict about a part of a motion as one about all of it.
+
+    Args:
+        verdict: About pieces from the index `first` on.
+        first: Index of the part's first piece.
+        cut: Index of the piece of which the part has a part only.
+        begin: Where that begins on the piece, from 0 to 1.
+        end: Where it ends.
+    """
+    if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
+        return verdict
+    places = [
+        (first + piece, begin + (end - begin) * at if first + piece == cut else at)
+        for piece, at in ((verdict.piece, verdict.parameter), verdict.free_until)
+    ]
+    return replace(verdict, piece=places[0][0], parameter=places[0][1], free_until=places[1])
+
+
+def _part(controls: ChartPoints, low: float, high: float) -> ChartPoints:
+    """Control points (k, nv) of a part of a Bezier curve (k, nv)."""
+    part: ChartPoints = restricted(controls[None], np.array([low]), np.array([high]))[0]
+    return part
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

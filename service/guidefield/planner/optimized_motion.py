@@ -18,8 +18,7 @@ from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.passages import Passage
-from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.passages import Passage, PlanePlace
 from guidefield.planner.optimize.settings import (
     MANY,
     OPTIMIZATION,

@@ -12,8 +12,8 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.connect import Rounds, Shorter, connect, shorter
-from guidefield.planner.connect.sample_sources import sources_of
 from guidefield.planner.connect.settings import ROUNDS
+from guidefield.planner.connect.tree_search import sources_of
 from guidefield.planner.motion.waypoints import length_of
 from tests.planner.connect.test_connect import wall_between
 from tests.planner.problems import densely_free, problem

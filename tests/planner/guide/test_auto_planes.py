@@ -12,10 +12,9 @@ import pytest
 from guidefield.errors import Status
 from guidefield.handlers.plan import answer_plan
 from guidefield.messages import codec, scene as messages
-from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.guide.auto_planes import clearances, derive, enclosed, section, tip_way
 from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.settings import TIP_WAY
-from guidefield.planner.guide.tip_way import clearances, enclosed, section, tip_way
 from guidefield.scene import library
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import build

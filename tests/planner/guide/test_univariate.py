@@ -10,10 +10,9 @@ import pytest
 from guidefield.collision.clearance import clearance_at
 from guidefield.errors import InvalidGroup, Status
 from guidefield.planner.guide.aim import ANYWHERE
-from guidefield.planner.guide.descent import descend
 from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Projected, on_plane
+from guidefield.planner.guide.projected import Projected, descend, on_plane
 from guidefield.planner.guide.rounds import Minimizer
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.univariate import Univariate

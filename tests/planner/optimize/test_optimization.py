@@ -18,8 +18,7 @@ from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.interior_point import Descent, Look
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
-from guidefield.planner.optimize.passages import Passage
-from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.passages import Passage, PlanePlace
 from guidefield.planner.optimize.settings import (
     BALANCED,
     MANY,

@@ -9,8 +9,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.planner.motion.bspline import BSpline, End
-from guidefield.planner.optimize.passages import add_passage, nearest
-from guidefield.planner.optimize.plane_place import PlanePlace
+from guidefield.planner.optimize.passages import PlanePlace, add_passage, nearest
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import GuidePlane, build

@@ -15,9 +15,16 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.path_motion import motion_along, soonest_along
-from guidefield.planner.schedule.occupancy import Occupancy
 from guidefield.planner.schedule.retimed import retimed
-from guidefield.planner.schedule.schedule import Schedule, Stuck, at_any_rate, at_one_rate, slices_in, step_of
+from guidefield.planner.schedule.schedule import (
+    Occupancy,
+    Schedule,
+    Stuck,
+    at_any_rate,
+    at_one_rate,
+    slices_in,
+    step_of,
+)
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.schedule.slices import Slices, held
 from guidefield.planner.schedule.standing import free_from, met

@@ -9,9 +9,8 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.kernels.tree.path_constraints import KeptFrames, bring_back
 from guidefield.planner.connect import tree_search
-from guidefield.planner.connect.connect import Connection
+from guidefield.planner.connect.connect import Connection, why_not
 from guidefield.planner.connect.settings import CONSTRAINED, TREE
-from guidefield.planner.connect.unconnected import why_not
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown

@@ -18,9 +18,8 @@ from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
 from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS, TipGuard
 from guidefield.planner.guide.aim import Aim
-from guidefield.planner.guide.descent import settings_of
 from guidefield.planner.guide.guided_path import GuidedPath
-from guidefield.planner.guide.projected import Blocks, Projected
+from guidefield.planner.guide.projected import Blocks, Projected, settings_of
 from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
