@@ -14,6 +14,7 @@ from guidefield.errors import InternalFailure
 from guidefield.handlers import plan, sequence
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.planner import judgement
+from guidefield.prove import search
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import load
@@ -56,7 +57,7 @@ def test_a_false_certificate_is_no_answer(
 
 
 def test_a_false_certificate_in_time_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judgement, "certify_timed", free)
+    monkeypatch.setattr(judgement, "certify", free)
     one = obstacle("box", -0.003)
     placements = [{"position": one.pop("position")}] * 2
     moving = {**one, "trajectory": {"times": [0.0, 1.0], "placements": placements}}
@@ -112,3 +113,21 @@ def test_a_plan_that_its_clearance_contradicts_is_no_answer(
     with pytest.raises(InternalFailure, match=r"l4 and o keep -12\.5 mm of 0 mm") as caught:
         ask(**asked)
     assert [judge(case, seconds=60.0).answer for case in load(kept(caught.value, cache))] == [Answer.FREE]
+
+
+@pytest.mark.parametrize("kind", ["confirm", "smallest"])
+def test_a_search_that_coal_contradicts_is_no_answer_and_a_file(
+    monkeypatch: pytest.MonkeyPatch, cache: Path, kind: str
+) -> None:
+    """Where no reply is made, too, the motion is kept for the referee."""
+    if kind == "confirm":
+        monkeypatch.setattr(search.World, "touches", lambda *_: False)
+        monkeypatch.setattr(search.World, "penetration", lambda *_: None)
+    else:
+        monkeypatch.setattr(search.World, "distance", lambda *_: (9.0, None))
+    robot, one = arm(GEOMETRIES["cylinder"]), obstacle("box", -0.003 if kind == "confirm" else 0.006)
+    said = "and Coal hasn't" if kind == "confirm" else "Coal has 9000 mm"
+    with pytest.raises(InternalFailure, match=said) as caught:
+        certify(robot, one)
+    (case,) = load(kept(caught.value, cache))
+    assert judge(case, seconds=60.0).answer is (Answer.CONTACT if kind == "confirm" else Answer.FREE)

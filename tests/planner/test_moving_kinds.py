@@ -24,7 +24,7 @@ from guidefield.planner.guide.guide import ATTEMPTS
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.task.problem import Problem
-from guidefield.prove.certificate import certify_timed
+from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.guide_plane import build
@@ -192,7 +192,7 @@ def test_the_timed_certificate_says_what_coal_says_of_every_kind(kind: str, clea
         motion, rng = swing(seed), np.random.default_rng(100 + seed)
         scene = scene_of(moving(kind, kind, rng))
         worlds = World.build(planned, scene)
-        verdict = certify_timed(worlds, motion.bezier(), motion.piece_times(), clearance)
+        verdict = certify(worlds, motion.bezier(), clearance, times=motion.piece_times())
         if verdict.pair is not None and kind not in verdict.pair:
             continue  # the arm meets itself
         times, obstacles = np.linspace(0.0, motion.duration, 40), scene.message.obstacles

@@ -33,11 +33,11 @@ def bounds_by_kernels(
     """Return the rows of some pairs about the middle of a segment, the kernels run as Python, and the share L of it."""
     moving_one = moving_robot(place, trajectory)
     search = new_search(moving_one, np.zeros(LOG_ROWS))
-    place_at(moving_one, 0.5 * (since + until), search.place, search.room)
-    share = find_moves(moving_one, since, until, search.place, search.room, search.ways)
-    find_twists(moving_one, search.place, search.room)
+    place_at(moving_one, 0.5 * (since + until), search.place, search.scratch)
+    share = find_moves(moving_one, since, until, search.place, search.scratch, search.bounds)
+    find_twists(moving_one, search.place, search.scratch)
     rows = [
-        search.ways.known[bound_pair(moving_one, int(pair), 1, share, search.place, search.ways)].copy()
+        search.bounds.known[bound_pair(moving_one, int(pair), 1, share, search.place, search.bounds)].copy()
         for pair in pairs
     ]
     return np.array(rows), share

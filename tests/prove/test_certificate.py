@@ -15,6 +15,8 @@ from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
 from guidefield.prove import search
 from guidefield.prove.certificate import certify, motion_free
+from guidefield.prove.curve import Curve
+from guidefield.prove.search import Goal
 from guidefield.prove.verdict import Reason
 from tests.collision.plain import dense, panda_among
 from tests.collision.scenery import box, panda_in, scattered, world_of
@@ -362,3 +364,34 @@ def test_a_refusal_that_coal_does_not_confirm_is_no_answer(monkeypatch):
     monkeypatch.setattr(World, "penetration_of", lambda *_, **__: None)
     with pytest.raises(search.ContradictionError, match="Coal hasn't"):
         motion_free(world, start, end)
+
+
+def test_a_deadline_that_passes_among_the_smallest_distances_leaves_the_verdict(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Time is up after a few segments of a pass that asks for both: what the certificate lacks is done."""
+
+    class Late:
+        """A deadline that passes once the search has begun."""
+
+        asked = 0
+
+        def expired(self) -> bool:
+            self.asked += 1
+            return self.asked > 1
+
+    world = panda_in("bookshelf")
+    z = world.group.chart(world.group.part_of(world.group.robot.rest))
+    curve = Curve(np.array([[z, z + np.linspace(0.3, -0.2, len(z))]]), np.array([0.0, 1.0]))
+    goal = Goal(0.0, spans=[(0.0, 1.0)], samples=np.linspace(0.0, 1.0, 9))
+    whole = search.search(world, curve, goal)
+    monkeypatch.setattr(search, "SEGMENTS_AT_ONCE", 3)
+    cut = search.search(world, curve, goal, Late())
+    assert whole.verdict.free
+    assert cut.verdict.free
+    assert 0.0 < cut.obstacle[0].bound <= whole.obstacle[0].bound
+    late = Late()
+    late.asked = 1
+    assert search.search(world, curve, goal, late).verdict.reason is Reason.STOPPED
+    monkeypatch.setattr(search, "LAST_SEGMENTS", 3)
+    assert search.search(world, curve, goal, Late()).verdict.reason is Reason.STOPPED

@@ -10,7 +10,7 @@ from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
-from guidefield.prove.certificate import certify_moving, certify_timed
+from guidefield.prove.certificate import certify, certify_moving
 from guidefield.prove.verdict import Reason
 from guidefield.scene.scene import Scene, build
 from tests.robots import group, rest
@@ -55,7 +55,7 @@ def sampled_free(scene: Scene, times: np.ndarray, clearance: float) -> bool:
 @pytest.mark.parametrize("clearance", [0.0, 0.03])
 def test_it_says_what_dense_samples_say(since: float, until: float, clearance: float) -> None:
     scene, times = passing(since, until), np.array([0.0, 2.0])
-    verdict = certify_timed(worlds(scene), SWING, times, clearance)
+    verdict = certify(worlds(scene), SWING, clearance, times=times)
     assert verdict.free == sampled_free(scene, times, clearance)
     if not verdict.free:
         assert verdict.pair is not None
@@ -67,8 +67,8 @@ def test_it_says_what_dense_samples_say(since: float, until: float, clearance: f
 def test_waiting_is_a_motion_too() -> None:
     scene = passing(0.0, 2.0)
     still = np.repeat(START[None, None], 4, axis=1)
-    assert not certify_timed(worlds(scene), still, np.array([0.0, 2.0])).free
-    assert certify_timed(worlds(scene), still, np.array([2.0, 9.0])).free
+    assert not certify(worlds(scene), still, times=np.array([0.0, 2.0])).free
+    assert certify(worlds(scene), still, times=np.array([2.0, 9.0])).free
 
 
 def test_what_rests_is_judged_as_well_and_the_first_refusal_is_told() -> None:
@@ -79,7 +79,7 @@ def test_what_rests_is_judged_as_well_and_the_first_refusal_is_told() -> None:
             obstacles=[*scene.message.obstacles, messages.Sphere(name="rock", radius=0.1, position=(0.12, 0.31, 0.55))],
         )
     )
-    verdict = certify_timed(worlds(blocked), SWING, np.array([0.0, 2.0]))
+    verdict = certify(worlds(blocked), SWING, times=np.array([0.0, 2.0]))
     assert not verdict.free
     assert verdict.pair is not None
     assert verdict.pair[1] == "rock"

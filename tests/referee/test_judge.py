@@ -17,7 +17,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.conditions import AttachedObject, LineConstraint, OrientationCone, PlaneConstraint
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.prove.certificate import certify, certify_timed
+from guidefield.prove.certificate import certify
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import case_of
 from guidefield.referee.verdict import Answer
@@ -63,7 +63,7 @@ def certified(drawn: Drawn) -> bool:
         return False
     if world.scene.moves:
         timed = world
-        return certify_timed(timed, trajectory.bezier(), trajectory.piece_times(), motion.min_clearance).free
+        return certify(timed, trajectory.bezier(), motion.min_clearance, times=trajectory.piece_times()).free
     return certify(world, trajectory.bezier(), motion.min_clearance).free
 
 

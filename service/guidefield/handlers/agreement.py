@@ -7,26 +7,74 @@ a file that the referee judges (`case_file`).
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
 from guidefield.case_file import Motion, write
 from guidefield.collision.pairs import PairNames
+from guidefield.collision.world import World
 from guidefield.geometry import cache
+from guidefield.messages.requests import MotionRequest
 from guidefield.planner.quality import Clearance
 from guidefield.prove.closest import put_obstacle
+from guidefield.prove.curve import Curve
 from guidefield.prove.minima import smallest_along
 from guidefield.prove.search import ContradictionError
 from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import ROUNDED
+from guidefield.robot.model.spaces import ChartRate
 
 ACCURACY = 2.0 * ROUNDED
 """What a distance that was found may be off [m]: what kernels round, and Coal's error."""
 
 _log = logging.getLogger(__name__)
+
+_Answer = TypeVar("_Answer", bound=Callable[..., Any])
+
+
+def keep_contradictions(answer: _Answer) -> _Answer:
+    """Decorate a function that answers a request for a run: what two judges contradict each other about is a file."""
+
+    @functools.wraps(answer)
+    def answer_or_keep(request: MotionRequest, *given: Any, run_id: str, **named: Any) -> Any:
+        try:
+            return answer(request, *given, run_id=run_id, **named)
+        except ContradictionError as error:
+            if error.motion is None:
+                raise
+            kept = _keep(run_id, functools.partial(_judged, request, *error.motion))
+            raise ContradictionError(f"{error}; {kept}") from error
+
+    return cast(_Answer, answer_or_keep)
+
+
+def _judged(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
+    """A motion that was judged for a request, for the referee: cubic where its pieces are, else of straight lines.
+
+    Its rates don't matter.
+    """
+    pieces, times, velocities = curve.pieces, curve.times, None
+    endless = cast(ChartRate, np.full(world.group.nv, np.inf))
+    if pieces.shape[1] > 2:
+        spans = np.diff(times)[:, None]
+        order = pieces.shape[1] - 1
+        first, last = order * (pieces[:, 1] - pieces[:, 0]) / spans, order * (pieces[-1:, -1] - pieces[-1:, -2])
+        velocities = np.concatenate([first, last / spans[-1:]])
+    return Motion(
+        world=world,
+        placement=request.robot_placement,
+        held=request.attached_objects,
+        times=times,
+        positions=np.concatenate([pieces[:, 0], pieces[-1:, -1]]),
+        velocities=velocities,
+        min_clearance=min_clearance,
+        limited=replace(world.group, velocity_limits=endless, acceleration_limits=endless),
+    )
 
 
 class Certified(NamedTuple):
@@ -54,7 +102,9 @@ def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
     for one in certified:
         said = _contradiction(one)
         if said is not None:
-            raise ContradictionError(f"the certificate says that the motion is free, but {said}; {_keep(run_id, one)}")
+            raise ContradictionError(
+                f"the certificate says that the motion is free, but {said}; {_keep(run_id, one.motion)}"
+            )
 
 
 def _contradiction(one: Certified) -> str | None:
@@ -86,14 +136,14 @@ def _touches(measured: Clearance, names: PairNames, time: float) -> bool:
     return any(map(world.touches, pairs))
 
 
-def _keep(run_id: str, one: Certified) -> str:
+def _keep(run_id: str, motion: Callable[[], Motion]) -> str:
     """Keep a motion as a file for the referee; what is said about it."""
     file = cache.folder().with_name("failures") / f"{run_id}.json.xz"
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write(file, one.motion())
-    except OSError:
+        write(file, motion())
+    except Exception:  # whatever it is, what contradicts itself has to be told
         _log.exception("the motion that contradicts its certificate could not be kept")
         return "it could not be kept"
-    _log.error("a motion contradicts its certificate: %s", file)
+    _log.error("two judges contradict each other about a motion: %s", file)
     return f"the motion is kept as {file.name!r} in the folder `failures` of the cache: please report it"

@@ -14,7 +14,7 @@ from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError
-from guidefield.handlers.agreement import Certified, require_agreement
+from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.certify_problem import certify_problem, planning_group
 from guidefield.handlers.certify_reply import reply_to
@@ -53,6 +53,7 @@ class JudgedMotion(PlainMotion):
     given: GivenMotion
 
 
+@keep_contradictions
 def answer_certify(
     request: CertifyRequest,
     robot: RobotModel,

@@ -17,7 +17,7 @@ from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import GuidefieldError, Status
 from guidefield.geometry.placements import se3
-from guidefield.handlers.agreement import Certified, require_agreement
+from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
 from guidefield.handlers.plan_problem import problem_of
@@ -39,6 +39,7 @@ from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.scene.scene import Scene, build
 
 
+@keep_contradictions
 def answer_plan(
     request: PlanRequest,
     robot: RobotModel,

@@ -13,7 +13,7 @@ from guidefield.case_file import Motion
 from guidefield.collision.preparation import Told
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import Status
-from guidefield.handlers.agreement import Certified, require_agreement
+from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
 from guidefield.handlers.plan_reply import (
     CERTIFICATE,
     STAGES,
@@ -41,6 +41,7 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene
 
 
+@keep_contradictions
 def answer_steps(
     request: PlanRequest,
     robot: RobotModel,

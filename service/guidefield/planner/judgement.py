@@ -25,7 +25,7 @@ from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.bezier import restricted
-from guidefield.prove.certificate import certify, certify_timed
+from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
@@ -219,4 +219,4 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     if not problem.scene.moves:
         return certify(problem.world, motion.pieces[:count], problem.min_clearance, deadline=deadline)
     pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]
-    return certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)
+    return certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)

@@ -14,7 +14,7 @@ from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.certificate import certify_timed
+from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
@@ -52,7 +52,7 @@ def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     deadline = problem.deadline.at_least(LAST_JUDGEMENT)
     if problem.scene.moves:  # a better one may follow, so that only the last is measured
         pieces, times = trajectory.bezier(), trajectory.piece_times()
-        verdict = certify_timed(problem.world, pieces, times, problem.min_clearance, deadline=deadline)
+        verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
     else:
         verdict = certify_and_measure(trajectory, problem, deadline)
     if not (verdict.free and problem.path_constraints):
@@ -95,8 +95,9 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
     """Return the motion of a stage that failed, certified as far as it goes."""
     with stages.entered("certify", "the motion as far as it got") as stage:
         pieces, times = found.bezier(), found.piece_times()
-        verdict = enclosed_start(problem, pieces[0, 0]) or certify_timed(
-            problem.world, pieces, times, problem.min_clearance, deadline=problem.deadline.at_least(LAST_JUDGEMENT)
+        deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+        verdict = enclosed_start(problem, pieces[0, 0]) or certify(
+            problem.world, pieces, problem.min_clearance, deadline=deadline, times=times
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=found.failure)

@@ -25,8 +25,9 @@ def certify(
     min_clearance: float = 0.0,
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
+    times: np.ndarray | None = None,
 ) -> Verdict:
-    """Judge a motion among obstacles where they are at first.
+    """Judge a motion among obstacles where they are at first, or as they move.
 
     Everything before a refusal is certified. Whether the robot is wholly inside a closed mesh at the start is another
     question: `enclosed`. Of a piece on which a joint leaves its limits by more than `LIMITS.tolerance` nothing is
@@ -38,37 +39,23 @@ def certify(
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         resolution: See `RESOLUTION_FLOOR` [m].
         deadline: Ends the judgement.
+        times: Begin of each piece, and the end of the last one, shape (m + 1,) [s]; None: obstacles rest where they are
+            at first.
 
     Raises:
         ValueError: if a control point is not finite.
     """
-    return _judge(world, pieces, np.arange(len(pieces) + 1.0), Goal(min_clearance, resolution, in_time=False), deadline)
+    pieces = np.asarray(pieces, float)
+    if not len(pieces):
+        return Verdict(Reason.FREE, 0)
+    knots = np.arange(len(pieces) + 1.0) if times is None else np.asarray(times, float)
+    goal = Goal(min_clearance, resolution, in_time=times is not None)
+    return certify_curve(world, Curve(pieces, knots), goal, deadline).verdict
 
 
 def motion_free(world: World, z0: ChartPoint, z1: ChartPoint, min_clearance: float = 0.0) -> Verdict:
     """Judge the straight motion between two points, each of shape (nv,), of the local coordinates; see `certify`."""
     return certify(world, np.array([[z0, z1]]), min_clearance)
-
-
-def certify_timed(
-    world: World,
-    pieces: ChartCurves,
-    times: np.ndarray,
-    min_clearance: float = 0.0,
-    resolution: float = RESOLUTION_FLOOR,
-    deadline: Deadline = UNLIMITED,
-) -> Verdict:
-    """Judge a motion among obstacles at rest and in motion; see `certify`.
-
-    Args:
-        world: The robot among obstacles.
-        pieces: Shape (m, k, nv) [rad or m].
-        times: Begin of each piece, and the end of the last one, shape (m + 1,) [s].
-        min_clearance: What robot and obstacles must keep apart [m].
-        resolution: See `RESOLUTION_FLOOR` [m].
-        deadline: Ends the judgement.
-    """
-    return _judge(world, pieces, np.asarray(times, float), Goal(min_clearance, resolution), deadline)
 
 
 def certify_moving(
@@ -79,28 +66,21 @@ def certify_moving(
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
 ) -> Verdict:
-    """Judge a motion among the obstacles that move alone: `certify_timed` without limits, own pairs and what rests.
+    """Judge a motion among the obstacles that move alone, without limits, own pairs and obstacles at rest.
 
     Args:
-        world: As there.
-        pieces: Shape (m, k, nv) [rad or m]; without any the motion is free.
-        times: Shape (m + 1,) [s].
-        min_clearance: As there [m].
-        resolution: As there [m].
-        deadline: As there.
+        world: The robot among obstacles.
+        pieces: Bezier control points, shape (m, k, nv) [rad or m]; without any the motion is free.
+        times: Begin of each piece, and the end of the last one, shape (m + 1,) [s].
+        min_clearance: Distance to keep from these obstacles [m].
+        resolution: See `RESOLUTION_FLOOR` [m].
+        deadline: Ends the judgement.
     """
     pieces = np.asarray(pieces, float)
     if not len(pieces) or not world.scene.moves:
         return Verdict(Reason.FREE, 0)
     curve, goal = Curve(pieces, np.asarray(times, float)), Goal(min_clearance, resolution, IN_MOTION)
     return search(world, curve, goal, deadline).verdict
-
-
-def _judge(world: World, pieces: ChartCurves, times: np.ndarray, goal: Goal, deadline: Deadline) -> Verdict:
-    pieces = np.asarray(pieces, float)
-    if not len(pieces):
-        return Verdict(Reason.FREE, 0)
-    return certify_curve(world, Curve(pieces, times), goal, deadline).verdict
 
 
 def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> Found:

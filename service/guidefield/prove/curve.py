@@ -30,24 +30,31 @@ class Curve(ReadOnly):
 
     def at(self, times: np.ndarray) -> ChartPoints:
         """Points at times (n,), shape (n, nv) [rad or m]."""
-        piece = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.pieces) - 1)
-        share = self._shares(times, piece)
+        piece, share = find_pieces(self.times, times)
         points: ChartPoints = restricted(self.pieces[piece], share, share)[:, 0]
         return points
 
     def point_at(self, time: float) -> ChartPoint:
         """The point (nv,) at a time [s]."""
-        piece = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.pieces) - 1))
-        begin, end = float(self.times[piece]), float(self.times[piece + 1])
-        return self.point(piece, min(max((time - begin) / (end - begin), 0.0), 1.0) if end > begin else 0.0)
+        pieces, shares = find_pieces(self.times, np.array([time]))
+        return self.point(int(pieces[0]), float(shares[0]))
 
     def point(self, piece: int, parameter: float) -> ChartPoint:
         """The point (nv,) of a piece at a parameter from 0 to 1."""
         return point_on(self.pieces[piece], parameter)
 
-    def _shares(self, times: np.ndarray, piece: np.ndarray) -> np.ndarray:
-        """Share of a piece that has passed at a time, from 0 to 1, shape (n,)."""
-        spans = self.times[piece + 1] - self.times[piece]
-        passed = np.clip(times - self.times[piece], 0.0, spans)
-        shares: np.ndarray = np.divide(passed, spans, out=np.zeros_like(passed), where=spans > 0.0)
-        return shares
+
+def find_pieces(knots: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Find the pieces that are run through at some times, and the share of each that has passed.
+
+    Args:
+        knots: Begin of each piece, and the end of the last one; pieces may take no time, shape (m + 1,).
+        times: Shape (n,); what is outside of the pieces is at the nearer end.
+
+    Returns:
+        Indices of pieces, and shares from 0 to 1, each of shape (n,).
+    """
+    piece = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+    spans = knots[piece + 1] - knots[piece]
+    passed = np.clip(times - knots[piece], 0.0, spans)
+    return piece, np.divide(passed, spans, out=np.zeros_like(passed), where=spans > 0.0)

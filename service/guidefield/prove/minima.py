@@ -78,7 +78,8 @@ def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Sma
             first, second = world.pair_names(one.pair)
             raise ContradictionError(
                 f"the search has {first} and {second} {1000 * one.distance:.6g} mm apart at {one.time:.6g} s, Coal has"
-                f" {1000 * measured:.6g} mm"
+                f" {1000 * measured:.6g} mm",
+                (world, curve, 0.0),
             )
 
 

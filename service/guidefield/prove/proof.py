@@ -154,14 +154,14 @@ class _Writer:
 
     def proof(self, claims: np.ndarray, segments: np.ndarray) -> Proof:
         """The proof."""
-        names, told = self._world.body_names, self._list_bodies()
-        place = {body: index for index, body in enumerate(told)}
-        numbers = [names[: body if body < self._links else self._links].count(names[body]) for body in told]
-        nodes = [_Nodes(*self._tree(body)) for body in told]
+        names, listed = self._world.body_names, self._list_bodies()
+        place = {body: index for index, body in enumerate(listed)}
+        numbers = [names[: body if body < self._links else self._links].count(names[body]) for body in listed]
+        nodes = [_Nodes(*self._tree(body)) for body in listed]
         used = self._rows[:, [ROW_A, ROW_B]].astype(np.int64)
         by_spheres = (self._rows[:, ROW_AXIS:] == 0.0).all(axis=1)
         for side in range(2):
-            for body in told:
+            for body in listed:
                 own = self._ends[:, side] == body
                 nodes[place[body]].use(used[own, side], by_spheres[own])
         for one in nodes:
@@ -172,14 +172,16 @@ class _Writer:
             for row, (body, node) in enumerate(zip(self._ends[:, side].tolist(), used[:, side].tolist(), strict=True)):
                 at = place[body]
                 slab_nodes[row, side] = first[at] + nodes[at].order[node]
-        written = [_write_tree(one, self._frame(body)) for one, body in zip(nodes, told, strict=True)]
+        written = [_write_tree(one, self._frame(body)) for one, body in zip(nodes, listed, strict=True)]
         shapes = [shape for _, some, _, _ in written for shape in some]
         below = np.cumsum([0, *(len(some) for _, some, _, _ in written)])
         children = [np.where(rows >= 0, rows + begin, -1) for (rows, *_), begin in zip(written, first, strict=False)]
         of_shapes = [
             np.where(rows >= 0, rows + begin, -1) for (*_, rows, _), begin in zip(written, below, strict=False)
         ]
-        centres = [self._frame(body).act(self._centre(body)) - one[3] for body, one in zip(told, written, strict=True)]
+        centres = [
+            self._frame(body).act(self._centre(body)) - one[3] for body, one in zip(listed, written, strict=True)
+        ]
         judged = ~np.isnan(segments[:, 0])
         begins = np.cumsum([0, *(len(shape.corners) for shape in shapes)])
         made = Proof(
@@ -190,11 +192,11 @@ class _Writer:
             slab_axes=self._rows[:, ROW_AXIS:].astype(np.float32),
             joints=np.array(list(self._world.model.names)),
             views=self._views(place),
-            bodies=np.array([names[body] for body in told], str),
+            bodies=np.array([names[body] for body in listed], str),
             numbers=np.array(numbers, np.int32),
             origins=np.array([origin for *_, origin in written], float).reshape(-1, 3),
             centres=np.array(centres, float).reshape(-1, 3),
-            node_bodies=np.repeat(np.arange(len(told), dtype=np.int32), np.diff(first)),
+            node_bodies=np.repeat(np.arange(len(listed), dtype=np.int32), np.diff(first)),
             node_children=_rows(children, 2, np.int32),
             node_shapes=_rows(of_shapes, 2, np.int32),
             shape_begins=begins.astype(np.int32),
@@ -206,10 +208,10 @@ class _Writer:
 
     def _list_bodies(self) -> list[int]:
         """The robot's bodies, and obstacles that are in a slab or move."""
-        told = set(range(self._links)) | set(self._ends.ravel().tolist())
+        listed = set(range(self._links)) | set(self._ends.ravel().tolist())
         if self._in_time:
-            told |= {self._links + int(index) for index in movers(self._world.scene).indices}
-        return sorted(told)
+            listed |= {self._links + int(index) for index in movers(self._world.scene).indices}
+        return sorted(listed)
 
     def _tree(self, body: int) -> tuple[Parts, int, np.ndarray]:
         """The tables that a body is in, its root, and the anchor that they are seen from."""

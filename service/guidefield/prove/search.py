@@ -45,7 +45,7 @@ from guidefield.kernels.prove.questions import (
 from guidefield.kernels.prove.search import BEGINS, DEEPEST, ENDS, INTERVAL, LOG_ENDS, prove_along
 from guidefield.kernels.prove.tables import MovingRobot
 from guidefield.prove.closest import put_obstacle
-from guidefield.prove.curve import Curve
+from guidefield.prove.curve import Curve, find_pieces
 from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import ARITHMETIC, bezier_curve, index_of_pair, with_passing_speeds, world_tables
 from guidefield.prove.verdict import Reason, Verdict
@@ -62,6 +62,10 @@ EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION
 
 SEGMENTS_AT_ONCE = 2000
 """Number of segments after which the deadline is looked at: a few milliseconds."""
+
+LAST_SEGMENTS = 256
+"""Maximum number of segments that a verdict may need once time is up, for some milliseconds; a certificate alone takes
+a Baxter a hundred."""
 
 EVERY = 34
 """Own pairs are sampled at every so manieth sample, and at the last: with 8 a UR5, whose own pairs are near each other
@@ -84,7 +88,16 @@ _REASONS = {FREE: Reason.FREE, IN_CONTACT: Reason.CONTACT, TOO_CLOSE: Reason.TOO
 
 
 class ContradictionError(Exception):
-    """Two judges of the same motion contradict each other: an internal failure, never an answer."""
+    """Two judges of the same motion contradict each other: an internal failure, never an answer.
+
+    Attributes:
+        motion: The robot among obstacles, the motion, and the clearance that it is judged by [m]; None where it is kept
+            as a file already.
+    """
+
+    def __init__(self, said: str, motion: tuple[World, Curve, float] | None = None) -> None:
+        super().__init__(said)
+        self.motion = motion
 
 
 @dataclass(frozen=True)
@@ -233,7 +246,7 @@ class _Search:
         while True:
             is_late = self._deadline.expired()
             if is_late and self._goal.min_clearance is not None:
-                self._stop(waiting[:count])
+                self._end_verdict(waiting, count, has_begun=not len(looked))
             shortest = STOPPED * self._whole if is_late else 0.0
             count = prove_along(
                 self._moving, self._tolerance, looked, EVERY, SEGMENTS_AT_ONCE, longest, shortest, self._questions,
@@ -248,13 +261,22 @@ class _Search:
         own = answers.pop() if answers else Smallest()
         return Found(self._name_verdict(), answers, own, distances if len(samples) else distances[:0])
 
-    def _stop(self, waiting: np.ndarray) -> None:
-        """End the verdict where the first segment that waits begins."""
-        begin = float(waiting[:, BEGINS].min(initial=self._verdict[END]))
-        if len(waiting) and begin < self._verdict[END]:
+    def _end_verdict(self, waiting: np.ndarray, count: int, *, has_begun: bool) -> None:
+        """End the verdict where the first segment begins for which it isn't known.
+
+        A search that has begun may wait for distances alone, and what the verdict lacks is few segments then.
+        """
+        if has_begun and len(self._questions) and self._verdict[RESOLUTION] >= 0.0:
+            waiting, none = waiting.copy(), np.empty((0, ANSWER))
+            count = prove_along(
+                self._moving, self._tolerance, self._ends[:0], EVERY, LAST_SEGMENTS, self._whole, 0.0, none,
+                self._verdict, waiting, count, np.empty(0), *self._log,
+            )  # fmt: skip
+        begin = float(waiting[:count, BEGINS].min(initial=self._verdict[END]))
+        if count > 0 and begin < self._verdict[END]:
             self._stopped = True
             self._verdict[END] = begin
-            self._verdict[RESOLUTION] = -1.0
+        self._verdict[RESOLUTION] = -1.0
 
     _stopped = False
 
@@ -275,9 +297,8 @@ class _Search:
 
     def _find_piece(self, parameter: float) -> tuple[int, float]:
         """Index of a piece and the parameter on it."""
-        times = self._layout.times
-        piece = int(np.clip(np.searchsorted(times, parameter, side="right") - 1, 0, len(times) - 2))
-        return piece, float(np.clip((parameter - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0))
+        pieces, shares = find_pieces(self._layout.times, np.array([parameter]))
+        return int(pieces[0]), float(shares[0])
 
     def _name_verdict(self) -> Verdict:
         """The verdict in the words of the scene, confirmed by Coal."""
@@ -307,7 +328,8 @@ class _Search:
             names = self._world.pair_names(pair)
             raise ContradictionError(
                 f"the search has {names[0]} and {names[1]} within {1000 * kept:.6g} mm at"
-                f" {self._time_at(parameter):.6g} of the motion, and Coal hasn't"
+                f" {self._time_at(parameter):.6g} of the motion, and Coal hasn't",
+                (self._world, self._curve, float(self._verdict[MARGIN])),
             )
         return found if found is not Reason.UNDECIDED else reason
 

@@ -31,8 +31,8 @@ CANDIDATES = 12
 @uncounted
 def _place_configuration(moving: MovingRobot, q: Floats, time: float, search: Search) -> None:
     """Place the robot at a configuration of its model, shape (nq,), and obstacles that move at a time [s]."""
-    room = search.room
-    place_joints(moving.robot.joints, q, room.rotation, room.translation, search.place.poses)
+    scratch = search.scratch
+    place_joints(moving.robot.joints, q, scratch.rotation, scratch.translation, search.place.poses)
     place_centres(moving.robot, search.place)
     search.place.moment[NOW] = time
     search.place.moment[LOOK] += 1.0
@@ -51,7 +51,7 @@ def _find_closest(
         `pairs_out`, shape (CANDIDATES,), gets the pairs in ascending order and -1 behind them; where there are more, -2
         stands first.
     """
-    least, found, most, closest, own = search.told, np.inf, np.inf, first, moving.pairs.own.shape[0]
+    least, found, most, closest, own = search.latest, np.inf, np.inf, first, moving.pairs.own.shape[0]
     for pair in range(first, past):
         if pair >= own and is_left_out(moving.pairs, pair - own):
             least[pair, 0] = np.inf
@@ -65,7 +65,7 @@ def _find_closest(
         was_measured = index >= first and pair in (likely, closest)
         if pair < 0 or was_measured or least[pair, 0] >= most:
             continue
-        least[pair, 0] = pair_distance(moving, pair, search.place, most, search.ask)
+        least[pair, 0] = pair_distance(moving, pair, search.place, most, search.query)
         found = min(found, least[pair, 0])
         most = max(found, 0.0) + within
     count = 0
@@ -130,7 +130,7 @@ def first_contacts(moving: MovingRobot, configurations: Floats, touching: float,
             if least_distance(moving, pair, search.place) > touching:
                 continue
             # of what is farther `pair_distance` returns no less
-            if pair_distance(moving, pair, search.place, touching, search.ask) < touching and not (
+            if pair_distance(moving, pair, search.place, touching, search.query) < touching and not (
                 pair >= own and is_left_out(moving.pairs, pair - own)
             ):
                 pairs_out[i] = last = pair

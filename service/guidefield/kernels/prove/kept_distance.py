@@ -235,10 +235,10 @@ def write_closed(log: Floats, node_a: int, node_b: int, work: Floats) -> None:
     if count < int(log[LOG_CAPACITY]):
         row = LOG_ROWS + LOG_ROW * count
         x, y, z = axis_in(work)
-        told = 1.0 - log[LOG_SPHERES]
+        by_axis = 1.0 - log[LOG_SPHERES]
         log[row + ROW_SEGMENT], log[row + ROW_PAIR] = log[LOG_SEGMENT], log[LOG_PAIR]
         log[row + ROW_A], log[row + ROW_B] = node_a, node_b
-        log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = told * x, told * y, told * z
+        log[row + ROW_AXIS], log[row + ROW_AXIS + 1], log[row + ROW_AXIS + 2] = by_axis * x, by_axis * y, by_axis * z
 
 
 @lane_step(

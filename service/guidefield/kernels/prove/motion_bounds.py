@@ -28,7 +28,7 @@ from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.prove.bezier import bound_segment, time_at
 from guidefield.kernels.prove.kept_distance import FIRST_TURNS, FIRST_TWIST, SECOND_TURNS, SECOND_TWIST, TWISTS
 from guidefield.kernels.prove.pairs import first_body, obstacle_of
-from guidefield.kernels.prove.placement import NOW, TWIST, Place, Room, step_at
+from guidefield.kernels.prove.placement import NOW, TWIST, BodyPoses, PoseScratch, step_at
 from guidefield.kernels.prove.tables import MovingObstacles, MovingRobot, RobotBodies
 
 BEGINS, ENDS = 0, 1
@@ -39,15 +39,15 @@ BENT, TRAVEL, BOUNDS = TWISTS, TWISTS + 1, TWISTS + 2
 them, and of how far they move from where they are in the middle [m]; then how many there are."""
 
 
-class Ways(NamedTuple):
-    """How far a motion goes within a stretch; see this file.
+class MotionBounds(NamedTuple):
+    """How far a motion goes within a segment; see this file.
 
     Attributes:
         parts: Scratch, shape (2, MOST_ORDER, nv).
         farthest, aside: X and E of the group's coordinates, shape (nv,).
         squares: Scratch, shape (n,).
         moves, asides: X and E of the model's coordinates, shape (n,), each in the first of those that make one move.
-        sweeps: How far each joint moves a point at a distance of 1 from the middle of the stretch on, shape (n,).
+        sweeps: How far each joint moves a point at a distance of 1 from the middle of the segment on, shape (n,).
         rho: Scratch, shape (n,).
         known: Bounds of each body, of each own pair, and of a body and a moving obstacle, shape (r + own + 1, BOUNDS).
         asked: Number of the segment for which they are known, shape (r + own + 1,).
@@ -68,49 +68,56 @@ class Ways(NamedTuple):
 
 
 @uncounted
-def _spread(robot: RobotBodies, sizes: Floats, ways: Ways, out: Floats) -> None:
+def _spread(robot: RobotBodies, sizes: Floats, bounds: MotionBounds, out: Floats) -> None:
     """Sizes of the joints' moves of those of the group's coordinates, shape (nv,)."""
     n = robot.offset.shape[0]
     for i in range(n):
         total = 0.0
         for j in range(sizes.shape[0]):
             total += robot.half_widths[i, j] * sizes[j]
-        ways.squares[i] = total * total
+        bounds.squares[i] = total * total
     for i in range(n):
-        square = ways.squares[i]
+        square = bounds.squares[i]
         if robot.alone[i] == 0.0:
             square = 0.0
             for k in range(n):
-                square += robot.together[k, i] * ways.squares[k]
+                square += robot.together[k, i] * bounds.squares[k]
         out[i] = math.sqrt(square)
 
 
 @uncounted
-def find_moves(moving: MovingRobot, since: float, until: float, place: Place, room: Room, ways: Ways) -> float:
+def find_moves(
+    moving: MovingRobot,
+    since: float,
+    until: float,
+    place: BodyPoses,
+    scratch: PoseScratch,
+    bounds: MotionBounds,
+) -> float:
     """Bound the motion between two parameters about the last placement; return L.
 
     D of the model's coordinates is written to the scratch of that placement, as what changes.
     """
     robot, timed = moving.robot, moving.movers.begins.shape[0] > 1
     share = bound_segment(
-        moving.curve, since, until, place.moment[NOW], timed, room.z, room.weights, ways.parts, room.straight,
-        ways.farthest, ways.aside,
+        moving.curve, since, until, place.moment[NOW], timed, scratch.z, scratch.weights, bounds.parts,
+        scratch.straight, bounds.farthest, bounds.aside,
     )  # fmt: skip
-    ways.span[BEGINS], ways.span[ENDS] = time_at(moving.curve, since), time_at(moving.curve, until)
+    bounds.span[BEGINS], bounds.span[ENDS] = time_at(moving.curve, since), time_at(moving.curve, until)
     for i in range(robot.offset.shape[0]):
-        room.changes[i] = 0.0
-        for j in range(room.z.shape[0]):
-            room.changes[i] += robot.expand[i, j] * room.straight[j]
-    _spread(robot, ways.farthest, ways, ways.moves)
-    _spread(robot, ways.aside, ways, ways.asides)
+        scratch.changes[i] = 0.0
+        for j in range(scratch.z.shape[0]):
+            scratch.changes[i] += robot.expand[i, j] * scratch.straight[j]
+    _spread(robot, bounds.farthest, bounds, bounds.moves)
+    _spread(robot, bounds.aside, bounds, bounds.asides)
     for i in range(robot.offset.shape[0]):
-        move = ways.moves[i]
-        ways.sweeps[i] = 2.0 * math.sin(0.5 * min(move, math.pi)) if robot.turns[i] != 0.0 else move
+        move = bounds.moves[i]
+        bounds.sweeps[i] = 2.0 * math.sin(0.5 * min(move, math.pi)) if robot.turns[i] != 0.0 else move
     return share
 
 
 @uncounted
-def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: Place, ways: Ways) -> float:
+def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: BodyPoses, bounds: MotionBounds) -> float:
     """Write how far a body is from the axes of some coordinates at the place; how far they sweep it, together [m].
 
     See `MotionBound.reach`. Coordinates of one joint stand together.
@@ -119,17 +126,17 @@ def _reach(robot: RobotBodies, b: int, by: Integers, count: int, place: Place, w
     for k in range(count):
         S = place.subspaces[by[k]]
         vx, vy, vz = S[0] + S[4] * z - S[5] * y, S[1] + S[5] * x - S[3] * z, S[2] + S[3] * y - S[4] * x
-        ways.squares[by[k]] = vx * vx + vy * vy + vz * vz
+        bounds.squares[by[k]] = vx * vx + vy * vy + vz * vz
     swept = 0.0
     for k in range(count):
         i = by[k]
-        square = ways.squares[i]
+        square = bounds.squares[i]
         if robot.alone[i] == 0.0:
             square = 0.0
             for other in range(count):
-                square += robot.centred[by[other], i] * ways.squares[by[other]]
-        ways.rho[i] = math.sqrt(square) + robot.turns[i] * robot.radii[b]
-        swept += ways.rho[i] * ways.sweeps[i]
+                square += robot.centred[by[other], i] * bounds.squares[by[other]]
+        bounds.rho[i] = math.sqrt(square) + robot.turns[i] * robot.radii[b]
+        swept += bounds.rho[i] * bounds.sweeps[i]
     return swept
 
 
@@ -139,8 +146,8 @@ def _of_body(
     b: int,
     by: Integers,
     share: float,
-    place: Place,
-    ways: Ways,
+    place: BodyPoses,
+    bounds: MotionBounds,
     known: Floats,
     twist: int,
     turns: int,
@@ -153,17 +160,17 @@ def _of_body(
     count = 0
     while count < by.shape[0] and by[count] >= 0:
         count += 1
-    swept = _reach(robot, b, by, count, place, ways)
+    swept = _reach(robot, b, by, count, place, bounds)
     before, travel, bent = 0.0, 0.0, 0.0
     for k in range(TWIST):
         known[twist + k] = 0.0
     for k in range(count):
         i = by[k]
-        turning, move = robot.turns[i], ways.moves[i]
+        turning, move = robot.turns[i], bounds.moves[i]
         # whatever is between is no farther from the middle than what is swept
-        rho = ways.rho[i] + swept * turning
+        rho = bounds.rho[i] + swept * turning
         travel += rho * move
-        bent += ways.rho[i] * ways.asides[i] + rho * move * (before + 0.5 * robot.doubled[i] * move)
+        bent += bounds.rho[i] * bounds.asides[i] + rho * move * (before + 0.5 * robot.doubled[i] * move)
         before += move * turning
         way = robot.moves[b, i]
         for j in range(TWIST):
@@ -178,23 +185,25 @@ def _of_body(
 
 
 @uncounted
-def bound_body(robot: RobotBodies, body: int, stretch: int, share: float, place: Place, ways: Ways) -> int:
-    """Bound the motion of a body about a placement, as the world sees it; return its row of `ways.known`.
+def bound_body(
+    robot: RobotBodies, body: int, segment: int, share: float, place: BodyPoses, bounds: MotionBounds
+) -> int:
+    """Bound the motion of a body about a placement, as the world sees it; return its row of `bounds.known`.
 
     Args:
         robot: The robot.
         body: Which of its bodies.
-        stretch: Number of the segment, another one for each.
+        segment: Number of the segment, another one for each.
         share: L of it.
         place: The robot in its middle.
-        ways: Bounds of the coordinates in it.
+        bounds: Bounds of the coordinates in it.
     """
-    if ways.asked[body] != stretch:
-        known = ways.known[body]
+    if bounds.asked[body] != segment:
+        known = bounds.known[body]
         for k in range(BOUNDS):
             known[k] = 0.0
-        _of_body(robot, body, robot.moved_by[body], share, place, ways, known, FIRST_TWIST, FIRST_TURNS)
-        ways.asked[body] = stretch
+        _of_body(robot, body, robot.moved_by[body], share, place, bounds, known, FIRST_TWIST, FIRST_TURNS)
+        bounds.asked[body] = segment
     return body
 
 
@@ -211,21 +220,23 @@ def mover_travel(movers: MovingObstacles, mover: int, begin: float, end: float) 
 
 
 @uncounted
-def mover_reach(movers: MovingObstacles, mover: int, place: Place, ways: Ways) -> float:
+def mover_reach(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: MotionBounds) -> float:
     """Return how far points of a moving obstacle get in the segment from where they are at the placement [m]."""
     now = place.moment[NOW]
-    return max(mover_travel(movers, mover, ways.span[BEGINS], now), mover_travel(movers, mover, now, ways.span[ENDS]))
+    return max(
+        mover_travel(movers, mover, bounds.span[BEGINS], now), mover_travel(movers, mover, now, bounds.span[ENDS])
+    )
 
 
 @uncounted
-def _bound_mover(movers: MovingObstacles, mover: int, place: Place, ways: Ways, bound: Floats) -> None:
+def _bound_mover(movers: MovingObstacles, mover: int, place: BodyPoses, bounds: MotionBounds, bound: Floats) -> None:
     """Add the bounds of a moving obstacle in the segment to those of a body; write its twist.
 
     On a screw a point is accelerated by at most its speed times the rate at which it turns. Where the obstacle goes
     from one screw to the next, and of one without an end, the travel alone is known.
     """
-    begin, end, now = ways.span[BEGINS], ways.span[ENDS], place.moment[NOW]
-    travel = mover_reach(movers, mover, place, ways)
+    begin, end, now = bounds.span[BEGINS], bounds.span[ENDS], place.moment[NOW]
+    travel = mover_reach(movers, mover, place, bounds)
     bound[TRAVEL] += travel
     for k in range(TWIST):
         bound[SECOND_TWIST + k] = 0.0
@@ -252,29 +263,31 @@ def _bound_mover(movers: MovingObstacles, mover: int, place: Place, ways: Ways, 
 
 
 @uncounted
-def bound_pair(moving: MovingRobot, pair: int, stretch: int, share: float, place: Place, ways: Ways) -> int:
-    """Bound the motion of both bodies of a pair about a placement; return its row of `ways.known`.
+def bound_pair(
+    moving: MovingRobot, pair: int, segment: int, share: float, place: BodyPoses, bounds: MotionBounds
+) -> int:
+    """Bound the motion of both bodies of a pair about a placement; return its row of `bounds.known`.
 
     Arguments are as of `bound_body`. The row of a pair with a moving obstacle is overwritten by the next one.
     """
     robot, pairs, obstacles = moving.robot, moving.pairs, moving.obstacles
     own = pairs.own.shape[0]
     if pair >= own:
-        first = bound_body(robot, first_body(pairs, obstacles, pair), stretch, share, place, ways)
+        first = bound_body(robot, first_body(pairs, obstacles, pair), segment, share, place, bounds)
         mover = obstacles.movers[obstacle_of(pairs, obstacles, pair)]
         if mover < 0:
             return int(first)
-        both = ways.known.shape[0] - 1
+        both = bounds.known.shape[0] - 1
         for k in range(BOUNDS):
-            ways.known[both, k] = ways.known[first, k]
-        _bound_mover(moving.movers, mover, place, ways, ways.known[both])
+            bounds.known[both, k] = bounds.known[first, k]
+        _bound_mover(moving.movers, mover, place, bounds, bounds.known[both])
         return int(both)
     row = robot.carriers.shape[0] + pair
-    if ways.asked[row] != stretch:
-        bound, a, b = ways.known[row], pairs.own[pair, 0], pairs.own[pair, 1]
+    if bounds.asked[row] != segment:
+        bound, a, b = bounds.known[row], pairs.own[pair, 0], pairs.own[pair, 1]
         for k in range(BOUNDS):
             bound[k] = 0.0
-        _of_body(robot, a, pairs.first_by[pair], share, place, ways, bound, FIRST_TWIST, FIRST_TURNS)
-        _of_body(robot, b, pairs.second_by[pair], share, place, ways, bound, SECOND_TWIST, SECOND_TURNS)
-        ways.asked[row] = stretch
+        _of_body(robot, a, pairs.first_by[pair], share, place, bounds, bound, FIRST_TWIST, FIRST_TURNS)
+        _of_body(robot, b, pairs.second_by[pair], share, place, bounds, bound, SECOND_TWIST, SECOND_TURNS)
+        bounds.asked[row] = segment
     return int(row)

@@ -8,7 +8,7 @@ from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.prove.pair_distance import squared_gap
 from guidefield.kernels.prove.pairs import is_left_out
-from guidefield.kernels.prove.placement import Place
+from guidefield.kernels.prove.placement import BodyPoses
 from guidefield.kernels.prove.questions import AT_REST, IN_MOTION, is_judged
 from guidefield.kernels.prove.tables import MovingRobot
 
@@ -26,10 +26,10 @@ def _add(
     row: int,
     o: int,
     reach: float,
-    place: Place,
+    place: BodyPoses,
     pairs_out: Integers,
     start: int,
-    room: int,
+    capacity: int,
     count: int,
 ) -> int:
     """Add the pair of a moving body, by its row, and an obstacle if it may be within reach; return the new count."""
@@ -37,7 +37,7 @@ def _add(
     pair = moving.pairs.own.shape[0] + mixed
     if squared_gap(moving, pair, place) > reach * reach or is_left_out(moving.pairs, mixed):
         return count
-    if count < room:
+    if count < capacity:
         pairs_out[start + count] = pair
     return count + 1
 
@@ -49,11 +49,11 @@ def list_near(
     row: int,
     reach: float,
     mover_reach: Floats,
-    place: Place,
+    place: BodyPoses,
     stack: Integers,
     pairs_out: Integers,
     start: int,
-    room: int,
+    capacity: int,
     count: int,
 ) -> int:
     """List the obstacles within reach of the centre of a body's bounding sphere.
@@ -68,11 +68,11 @@ def list_near(
         stack: Scratch, shape (TREE_STACK, 2).
         pairs_out: Gets the pairs, shape (n,).
         start: Begin of the pairs in it.
-        room: Maximum number of them.
+        capacity: Maximum number of them.
         count: Number of pairs that it has.
 
     Returns:
-        The new count; pairs beyond the room are counted only.
+        The new count; pairs beyond the capacity are counted only.
     """
     obstacles = moving.obstacles
     resting, in_motion = is_judged(verdict, AT_REST), is_judged(verdict, IN_MOTION)
@@ -88,7 +88,7 @@ def list_near(
                 place,
                 pairs_out,
                 start,
-                room,
+                capacity,
                 count,
             )
     if not resting:
@@ -116,7 +116,7 @@ def list_near(
         ):
             continue
         if level == 0:
-            count = _add(moving, row, obstacles.order[k], reach, place, pairs_out, start, room, count)
+            count = _add(moving, row, obstacles.order[k], reach, place, pairs_out, start, capacity, count)
             continue
         below = levels[level] - levels[level - 1]
         for child in range(obstacles.children * k, min(obstacles.children * (k + 1), below)):
@@ -126,7 +126,7 @@ def list_near(
 
 
 @uncounted
-def nearest_within(moving: MovingRobot, pairs: Integers, count: int, place: Place, gaps_out: Floats) -> int:
+def nearest_within(moving: MovingRobot, pairs: Integers, count: int, place: BodyPoses, gaps_out: Floats) -> int:
     """Write the distance of each of some pairs by spheres and boxes; return the index of the smallest, -1 without one.
 
     Args:

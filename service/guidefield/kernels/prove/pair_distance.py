@@ -13,7 +13,7 @@ from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.prove.body_distance import bodies_distance
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
 from guidefield.kernels.prove.pairs import first_body, obstacle_of
-from guidefield.kernels.prove.placement import Place, place_mover, seen_by_mover
+from guidefield.kernels.prove.placement import BodyPoses, place_mover, seen_by_mover
 from guidefield.kernels.prove.tables import MovingRobot, RobotBodies
 from guidefield.kernels.simd.packing import pointers
 
@@ -24,7 +24,7 @@ FIRST, SECOND, AT_REST, POSES = range(4)
 """Rows of poses: of a robot body, of the other body, and the identity for what rests; then their number."""
 
 
-class Ask(NamedTuple):
+class DistanceQuery(NamedTuple):
     """Scratch of distance queries.
 
     Attributes:
@@ -41,17 +41,17 @@ class Ask(NamedTuple):
 
 
 @counted
-def new_ask(moving: MovingRobot, log: Floats) -> Ask:
+def new_query(moving: MovingRobot, log: Floats) -> DistanceQuery:
     """Return scratch in which nothing is remembered, with a log of shape (n,)."""
     poses = np.zeros((POSES, 12))
     for k in (0, 5, 10):
         poses[AT_REST, k] = 1.0
     pairs = moving.pairs.own.shape[0] + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
-    return Ask(np.zeros((pairs, LAST)), poses, np.zeros(WORK), log)
+    return DistanceQuery(np.zeros((pairs, LAST)), poses, np.zeros(WORK), log)
 
 
 @uncounted
-def squared_gap(moving: MovingRobot, pair: int, place: Place) -> float:
+def squared_gap(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
     """Return the squared distance from the centre of a pair's first sphere to that of the second, or to a box [m^2]."""
     obstacles, pairs = moving.obstacles, moving.pairs
     if pair < pairs.own.shape[0]:
@@ -74,7 +74,7 @@ def squared_gap(moving: MovingRobot, pair: int, place: Place) -> float:
 
 
 @uncounted
-def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
+def least_distance(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
     """Return a lower bound of a pair's distance at a placement, by spheres and boxes [m]."""
     radii, pairs = moving.robot.radii, moving.pairs
     radius = radii[first_body(pairs, moving.obstacles, pair)]
@@ -84,7 +84,7 @@ def least_distance(moving: MovingRobot, pair: int, place: Place) -> float:
 
 
 @uncounted
-def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask: Ask) -> float:
+def pair_distance(moving: MovingRobot, pair: int, place: BodyPoses, most: float, query: DistanceQuery) -> float:
     """Return the distance of a pair at a placement.
 
     Args:
@@ -92,26 +92,33 @@ def pair_distance(moving: MovingRobot, pair: int, place: Place, most: float, ask
         pair: Which of them.
         place: The placement.
         most: If they are farther apart than this, some lower bound that is no less than it is enough [m].
-        ask: Scratch; the search begins with what is remembered in it.
+        query: Scratch; the search begins with what is remembered in it.
 
     Returns:
         See `bodies_distance` [m].
     """
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
-    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, ask)
-    own, pose_a, pose_b = pointers(robot.parts), pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND])
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, query)
+    own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
     if pair < pairs.own.shape[0]:
         found = bodies_distance(own, root, pose_a, own, robot.roots[pairs.own[pair, 1]], pose_b, most, scratch)
     else:
         other, scene = obstacles.roots[obstacle_of(pairs, obstacles, pair)], pointers(obstacles.parts)
         found = bodies_distance(own, root, pose_a, scene, other, pose_b, most, scratch)
-    _remember(pair, ask)
+    _remember(pair, query)
     return float(found)
 
 
 @uncounted
 def pair_keeps(
-    moving: MovingRobot, pair: int, place: Place, known: Floats, share: float, asked: float, bent: float, ask: Ask
+    moving: MovingRobot,
+    pair: int,
+    place: BodyPoses,
+    known: Floats,
+    share: float,
+    asked: float,
+    bent: float,
+    query: DistanceQuery,
 ) -> float:
     """Return infinity if a pair keeps a distance about a placement while its bodies move straight along their twists.
 
@@ -123,15 +130,15 @@ def pair_keeps(
         share: The largest share of these, there and back.
         asked: The distance, above 0 [m]; how far points may be from where the twists bring them is added to it.
         bent: How much of it that is [m].
-        ask: Scratch; the search begins with what is remembered in it.
+        query: Scratch; the search begins with what is remembered in it.
 
     Returns:
         See `bodies_keep`.
     """
     robot, obstacles, pairs = moving.robot, moving.obstacles, moving.pairs
-    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, ask)
-    own, pose_a, pose_b = pointers(robot.parts), pointers(ask.poses[FIRST]), pointers(ask.poses[SECOND])
-    twists, log, begun = pointers(known), pointers(ask.log), ask.log[LOG_COUNT]
+    root, scratch = robot.roots[first_body(pairs, obstacles, pair)], _begun(moving, pair, place, query)
+    own, pose_a, pose_b = pointers(robot.parts), pointers(query.poses[FIRST]), pointers(query.poses[SECOND])
+    twists, log, begun = pointers(known), pointers(query.log), query.log[LOG_COUNT]
     log[LOG_PAIR] = float(pair)
     if pair < pairs.own.shape[0]:
         other = robot.roots[pairs.own[pair, 1]]
@@ -141,36 +148,36 @@ def pair_keeps(
         found = bodies_keep(own, root, pose_a, scene, other, pose_b, twists, share, asked, bent, scratch, log)
     if found < np.inf:  # what is told of some of its nodes counts no longer
         log[LOG_COUNT] = begun
-    _remember(pair, ask)
+    _remember(pair, query)
     return float(found)
 
 
 @uncounted
-def _begun(moving: MovingRobot, pair: int, place: Place, ask: Ask) -> Floats:
+def _begun(moving: MovingRobot, pair: int, place: BodyPoses, query: DistanceQuery) -> Floats:
     """Return the scratch of GJK with what is remembered of a pair, whose bodies are placed."""
-    robot, pairs, last = moving.robot, moving.pairs, ask.last[pair]
-    scratch: Floats = pointers(ask.work)
+    robot, pairs, last = moving.robot, moving.pairs, query.last[pair]
+    scratch: Floats = pointers(query.work)
     write_axis(scratch, last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2])
     scratch[LEAF_A], scratch[LEAF_B] = last[LAST_A], last[LAST_B]
-    _write_pose(robot, robot.carriers[first_body(pairs, moving.obstacles, pair)], place, ask.poses[FIRST])
+    _write_pose(robot, robot.carriers[first_body(pairs, moving.obstacles, pair)], place, query.poses[FIRST])
     if pair < pairs.own.shape[0]:
-        _write_pose(robot, robot.carriers[pairs.own[pair, 1]], place, ask.poses[SECOND])
+        _write_pose(robot, robot.carriers[pairs.own[pair, 1]], place, query.poses[SECOND])
         return scratch
     mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
-    source = ask.poses[AT_REST]
+    source = query.poses[AT_REST]
     if mover >= 0:
         place_mover(moving.movers, mover, place)
         if moving.movers.endless[mover] == 1:  # its plane is known where it is at first: the body is brought there
-            _bring_back(place.mover_poses[mover], ask.poses[FIRST])
+            _bring_back(place.mover_poses[mover], query.poses[FIRST])
         else:
             source = place.mover_poses[mover]
     anchor = moving.obstacles.anchor
     for row in range(3):
         moved = source[4 * row + 3]
         for k in range(3):
-            ask.poses[SECOND, 4 * row + k] = source[4 * row + k]
+            query.poses[SECOND, 4 * row + k] = source[4 * row + k]
             moved += source[4 * row + k] * anchor[k]
-        ask.poses[SECOND, 4 * row + 3] = moved
+        query.poses[SECOND, 4 * row + 3] = moved
     return scratch
 
 
@@ -186,15 +193,15 @@ def _bring_back(mover: Floats, pose: Floats) -> None:
 
 
 @uncounted
-def _remember(pair: int, ask: Ask) -> None:
+def _remember(pair: int, query: DistanceQuery) -> None:
     """Remember where a pair's next search begins."""
-    last, scratch = ask.last[pair], pointers(ask.work)
+    last, scratch = query.last[pair], pointers(query.work)
     last[LAST_AXIS], last[LAST_AXIS + 1], last[LAST_AXIS + 2] = axis_in(scratch)
     last[LAST_A], last[LAST_B] = scratch[LEAF_A], scratch[LEAF_B]
 
 
 @uncounted
-def _write_pose(robot: RobotBodies, joint: int, place: Place, pose_out: Floats) -> None:
+def _write_pose(robot: RobotBodies, joint: int, place: BodyPoses, pose_out: Floats) -> None:
     """Write the pose of the parts that a joint carries, row by row, shape (12,)."""
     for r in range(3):
         for c in range(4):

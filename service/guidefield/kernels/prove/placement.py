@@ -24,7 +24,7 @@ NOW, LOOK, MOMENT = range(3)
 """Numbers of a moment: the time [s] and the number of the placement; then how many there are."""
 
 
-class Place(NamedTuple):
+class BodyPoses(NamedTuple):
     """A robot at a parameter, and obstacles that move then; overwritten by the next placement.
 
     Attributes:
@@ -46,7 +46,7 @@ class Place(NamedTuple):
     mover_looks: Floats
 
 
-class Room(NamedTuple):
+class PoseScratch(NamedTuple):
     """Scratch of `place_at`.
 
     Attributes:
@@ -68,23 +68,25 @@ class Room(NamedTuple):
 
 
 @uncounted
-def place_at(moving: MovingRobot, at: float, place: Place, room: Room) -> None:
+def place_at(moving: MovingRobot, at: float, place: BodyPoses, scratch: PoseScratch) -> None:
     """Place the robot at a parameter of its motion.
 
     Args:
         moving: The robot and its motion.
         at: The parameter.
         place: Poses and centres are written to it.
-        room: Scratch.
+        scratch: Its scratch.
     """
     robot = moving.robot
-    write_point(moving.curve, at, room.weights, room.z)
+    write_point(moving.curve, at, scratch.weights, scratch.z)
     for i in range(robot.offset.shape[0]):
         value = robot.offset[i]
-        for j in range(room.z.shape[0]):
-            value += robot.expand[i, j] * room.z[j]
-        room.values[i] = value
-    place_by_chart(robot.joints, room.values, robot.origin, room.q, room.rotation, room.translation, place.poses)
+        for j in range(scratch.z.shape[0]):
+            value += robot.expand[i, j] * scratch.z[j]
+        scratch.values[i] = value
+    place_by_chart(
+        robot.joints, scratch.values, robot.origin, scratch.q, scratch.rotation, scratch.translation, place.poses
+    )
     place_centres(robot, place)
     place.moment[NOW] = time_at(moving.curve, at)
     place.moment[LOOK] += 1.0
@@ -104,7 +106,7 @@ def step_at(movers: MovingObstacles, mover: int, time: float) -> int:
 
 
 @uncounted
-def place_mover(movers: MovingObstacles, mover: int, place: Place) -> None:
+def place_mover(movers: MovingObstacles, mover: int, place: BodyPoses) -> None:
     """Place a moving obstacle at the moment of a placement, once: exp((t - t_k) twist_k) times its pose at step k."""
     if place.mover_looks[mover] == place.moment[LOOK]:
         return
@@ -151,7 +153,7 @@ def seen_by_mover(pose: Floats, x: float, y: float, z: float) -> Vector3:
 
 
 @uncounted
-def place_centres(robot: RobotBodies, place: Place) -> None:
+def place_centres(robot: RobotBodies, place: BodyPoses) -> None:
     """Write the centres of the balls about the robot's bodies, whose joints are placed."""
     for b in range(robot.carriers.shape[0]):
         pose = place.poses[robot.carriers[b]]
@@ -160,14 +162,14 @@ def place_centres(robot: RobotBodies, place: Place) -> None:
 
 
 @uncounted
-def find_twists(moving: MovingRobot, place: Place, room: Room) -> None:
+def find_twists(moving: MovingRobot, place: BodyPoses, scratch: PoseScratch) -> None:
     """Write the motion by each coordinate where the robot was placed last, with that scratch, as they change by it."""
     joints = moving.robot.joints
     place_subspaces(joints, place.poses, place.subspaces)
-    for i in range(room.changes.shape[0]):
+    for i in range(scratch.changes.shape[0]):
         for k in range(TWIST):
             place.twists[i, k] = place.subspaces[i, k]
-    subspaces_by_chart(joints, room.values, room.q, place.twists)
-    for i in range(room.changes.shape[0]):
+    subspaces_by_chart(joints, scratch.values, scratch.q, place.twists)
+    for i in range(scratch.changes.shape[0]):
         for k in range(TWIST):
-            place.twists[i, k] *= room.changes[i]
+            place.twists[i, k] *= scratch.changes[i]

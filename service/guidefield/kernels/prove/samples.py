@@ -9,11 +9,11 @@ import numpy as np
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.prove.bezier import MOST_ORDER
-from guidefield.kernels.prove.motion_bounds import BOUNDS, Ways
+from guidefield.kernels.prove.motion_bounds import BOUNDS, MotionBounds
 from guidefield.kernels.prove.near import TREE_STACK, list_near, nearest_within
-from guidefield.kernels.prove.pair_distance import Ask, least_distance, new_ask, pair_distance
+from guidefield.kernels.prove.pair_distance import DistanceQuery, least_distance, new_query, pair_distance
 from guidefield.kernels.prove.pairs import is_own
-from guidefield.kernels.prove.placement import MOMENT, TWIST, Place, Room, place_at
+from guidefield.kernels.prove.placement import MOMENT, TWIST, BodyPoses, PoseScratch, place_at
 from guidefield.kernels.prove.questions import (
     DISTANCE,
     OWN,
@@ -52,20 +52,20 @@ class Search(NamedTuple):
     """The state of a search.
 
     Attributes:
-        place, room, ways: The robot at a parameter, scratch, and bounds of its motion about it.
-        ask: Scratch of distance queries.
-        told: The last distance of each pair and its parameter, shape (m, 2) [m].
+        place, scratch, bounds: The robot at a parameter, scratch, and bounds of its motion about it.
+        query: Scratch of distance queries.
+        latest: The last distance of each pair and its parameter, shape (m, 2) [m].
         mover_reach: Travel of each moving obstacle in the segment, shape (v,) [m].
         stack: Of boxes, shape (TREE_STACK, 2).
         near: Pairs near a placement, shape (LIST,).
         gaps: Distances of these by spheres and boxes, shape (LIST,) [m].
     """
 
-    place: Place
-    room: Room
-    ways: Ways
-    ask: Ask
-    told: Floats
+    place: BodyPoses
+    scratch: PoseScratch
+    bounds: MotionBounds
+    query: DistanceQuery
+    latest: Floats
     mover_reach: Floats
     stack: Integers
     near: Integers
@@ -73,10 +73,10 @@ class Search(NamedTuple):
 
 
 @counted
-def _place(moving: MovingRobot) -> Place:
+def _body_poses(moving: MovingRobot) -> BodyPoses:
     robot, movers = moving.robot, moving.movers.begins.shape[0] - 1
     n = robot.offset.shape[0]
-    return Place(
+    return BodyPoses(
         np.empty((robot.joints.parents.shape[0], 3, 4)),
         np.empty((robot.carriers.shape[0], 3)),
         np.empty((n, TWIST)),
@@ -88,9 +88,9 @@ def _place(moving: MovingRobot) -> Place:
 
 
 @counted
-def _room(robot: RobotBodies) -> Room:
+def _scratch(robot: RobotBodies) -> PoseScratch:
     n, nv = robot.offset.shape[0], robot.expand.shape[1]
-    return Room(
+    return PoseScratch(
         np.empty(MOST_ORDER),
         np.empty(nv),
         np.empty(nv),
@@ -103,9 +103,9 @@ def _room(robot: RobotBodies) -> Room:
 
 
 @counted
-def _ways(robot: RobotBodies, pairs: BodyPairs) -> Ways:
+def _motion_bounds(robot: RobotBodies, pairs: BodyPairs) -> MotionBounds:
     n, nv, rows = robot.offset.shape[0], robot.expand.shape[1], robot.carriers.shape[0] + pairs.own.shape[0] + 1
-    return Ways(
+    return MotionBounds(
         np.empty((2, MOST_ORDER, nv)),
         np.empty(nv),
         np.empty(nv),
@@ -126,10 +126,10 @@ def new_search(moving: MovingRobot, log: Floats) -> Search:
     robot, pairs = moving.robot, moving.pairs
     count = pairs.own.shape[0] + pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
     return Search(
-        _place(moving),
-        _room(robot),
-        _ways(robot, pairs),
-        new_ask(moving, log),
+        _body_poses(moving),
+        _scratch(robot),
+        _motion_bounds(robot, pairs),
+        new_query(moving, log),
         np.zeros((count, 2)),
         np.zeros(moving.movers.begins.shape[0] - 1),
         np.empty((TREE_STACK, 2), np.int64),
@@ -165,7 +165,7 @@ def _find_nearest(moving: MovingRobot, search: Search, count: int, found: float,
         if search.gaps[at] >= found:
             continue
         search.gaps[at] = np.inf
-        apart = pair_distance(moving, search.near[at], search.place, found, search.ask)
+        apart = pair_distance(moving, search.near[at], search.place, found, search.query)
         if apart < found:
             found, nearest = apart, search.near[at]
     return found, nearest
@@ -180,7 +180,7 @@ def nearest_obstacle(moving: MovingRobot, search: Search, verdict: Floats, likel
     search.mover_reach[:] = 0.0
     found, nearest, reach = np.inf, -1, FIRST_REACH
     if likely >= 0:
-        found, nearest = pair_distance(moving, likely, search.place, np.inf, search.ask), likely
+        found, nearest = pair_distance(moving, likely, search.place, np.inf, search.query), likely
     elif moving.obstacles.roots.shape[0] <= ALL_AT_ONCE:
         reach = np.inf
     while found == np.inf and reach < np.inf:
@@ -212,7 +212,7 @@ def nearest_own(moving: MovingRobot, search: Search, likely: int) -> tuple[float
             continue
         if fits:
             gaps[pair] = np.inf
-        apart = pair_distance(moving, pair, search.place, found, search.ask)
+        apart = pair_distance(moving, pair, search.place, found, search.query)
         if apart < found:
             found, nearest = apart, pair
     return found, nearest
@@ -247,7 +247,7 @@ def sample_motion(
     count, nearest, own_nearest = parameters.shape[0], -1, -1
     has_own = is_judged(verdict, OWN_PAIRS) and moving.pairs.own.shape[0] > 0
     for p in range(count):
-        place_at(moving, parameters[p], search.place, search.room)
+        place_at(moving, parameters[p], search.place, search.scratch)
         distances_out[p], nearest = _sample(moving, search, 0, parameters[p], nearest, questions, verdict)
         if has_own and (p % every == 0 or p == count - 1):
             _, own_nearest = _sample(moving, search, 1, parameters[p], own_nearest, questions, verdict)
@@ -255,7 +255,7 @@ def sample_motion(
         for side in range(2 if nearest >= 0 and questions[q, OWN] == 0.0 else 0):
             at = questions[q, SINCE if side == 0 else UNTIL]
             if parameters[0] < at < parameters[count - 1]:
-                place_at(moving, at, search.place, search.room)
+                place_at(moving, at, search.place, search.scratch)
                 _, nearest = _sample(moving, search, 0, at, nearest, questions, verdict)
 
 
@@ -271,9 +271,9 @@ def sample_about(moving: MovingRobot, search: Search, stride: float, questions: 
                 at = about - step if side == 0 else about + step
                 own = is_own(moving.pairs, pair)
                 if is_about(questions, q, own, at):
-                    place_at(moving, at, search.place, search.room)
+                    place_at(moving, at, search.place, search.scratch)
                     most = questions[q, DISTANCE]
-                    found = pair_distance(moving, pair, search.place, most, search.ask)
+                    found = pair_distance(moving, pair, search.place, most, search.query)
                     if found < most:
                         keep(questions, own, at, found, pair)
                         refuse(verdict, own, at, found, pair)

@@ -106,7 +106,7 @@ def _list_pairs(
     moving: MovingRobot,
     search: Search,
     left: _Left,
-    stretch: int,
+    segment: int,
     share: float,
     start: int,
     of_own: float,
@@ -119,49 +119,49 @@ def _list_pairs(
         moving: The robot, all its pairs and its motion.
         search: With the robot in the segment's middle, and bounds of its motion.
         left: Gets them, from `start` on.
-        stretch: Number of the segment.
+        segment: Number of the segment.
         share: L of it.
         start: Begin of the pairs.
         of_own: What own pairs have to keep [m]; minus infinity where nothing.
         asked: What others have to keep [m].
         verdict: Shape (VERDICT,).
     """
-    robot, pairs, movers, ways = moving.robot, moving.pairs, moving.movers, search.ways
-    count, room = 0, min(LIST, left.pairs.shape[0] - start)
+    robot, pairs, movers, bounds = moving.robot, moving.pairs, moving.movers, search.bounds
+    count, capacity = 0, min(LIST, left.pairs.shape[0] - start)
     if of_own > -np.inf and is_judged(verdict, OWN_PAIRS):
         for pair in range(pairs.own.shape[0]):
-            if not _are_far(moving, search, pair, stretch, share, of_own + verdict[ERROR]):
-                if count < room:
+            if not _are_far(moving, search, pair, segment, share, of_own + verdict[ERROR]):
+                if count < capacity:
                     left.pairs[start + count] = pair
                 count += 1
     if asked > -np.inf:
         for mover in range(movers.begins.shape[0] - 1):
-            search.mover_reach[mover] = mover_reach(movers, mover, search.place, ways)
+            search.mover_reach[mover] = mover_reach(movers, mover, search.place, bounds)
         for row in range(pairs.moving.shape[0]):
             b = pairs.moving[row]
-            travel = ways.known[bound_body(robot, b, stretch, share, search.place, ways), TRAVEL]
+            travel = bounds.known[bound_body(robot, b, segment, share, search.place, bounds), TRAVEL]
             reach = asked + verdict[ERROR] + robot.radii[b] + travel
-            if count <= room:
+            if count <= capacity:
                 count = list_near(
                     moving, verdict, row, reach, search.mover_reach, search.place, search.stack,
-                    left.pairs, start, room, count,
+                    left.pairs, start, capacity, count,
                 )  # fmt: skip
-    return count if count <= room else -1
+    return count if count <= capacity else -1
 
 
 @uncounted
-def _are_far(moving: MovingRobot, search: Search, pair: int, stretch: int, share: float, asked: float) -> bool:
+def _are_far(moving: MovingRobot, search: Search, pair: int, segment: int, share: float, asked: float) -> bool:
     """Return whether a pair keeps a distance by its spheres, or sphere and box, each seen from the world."""
-    place, ways, robot, pairs = search.place, search.ways, moving.robot, moving.pairs
+    place, bounds, robot, pairs = search.place, search.bounds, moving.robot, moving.pairs
     a = first_body(pairs, moving.obstacles, pair)
-    reach = asked + robot.radii[a] + ways.known[bound_body(robot, a, stretch, share, place, ways), TRAVEL]
+    reach = asked + robot.radii[a] + bounds.known[bound_body(robot, a, segment, share, place, bounds), TRAVEL]
     if is_own(pairs, pair) == 1:
         b = pairs.own[pair, 1]
-        reach += robot.radii[b] + ways.known[bound_body(robot, b, stretch, share, place, ways), TRAVEL]
+        reach += robot.radii[b] + bounds.known[bound_body(robot, b, segment, share, place, bounds), TRAVEL]
     else:
         mover = moving.obstacles.movers[obstacle_of(pairs, moving.obstacles, pair)]
         if mover >= 0:
-            reach += mover_reach(moving.movers, mover, place, ways)
+            reach += mover_reach(moving.movers, mover, place, bounds)
     return bool(squared_gap(moving, pair, place) >= reach * reach)
 
 
@@ -170,7 +170,7 @@ def _is_done(
     moving: MovingRobot,
     search: Search,
     pair: int,
-    stretch: int,
+    segment: int,
     share: float,
     level: Floats,
     least: float,
@@ -180,36 +180,36 @@ def _is_done(
 ) -> bool:
     """Return whether a pair keeps a distance in a segment, in whose middle the robot is; note what is found there."""
     since, until, error = level[SINCE_LEVEL], level[UNTIL_LEVEL], verdict[ERROR]
-    if _are_far(moving, search, pair, stretch, share, least + error):
+    if _are_far(moving, search, pair, segment, share, least + error):
         return True
     if until - since > longest:
         return False
     apart, middle = least_distance(moving, pair, search.place), 0.5 * (since + until)
-    known = search.ways.known[bound_pair(moving, pair, stretch, share, search.place, search.ways)]
+    known = search.bounds.known[bound_pair(moving, pair, segment, share, search.place, search.bounds)]
     if apart - known[TRAVEL] - error >= least:
         return True
-    asked, last = least + known[BENT] + error, search.told[pair]
+    asked, last = least + known[BENT] + error, search.latest[pair]
     own = is_own(moving.pairs, pair)
     was_told = since <= last[WHEN] <= until and last[APART] > 0.0
     if was_told and known[TRAVEL] > verdict[RESOLUTION] and asked > last[APART] + known[TRAVEL]:
         return _is_fine(verdict, since, known[TRAVEL])  # it isn't as far apart in the middle either
-    kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
+    kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.query)
     if kept == np.inf:
         return True
     last[APART], last[WHEN] = kept, middle
     margin = verdict[RESOLUTION] >= 0.0 and kept <= margin_of(verdict, own)
     most = largest_answer_above(questions, own, middle, kept)
     if margin or most > -np.inf:
-        found = pair_distance(moving, pair, search.place, max(most, kept + 1e-9), search.ask)
+        found = pair_distance(moving, pair, search.place, max(most, kept + 1e-9), search.query)
         found = min(found, kept)
         last[APART] = found
         keep(questions, own, middle, found, pair)
         refuse(verdict, own, middle, found, pair)
     if verdict[RESOLUTION] >= 0.0 and since < verdict[END] and known[TRAVEL] <= verdict[RESOLUTION]:
         asked = margin_of(verdict, own) + verdict[STAND_OFF] + known[BENT] + error
-        log = search.ask.log
+        log = search.query.log
         log[LOG_PATIENT], begun = 1.0, log[LOG_COUNT]
-        kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.ask)
+        kept = pair_keeps(moving, pair, search.place, known, share, asked, known[BENT], search.query)
         log[LOG_PATIENT], log[LOG_COUNT] = 0.0, begun  # it is judged again, in halves
         if kept < np.inf:
             _leave_undecided(verdict, since, until, pair)
@@ -232,12 +232,12 @@ def _leave_undecided(verdict: Floats, since: float, until: float, pair: int) -> 
 
 @uncounted
 def _close(
-    moving: MovingRobot, search: Search, pair: int, stretch: int, share: float, level: Floats, questions: Floats,
+    moving: MovingRobot, search: Search, pair: int, segment: int, share: float, level: Floats, questions: Floats,
     verdict: Floats,
 ) -> None:  # fmt: skip
     """Lower the answers' bounds to what a pair keeps at least in a segment, in whose middle the robot is."""
-    travel = search.ways.known[bound_pair(moving, pair, stretch, share, search.place, search.ways), TRAVEL]
-    apart = pair_distance(moving, pair, search.place, np.inf, search.ask)
+    travel = search.bounds.known[bound_pair(moving, pair, segment, share, search.place, search.bounds), TRAVEL]
+    apart = pair_distance(moving, pair, search.place, np.inf, search.query)
     since, until = level[SINCE_LEVEL], level[UNTIL_LEVEL]
     own = is_own(moving.pairs, pair)
     keep(questions, own, 0.5 * (since + until), apart, pair)
@@ -251,7 +251,7 @@ def _judge(
     moving: MovingRobot,
     search: Search,
     left: _Left,
-    stretch: int,
+    segment: int,
     level: int,
     tolerance: float,
     longest: float,
@@ -272,28 +272,28 @@ def _judge(
         return 0
     if count < 0 and moving.obstacles.roots.shape[0] > ALL_AT_ONCE and until - since > longest:
         return -1  # of many obstacles too many are near in it
-    place_at(moving, 0.5 * (since + until), search.place, search.room)
-    share = find_moves(moving, since, until, search.place, search.room, search.ways)
-    find_twists(moving, search.place, search.room)
+    place_at(moving, 0.5 * (since + until), search.place, search.scratch)
+    share = find_moves(moving, since, until, search.place, search.scratch, search.bounds)
+    find_twists(moving, search.place, search.scratch)
     if count < 0:
-        count = _list_pairs(moving, search, left, stretch, share, start, of_own, asked, verdict)
+        count = _list_pairs(moving, search, left, segment, share, start, of_own, asked, verdict)
         if count < 0:
             return -1
         row[COUNT] = count
-    search.ask.log[LOG_SEGMENT] = float(stretch)
+    search.query.log[LOG_SEGMENT] = float(segment)
     behind = start + count
     for index in range(start, start + count):
         pair = left.pairs[index]
         own = is_own(moving.pairs, pair)
         least = of_own if own == 1 else asked
-        if least == -np.inf or _is_done(moving, search, pair, stretch, share, row, least, longest, questions, verdict):
+        if least == -np.inf or _is_done(moving, search, pair, segment, share, row, least, longest, questions, verdict):
             continue
         asked = required_distance(questions, verdict, 0, since, until, tolerance)
         of_own = required_distance(questions, verdict, 1, since, until, tolerance)
         if (of_own if own == 1 else asked) == -np.inf:
             continue
         if until - since <= shortest:
-            _close(moving, search, pair, stretch, share, row, questions, verdict)
+            _close(moving, search, pair, segment, share, row, questions, verdict)
             continue
         left.pairs[behind] = pair
         behind += 1
@@ -366,21 +366,21 @@ def prove_along(
         The number of segments that wait now.
     """
     search, left, last = new_search(moving, log), _new_stack(), parameters.shape[0] - 1
-    stretch, begun, stack = int(verdict[SEGMENTS]), int(verdict[SEGMENTS]), left.stack
+    segment, begun, stack = int(verdict[SEGMENTS]), int(verdict[SEGMENTS]), left.stack
     if last >= 0:
         sample_motion(moving, search, parameters, every, questions, verdict, distances_out)
         sample_about(moving, search, (parameters[last] - parameters[0]) / max(last, 1), questions, verdict)
-    while count > 0 and (stretch - begun < most or shortest > 0.0):
+    while count > 0 and (segment - begun < most or shortest > 0.0):
         count -= 1
         stack[0, SINCE_LEVEL], stack[0, UNTIL_LEVEL] = waiting[count, BEGINS], waiting[count, ENDS]
         stack[0, START], stack[0, COUNT], top = 0.0, TO_LIST, 1
-        while top > 0 and (stretch - begun < most or shortest > 0.0):
-            stretch += 1
+        while top > 0 and (segment - begun < most or shortest > 0.0):
+            segment += 1
             row = stack[top - 1]
-            if stretch <= segments_out.shape[0]:
-                segments_out[stretch - 1, 0], segments_out[stretch - 1, 1] = row[SINCE_LEVEL], row[UNTIL_LEVEL]
-                segments_out[stretch - 1, 2] = 0.5 * (row[SINCE_LEVEL] + row[UNTIL_LEVEL])
-            more = _judge(moving, search, left, stretch, top - 1, tolerance, longest, shortest, questions, verdict)
+            if segment <= segments_out.shape[0]:
+                segments_out[segment - 1, 0], segments_out[segment - 1, 1] = row[SINCE_LEVEL], row[UNTIL_LEVEL]
+                segments_out[segment - 1, 2] = 0.5 * (row[SINCE_LEVEL] + row[UNTIL_LEVEL])
+            more = _judge(moving, search, left, segment, top - 1, tolerance, longest, shortest, questions, verdict)
             height = _halve(left, top - 1, more, verdict[END])
             if more != 0 and height < top and row[SINCE_LEVEL] < verdict[END]:  # there is no number between its ends
                 _leave_undecided(verdict, row[SINCE_LEVEL], row[UNTIL_LEVEL], -1)
@@ -388,5 +388,5 @@ def prove_along(
         for level in range(top):  # what is on the stack waits again
             waiting[count, BEGINS], waiting[count, ENDS] = stack[level, SINCE_LEVEL], stack[level, UNTIL_LEVEL]
             count += 1
-    verdict[SEGMENTS] = float(stretch)
+    verdict[SEGMENTS] = float(segment)
     return count

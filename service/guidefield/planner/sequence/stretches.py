@@ -20,7 +20,7 @@ from guidefield.planner.sequence.permissions import Allowed
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.certificate import certify, certify_timed
+from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Verdict
 
@@ -88,9 +88,9 @@ def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict
     """
     pieces, times = stretch.motion.bezier(), stretch.motion.piece_times()
     verdict = enclosed_start(stretch, pieces[0, 0], float(times[0]))
-    if verdict is None and stretch.scene.moves:
-        verdict = certify_timed(stretch.world, pieces, times, stretch.min_clearance, deadline=deadline)
-    verdict = verdict or certify(stretch.world, pieces, stretch.min_clearance, deadline=deadline)
+    if verdict is None:
+        in_time = times if stretch.scene.moves else None
+        verdict = certify(stretch.world, pieces, stretch.min_clearance, deadline=deadline, times=in_time)
     evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
     if verdict.free and stretch.path_constraints:
         verdict = certify_constraints(stretch.constrained_frames, turns, pieces, deadline)
