@@ -175,7 +175,7 @@ _WHOLE = ("endpoint.service", "engine", "arrays", "stream.in_process")
 _HERE = Path(__file__).parent
 _IS_WHOLE = (_HERE / "engine.py").exists()
 _LIGHT = _HERE / "light_client.txt"
-"""What only `guidefield-client` has: a file with its version."""
+"""The version file, which only `guidefield-client` has."""
 
 _HOMES = {name: f"guidefield.{room}" for room, names in _ROOMS.items() for name in names}
 

@@ -23,14 +23,14 @@ class RunArrays:
     """A run's motion; n knots of nq position and nv velocity coordinates [s, rad or m, per s, per s^2].
 
     Attributes:
-        run_id: Whose it is.
+        run_id: Name of the run.
         position_names: One for each column of positions, nq.
         velocity_names: One for each column of velocities and accelerations, nv.
         times: Shape (n,).
         positions: Shape (n, nq).
         velocities: Shape (n, nv).
         accelerations: Shape (n, nv).
-        path: Waypoints before they were timed, shape (m, nq).
+        path: Waypoints before time parameterization, shape (m, nq).
     """
 
     run_id: str
@@ -44,7 +44,7 @@ class RunArrays:
 
 
 def run_arrays(run: PlanReply | Path | str) -> RunArrays:
-    """The motion of a run, from its reply, or from nothing but its recording.
+    """Return the motion of a run, from its reply or its recording.
 
     Args:
         run: A reply, or the path of a recording (`.rrd`), made on any machine.

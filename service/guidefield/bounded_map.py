@@ -1,4 +1,4 @@
-"""A map by content, bounded in entries and bytes; the limits of all such maps of a process stand here."""
+"""A least-recently-used cache, bounded in entries and bytes, and the limits of all such caches of a process."""
 
 from __future__ import annotations
 
@@ -13,46 +13,46 @@ Value = TypeVar("Value")
 
 
 class Limit(NamedTuple):
-    """Most entries of a map, and most bytes of all of them together; one entry stays, however large it is."""
+    """The largest number of entries and of bytes of a cache; one entry stays, however large it is."""
 
     entries: int
     bytes: int
 
 
 READ_SCENES = Limit(16, 2**27)
-"""Scenes of requests, by the bytes that they were sent as; in memory a scene in lists takes about four times these."""
+"""Decoded scenes by hash of their encoding; in memory a scene in lists takes about four times its encoded size."""
 
 BUILT_SCENES = Limit(16, 2**29)
-"""Scenes that are built, by content; a triangle or point that Coal judges counts for `BYTES_PER_FACE`."""
+"""Built scenes by content; a triangle or point of Coal's counts for `BYTES_PER_FACE`."""
 
 RENDERED_SCENES = Limit(4, 2**29)
-"""The same of the process that renders recordings."""
+"""Built scenes of the process that renders recordings."""
 
 OBSTACLES = Limit(512, 2**27)
-"""Obstacles that are no primitives at rest, by content, counted as in scenes."""
+"""Obstacles other than primitives at rest, by content, with sizes as in `BUILT_SCENES`."""
 
 BYTES_PER_FACE = 512
-"""Memory that a triangle, or a point of a cloud, takes with the tables of it."""
+"""Memory of a triangle, or a point of a cloud, with its tables."""
 
 MESH_TREES = Limit(128, 2**29)
 """Trees of robots' meshes, by their vertices."""
 
 PLACED_MESHES = Limit(1024, 2**27)
-"""Tables of meshes where they stand in their links: a robot that holds something new has most of them as before."""
+"""Tables of meshes placed in their links, which a robot with a new held object reuses."""
 
 TRIANGULATIONS = Limit(256, 2**27)
 """Triangles of Coal's meshes, by their vertices."""
 
 FOUND = Limit(2**18, 2**30)
-"""Tables and whatever else functions find once for robots, scenes and obstacles, see `memo`."""
+"""Memoized results for robots, scenes and obstacles, see `memo`."""
 
 
 TRIMMED_BYTES = 2**26
-"""Memory is given back whenever entries of so many bytes were forgotten for others, which takes some milliseconds."""
+"""Size of evicted entries after which free memory is returned to the system, which takes some milliseconds."""
 
 
 def trim_memory() -> None:
-    """Give free memory back to the system: glibc keeps what is between blocks in use."""
+    """Return free memory to the system, which glibc keeps between used blocks."""
     import ctypes
 
     with contextlib.suppress(OSError, AttributeError):  # elsewhere there is no such function
@@ -60,17 +60,17 @@ def trim_memory() -> None:
 
 
 class BoundedMap(Generic[Key, Value]):
-    """A map that forgets the entries used least recently once it has too many, or they are too large.
+    """A map that evicts its least recently used entries beyond a limit.
 
     Args:
-        limit: What it keeps at most.
+        limit: The largest number of entries and bytes.
     """
 
     def __init__(self, limit: Limit) -> None:
         self._limit = limit
         self._entries: OrderedDict[Key, tuple[Value, int]] = OrderedDict()
         self._bytes = self._freed = 0
-        self._lock = threading.RLock()  # what is forgotten may ask for something as it goes
+        self._lock = threading.RLock()  # a destructor of an evicted value may use the map
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -84,7 +84,7 @@ class BoundedMap(Generic[Key, Value]):
         return self._bytes
 
     def get(self, key: Key) -> Value | None:
-        """Return what is kept for a key; None if nothing is."""
+        """Return the value of a key; None if there is none."""
         with self._lock:
             entry = self._entries.get(key)
             if entry is None:
@@ -93,7 +93,7 @@ class BoundedMap(Generic[Key, Value]):
             return entry[0]
 
     def put(self, key: Key, value: Value, size: int = 0) -> Value:
-        """Keep a value of a size [bytes], unless another one was sooner; return the one that is kept."""
+        """Store a value of a size [bytes] unless there is one already; return the stored one."""
         with self._lock:
             known = self.get(key)
             if known is not None:
@@ -112,12 +112,12 @@ class BoundedMap(Generic[Key, Value]):
             return value
 
     def clear(self) -> None:
-        """Forget all entries."""
+        """Remove all entries."""
         for key in [*self._entries]:
             self.remove(key)
 
     def remove(self, key: Key) -> None:
-        """Forget what is kept for a key, if anything is."""
+        """Remove a key, if it is present."""
         with self._lock:
             entry = self._entries.pop(key, None)
             if entry is not None:

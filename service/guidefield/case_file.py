@@ -1,4 +1,4 @@
-"""A motion as a plain file that anyone can judge: what the referee reads (referee.md)."""
+"""Write a motion as a plain file for the referee (referee.md)."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ class Motion:
     """A certified motion.
 
     Attributes:
-        world: The robot with what it holds, among obstacles; the pairs that count.
+        world: The robot with its held objects, the obstacles, and the tested pairs.
         placement: Of the robot's root in the world.
-        held: What it holds, as declared.
-        times: Of the knots, shape (k,) [s]; None for a path of straight lines in the chart.
-        positions: Chart points, shape (k, nv) [rad or m].
-        velocities: Of the chart, shape (k, nv); None for a path.
-        jerk_limits: Shape (nv,), infinite where there is none; None where jerk doesn't matter.
+        held: Held objects, as declared.
+        times: Of the knots, shape (k,) [s]; None for a path of straight lines in local coordinates.
+        positions: Local coordinates, shape (k, nv) [rad or m].
+        velocities: Of the local coordinates, shape (k, nv); None for a path.
+        jerk_limits: Shape (nv,), infinite for none; None if jerk doesn't matter.
         min_clearance: Distance to keep from obstacles [m].
         path_constraints: As declared.
         touching: Pairs of names that touch at the start, and may until `left_at`.
-        left_at: Index of a piece, and the share of it that has passed.
-        limited: Joints whose velocity and acceleration limits count, in place of those of the world's group.
-        untold: What it is certified for and no case tells, in words.
+        left_at: Index of a piece, and the fraction of it that has passed.
+        limited: Joints whose velocity and acceleration limits count, instead of those of the world's group.
+        untold: Certified properties that no case contains, in words.
     """
 
     world: World
@@ -70,7 +70,7 @@ class Motion:
 
 
 def write(path: Path, motion: Motion) -> None:
-    """Write a motion to a file: JSON, packed with xz where the name ends so.
+    """Write a motion to a file: JSON, compressed with xz if the name ends with it.
 
     Raises:
         OSError: if it can't be written, or a mesh of the robot can't be read any more.
@@ -96,10 +96,10 @@ def make_cases(*motions: Motion) -> list[dict[str, Any]]:
 
 
 def divide(motion: Motion) -> list[Motion]:
-    """A motion in the parts that are certified one by one, each in its own world.
+    """Divide a motion into parts that are certified one by one, each in its own world.
 
-    One that begins by leaving a contact has two: until then what touches may, and no clearance is kept; from then on
-    everything is as it is asked for.
+    A motion that first leaves a contact has two parts: in the first the touching pairs are allowed, and no clearance is
+    kept; in the second all conditions of the request hold.
     """
     if not motion.touching:
         return [motion]
@@ -113,7 +113,7 @@ def divide(motion: Motion) -> list[Motion]:
 
 
 def _add_knot(motion: Motion) -> tuple[Motion, int]:
-    """The same motion with a knot at `left_at`, and the knot's index."""
+    """Insert a knot into a motion at `left_at`; return the motion and the knot's index."""
     k, share = motion.left_at
     if share in (0.0, 1.0):
         return motion, k + round(share)
@@ -162,12 +162,12 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
 
 
 def _to_plain(messages: Any) -> Any:
-    """Messages as JSON has them."""
+    """Convert messages to plain JSON data."""
     return msgspec.json.decode(msgspec.json.encode(messages, enc_hook=np.generic.tolist))
 
 
 def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
-    """The URDF without what is only seen, and the files of its collision meshes."""
+    """Describe a robot: the URDF without visuals, and the files of its collision meshes."""
     root, files = xml.parse(robot.source.urdf_text), {}
     for visual in list(root.iter("visual")):
         visual.getparent().remove(visual)
@@ -211,7 +211,7 @@ def _list_limits(motion: Motion) -> dict[str, Any]:
 
 
 def _list_unlimited_joints(robot: RobotModel) -> list[str]:
-    """Joints whose limits in the URDF aren't kept, with a warning to whom it matters."""
+    """List the joints whose limits in the URDF aren't kept; a warning names them."""
     said = robot.model.upperPositionLimit
     return [
         joint.name
@@ -221,7 +221,7 @@ def _list_unlimited_joints(robot: RobotModel) -> list[str]:
 
 
 def _list_left_out_pairs(motion: Motion) -> list[list[str]]:
-    """Pairs of names that aren't judged, each with a reason; but not those that can't move relative to each other."""
+    """List the uncertified pairs of names with reasons, except those that can't move relative to each other."""
     world, robot = motion.world, motion.world.group.robot
     names, links = world.body_names, world.pairs.links
     own, moving = set(map(tuple, world.pairs.own.tolist())), set(world.pairs.moving.tolist())
@@ -246,7 +246,7 @@ def _list_left_out_pairs(motion: Motion) -> list[list[str]]:
 
 @memoized
 def _describe_links(robot: RobotModel) -> dict[str, Any]:
-    """By collision shape: the hull that contains a mesh, and the mesh closed where it isn't as it is."""
+    """Describe collision shapes: the hull around a mesh, and the closed surface of an open one."""
     parts = {}
     for shape in robot.geometry.geometryObjects:
         if shape.meshPath and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):  # what is held has no path
@@ -256,7 +256,7 @@ def _describe_links(robot: RobotModel) -> dict[str, Any]:
 
 
 def _describe_objects(motion: Motion) -> dict[str, Any]:
-    """The same by obstacle and held object."""
+    """Describe obstacles and held objects as `_describe_links`."""
     held = [obstacle.build(one.obstacle, index) for index, one in enumerate(motion.held)]
     parts: dict[str, Any] = {}
     for one in (*held, *motion.world.scene.obstacles):
@@ -273,7 +273,7 @@ def _describe_hull(shape: Any) -> dict[str, Any]:
 
 
 def _describe_shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:
-    """The closed surface of a mesh that isn't closed as it is, or not turned alike."""
+    """Return the closed surface of a mesh that is open, or whose triangles aren't oriented alike."""
     _, corners, _ = compact(vertices, triangles)
     if not len(boundary(corners)):
         return {}

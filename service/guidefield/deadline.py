@@ -1,4 +1,4 @@
-"""The time by which work must end, and the request that ends it early."""
+"""Deadlines: the time by which work must end, and its early cancellation."""
 
 from __future__ import annotations
 

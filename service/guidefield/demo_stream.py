@@ -1,4 +1,4 @@
-"""The demonstration of streams: a Panda serves at a table, from one place to the other, while boxes drift through."""
+"""The demonstration of streams: a Panda moves between two places of a table among drifting boxes."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ BENT: Positions = {
     "panda_joint7": 0.785398,
 }
 PLACES = (0.9, -0.9)
-"""Where the first joint is at the two places that are served [rad]."""
+"""Positions of the first joint at the two places [rad]."""
 SCENE = "table"
 SIDE = 0.1
-"""Of the boxes [m]."""
+"""Side of the boxes [m]."""
 FASTEST = 0.25
-"""What they declare as their largest speed [m/s]."""
+"""Their declared largest speed [m/s]."""
 LASTS = 16.0
-"""How long it is [s]."""
+"""Duration of the demonstration [s]."""
 PERIOD = 0.02
 
 
@@ -41,10 +41,10 @@ class Served:
     """The outcome of the demonstration.
 
     Attributes:
-        places: How often a place was reached.
-        pieces: How many pieces there were.
-        reasons: How often there was none, by reason.
-        same: Whether the same pieces come again.
+        places: Number of reached places.
+        pieces: Number of pieces.
+        reasons: Number of updates without a piece, by reason.
+        same: Whether a replay gives the same pieces.
         recording: The recording.
     """
 
@@ -63,11 +63,11 @@ def box_at(number: int, now: float) -> tuple[float, float, float]:
 
 
 def serve(folder: Path, say: Callable[[str], None]) -> Served:
-    """Have the Panda serve, on a clock that is counted, and keep what it did.
+    """Run the demonstration on a counted clock, and store its journal and recording.
 
     Args:
-        folder: Where the recording goes.
-        say: Says a line.
+        folder: Folder of both.
+        say: Prints a line.
     """
     names = [f"box{number}" for number in range(3)]
     request = StreamOpen(

@@ -1,7 +1,7 @@
-"""One request in, one reply out: the handlers with the catalog, the stores and the recorder around them.
+"""The engine: answer one request with its handler, the robot catalog, the stores and the recorder; no network.
 
-No network. Heavy packages are imported when the first request needs them, so that an engine which only reads scenes
-and runs stays light.
+Heavy packages are imported when the first request needs them, so that an engine which only reads scenes and runs stays
+light.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from guidefield.stream.watching import Watching
 
 Lend = Callable[[Kind, str, str], "Engine"]
-"""The engine of a user that shares something of a kind and name; raises NotAllowed where it isn't shared."""
+"""Returns the engine of a user that shares something of a kind and name; raises NotAllowed if it isn't shared."""
 
 _log = logging.getLogger(__name__)
 
@@ -95,16 +95,16 @@ class _RequestContext:
     watcher: Watcher | None
     load: _RobotLoader
     began: float | None = None
-    """When work on it began, where that was before it was read, by `time.monotonic()` [s]."""
+    """Begin of its work, if that was before it was decoded, by `time.monotonic()` [s]."""
     deferred: bool = False
     proof_to: Path | None = None
 
 
 class SharedCaches:
-    """Robots and scenes that engines share: they depend on nobody's stores.
+    """Caches of robots and scenes that engines share: they depend on no store.
 
     Args:
-        packages: Folders of packages from which a robot that is sent may take meshes.
+        packages: Folders of packages with meshes that a sent robot may use.
     """
 
     def __init__(self, packages: Sequence[Path]) -> None:
@@ -112,14 +112,14 @@ class SharedCaches:
 
     @functools.cached_property
     def catalog(self) -> Catalog:
-        """Robots."""
+        """The robots."""
         from guidefield.robot.catalog.catalog import Catalog
 
         return Catalog(self.packages)
 
     @functools.cached_property
     def built(self) -> BuiltScenes:
-        """Scenes."""
+        """The built scenes."""
         from guidefield.scene.built import BuiltScenes
 
         return BuiltScenes()
@@ -129,15 +129,15 @@ class Engine:
     """Answers requests; one at a time.
 
     Args:
-        instance: Name of the service it answers for, with the user if it is one's; part of the key of a recording.
-        runs: Where runs are read that a service keeps.
-        recordings: Where recordings of runs go that aren't sent elsewhere; None: nowhere.
-        scenes: Where scenes are read and kept.
-        robots: Where clients' robots are kept.
+        instance: Name of the service, with the user if it is one's; part of the key of a recording.
+        runs: Store of a service's runs.
+        recordings: Store of recordings without another destination; None: none.
+        scenes: Store of scenes.
+        robots: Store of clients' robots.
         local_files: Whether a request may name a URDF file.
-        packages: Folders of packages from which a robot that is sent may take meshes.
-        loaded: What it shares with other engines; None: its own.
-        lend: Finds the engine that has what is named as another user's, ``user:name``.
+        packages: Folders of packages with meshes that a sent robot may use.
+        loaded: Caches shared with other engines; None: its own.
+        lend: Finds the engine with another user's thing, ``user:name``.
     """
 
     def __init__(
@@ -198,15 +198,15 @@ class Engine:
             record_to: Where to write the recording of a plan or judgement; None leaves that to the store of runs.
             proof_to: Where to write the proof of a plan or judgement, which then is asked for; None: where the request
                 asks for one, beside the recording.
-            deferred: True if only the log of that file, which ends with .rrd, is to be written, beside it.
-            received: When the request arrived, by `time.monotonic()` [s]; None: now, the planner loaded and the robot
-                prepared for its first use. Deadlines count from it.
-            watcher: Hears how far a plan is, and may end it.
-            came: When whoever asks began to read it, on the same clock [s]; None: now. Where `received` isn't given,
-                reading counts for the deadline, and as loading.
+            deferred: True to write only the log of that file, which ends with .rrd, beside it.
+            received: Arrival of the request, by `time.monotonic()` [s]; None: now, after the planner is loaded and the
+                robot prepared for its first use. Deadlines count from it.
+            watcher: Takes progress, and may end the run.
+            came: Begin of decoding, on the same clock [s]; None: now. Without `received`, decoding counts for the
+                deadline, and as loading.
 
         Raises:
-            GuidefieldError: whatever travels as ``reply_err``; DiskRefused where a disk does, and InternalFailure for a
+            GuidefieldError: any error that travels as ``reply_err``; DiskRefused for a disk, and InternalFailure for a
                 bug, both logged with their trace.
         """
         came = time.monotonic() if came is None else came
@@ -238,12 +238,12 @@ class Engine:
         return reply
 
     def _is_first(self, request: requests.Request, received: float | None) -> bool:
-        """Return whether a request is the first that needs kernels, and nothing was loaded for it ahead."""
+        """Return whether a request is the first that needs kernels, and nothing was loaded ahead."""
         needs = isinstance(request, requests.MotionRequest | requests.KinematicsRequest)
         return needs and received is None and not self._compiled
 
     def _load_ahead(self, request: requests.Request, load: _RobotLoader) -> bool:
-        """Load and prepare what a request needs before its time begins; whether a plan's was there from before."""
+        """Load and prepare the needs of a request before its time begins; return whether a plan's were ready before."""
         compiled = self._compiled
         if self._is_first(request, None):
             compile_kernels(_log.warning)
@@ -261,7 +261,7 @@ class Engine:
         return False
 
     def warm_up(self, robots: Sequence[str] = ()) -> None:
-        """Load what the first plan would wait for: packages and kernels, and what some robots need for their first.
+        """Load packages and kernels, and prepare robots, so that the first plan doesn't wait for them.
 
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.
@@ -277,7 +277,7 @@ class Engine:
             preparation.prepare(self._load_robot(robot))
 
     def prepare(self, request: requests.PlanRequest, deadline: Deadline) -> None:
-        """Prepare what a plan needs of its robot, as far as the deadline allows.
+        """Prepare the robot of a plan, as far as the deadline allows.
 
         Raises:
             RobotInvalid: if the robot can't be used.
@@ -355,13 +355,13 @@ class Engine:
         asking: _RequestContext,
         answer_run: Callable[[Run, float], _R],
     ) -> _R:
-        """The reply of a run, with its recording.
+        """Make a run, and return its reply with its recording.
 
         Args:
-            request: What is asked.
+            request: The request.
             record_to: As in `answer`.
-            asking: How it is asked.
-            answer_run: Answers it, given the run and when its work began, by `time.monotonic()` [s].
+            asking: Its circumstances.
+            answer_run: Answers it, given the run and the begin of its work, by `time.monotonic()` [s].
         """
         run_id = request.run_id or uuid.uuid4().hex
         to: Destination | None = None
@@ -387,7 +387,7 @@ class Engine:
             return run.end(cast(_R, reply))
 
     def motion_of(self, request: requests.CertifyRequest) -> Motion:
-        """The motion that a certify request is about, for the file that the referee reads.
+        """Return the motion of a certify request, for the file that the referee reads.
 
         Raises:
             GuidefieldError: if the request is ill-posed.
@@ -397,7 +397,7 @@ class Engine:
         return motion_of(request, self._load_robot(request.robot), self._build_scene(request.scene))
 
     def robot(self, name: str) -> RobotModel:
-        """The robot of a name.
+        """Return the robot of a name.
 
         Raises:
             RobotInvalid: if there is none, or it can't be used.
@@ -407,12 +407,12 @@ class Engine:
     def stream(
         self, request: StreamOpen, taking: TakeOver | None = None, watching: Watching | None = None
     ) -> CertifiedStream:
-        """A stream in this process, of which nothing is kept here.
+        """Open a stream in this process; its observer may store it.
 
         Args:
-            request: What is asked.
-            taking: When ways that are planned beside the cycle are taken over; None: counted.
-            watching: Who hears what it is asked and answers; None: nobody.
+            request: The request.
+            taking: Times at which paths planned beside the cycle are taken over; None: counted.
+            watching: Observer of its updates and answers; None: none.
 
         Raises:
             GuidefieldError: if the request is ill-posed.
@@ -498,7 +498,7 @@ class Engine:
         return info(Figures(self._counters, time.monotonic() - self._began))
 
     def summaries(self, names: Sequence[str]) -> list[RobotSummary]:
-        """A line about each robot that is named as another user's, ``user:name``; some may be gone meanwhile."""
+        """Summarize other users' robots, named ``user:name``; some may have been deleted."""
         from guidefield.handlers.robots import summaries_of
 
         found = []
@@ -509,7 +509,7 @@ class Engine:
         return found
 
     def _find_holder(self, kind: Kind, name: str) -> tuple[Engine, str]:
-        """The engine that has what a request names, and its name there.
+        """Find the engine with a named thing, and its name there.
 
         Raises:
             NotAllowed: if it is another user's, who doesn't share it.
@@ -522,7 +522,7 @@ class Engine:
             return self._loaded.catalog.load(self._find_origin(reference))
 
     def _find_origin(self, reference: requests.RobotReference) -> requests.RobotReference | SentRobot:
-        """Return the source of a request's robot: the files of a stored one, the place of one in local files."""
+        """Find the source of a request's robot: the files of a stored one, or local files."""
         local = not isinstance(reference, str) or reference.startswith(requests.ROBOT_DESCRIPTIONS)
         if local and not isinstance(reference, requests.UrdfText) and self._local_files is LocalFiles.REFUSED:
             named = "a robot of robot_descriptions" if isinstance(reference, str) else "a robot in a local file"
@@ -538,7 +538,7 @@ class Engine:
             return holder._robots.find(name) or name
 
     def _build_scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
-        """Return the scene that a request means, built.
+        """Build the scene of a request.
 
         Raises:
             DeadlineExpired: if the deadline passed before it was built.
@@ -547,7 +547,7 @@ class Engine:
             return self._loaded.built.of(self._find_scene_message(reference), deadline)
 
     def _find_scene_message(self, reference: requests.SceneReference) -> SceneMessage:
-        """The scene that a request means."""
+        """Return the scene of a request, before it is built."""
         if isinstance(reference, str):
             return self._read_stored_scene(reference, None)
         if not isinstance(reference, RequestScene) or reference.base is None:
@@ -569,7 +569,7 @@ def _with_proof(request: requests.Request) -> requests.Request:
 
 @contextlib.contextmanager
 def _at_scene_fault(reference: requests.SceneReference) -> Iterator[None]:
-    """Say where in a request's scene a fault is: one of the scene that it is built of has no place there."""
+    """Correct the path of a fault in a request's scene; a fault of a stored scene has no path in the request."""
     if isinstance(reference, RequestScene) and reference.base is not None:
         with _at_added_fault(reference.add):
             yield
@@ -585,7 +585,7 @@ def _at_scene_fault(reference: requests.SceneReference) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _at_added_fault(coming: Sequence[Obstacle]) -> Iterator[None]:
-    """Say which of some obstacles that are added to a scene a fault is about."""
+    """Correct the path of a fault in an obstacle that is added to a scene."""
     try:
         yield
     except SceneInvalid as error:
@@ -597,10 +597,10 @@ def _at_added_fault(coming: Sequence[Obstacle]) -> Iterator[None]:
 
 
 class _RobotLoader:
-    """Loads the robot of a request once: whether its files changed isn't looked for again meanwhile.
+    """Loads the robot of a request once, so that its files aren't checked for changes again.
 
     Args:
-        find: Finds what the robot is loaded from.
+        find: Finds the robot's source.
         loaded: Loads it.
     """
 
@@ -635,15 +635,15 @@ def answer(
     record_to: str | Path | None = None,
     proof_to: str | Path | None = None,
 ) -> Reply:
-    """Answer one request in this process: what the service does, with no queue in front and nothing kept.
+    """Answer one request in this process, as the service does, without its queue and stores.
 
     The first call of a process loads the planner; the first one of a version compiles its kernels, for about a minute.
 
     Args:
         request: A plan, a motion to certify, a kinematics request, or any other that the service answers: a message
-            such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. NumPy's
-            numbers and arrays may stand in it.
-        record_to: Where to write the recording of a plan or judgement (`.rrd`), if anywhere.
+            such as `PlanRequest`, the same as a dict, or its JSON. One without a ``type`` is a plan request. It may
+            contain NumPy's numbers and arrays.
+        record_to: File of the recording of a plan or verdict (`.rrd`), if any.
         proof_to: Where to write the proof that its motion is free (`.npz`), if anywhere.
 
     Returns:
@@ -674,7 +674,7 @@ def answer(
 
 
 def motion_of(request: requests.CertifyRequest) -> Motion:
-    """The motion that a certify request is about, for the file that the referee reads.
+    """Return the motion of a certify request, for the file that the referee reads.
 
     Raises:
         GuidefieldError: if the request is ill-posed.

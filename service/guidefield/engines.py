@@ -1,4 +1,4 @@
-"""Requests of all users: an engine for each, on stores of its own, and what is loaded shared by all."""
+"""The engines of all users: each has its own stores, and all share the caches of robots and scenes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from guidefield.rendering import Renderings
 
 MAX_ENGINES = 100
-"""Of how many users the engines are kept."""
+"""The largest number of cached engines."""
 
 
 class Engines:
@@ -33,8 +33,8 @@ class Engines:
 
     Args:
         instance: Name of the service.
-        stores: What each user has.
-        packages: Folders of packages from which a robot that is sent may take meshes.
+        stores: Stores by user.
+        packages: Folders of packages with meshes that a sent robot may use.
     """
 
     def __init__(self, instance: str, stores: StoresByUser, packages: Sequence[Path] = ()) -> None:
@@ -45,7 +45,7 @@ class Engines:
         self._lock = threading.Lock()
 
     def of(self, user: str) -> Engine:
-        """The engine of a user.
+        """Return the engine of a user.
 
         Raises:
             QuotaExceeded: if too many users have something stored already.
@@ -67,18 +67,18 @@ class Engines:
         received: float | None = None,
         watcher: Watcher | None = None,
     ) -> Reply:
-        """Answer one request about what is somebody's; the right to it was looked at.
+        """Answer one request about things of an owner; the caller has checked the right to them.
 
         Args:
-            asking: Who asks.
-            owner: Whose stores it is about.
-            request: It.
-            size: What it takes where it is stored [bytes].
+            asking: The user that asks.
+            owner: The owner of the stores.
+            request: The request.
+            size: Its size in the store [bytes].
             received: As of `Engine.answer`.
             watcher: As of `Engine.answer`.
 
         Raises:
-            GuidefieldError: as `Engine.answer`; QuotaExceeded where the owner has no room for it.
+            GuidefieldError: as `Engine.answer`; QuotaExceeded if the owner has no space for it.
         """
         shared = self.stores.of(owner).shared
         if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
@@ -95,7 +95,7 @@ class Engines:
         self._renderings.render(self.stores.of(owner).recordings, run_id)
 
     def recording(self, owner: str, run_id: str) -> bytes:
-        """The recording of a run, rendered if that is owed, with all it needs.
+        """Return the self-contained recording of a run, rendered if that is owed.
 
         Raises:
             UnknownObject: if there is none, or it is damaged.
@@ -111,7 +111,7 @@ class Engines:
         return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.built)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
-        """Let everybody read what is somebody's, or nobody else any more.
+        """Share a thing with all users, or end that.
 
         Raises:
             GuidefieldError: if there is no such thing.
@@ -130,10 +130,10 @@ class Engines:
         return Done(done=f"{kind.removesuffix('s')} {name!r} can be read by nobody else any more")
 
     def stream_recording(self, owner: str, name: str) -> bytes:
-        """The recording of a stream that is kept, made of all files of its journal.
+        """Make the recording of a stored stream from all files of its journal.
 
         Raises:
-            UnknownObject: if none of that name is kept, or no update of it yet, or it is damaged or too large.
+            UnknownObject: if there is none of that name, or no update yet, or it is damaged or too large.
             GuidefieldError: if its robot or scene is refused now.
             OSError: if the disk refuses.
         """
@@ -169,12 +169,12 @@ class Engines:
         )
 
     def _lend(self, asking: str, kind: Kind, owner: str, name: str) -> Engine:
-        """The engine that has what a request names as another user's; NotAllowed where that isn't shared."""
+        """Return the engine with another user's thing; raise NotAllowed if that isn't shared."""
         self.stores.require_right(asking, owner, kind, name, read_only=True)
         return self.of(owner)
 
     def _add_shared(self, asking: str, owner: str, reply: Reply) -> Reply:
-        """A list with what others have and the one who asks may read, as ``owner:name``."""
+        """Add other users' things that the caller may read to a list, as ``owner:name``."""
         if isinstance(reply, ScenesReply):
             return ScenesReply(scenes=[*reply.scenes, *self._list_shared_names(asking, owner, "scenes")])
         if isinstance(reply, RobotsReply):
@@ -183,7 +183,7 @@ class Engines:
         return reply
 
     def _list_shared_names(self, asking: str, owner: str, kind: Kind) -> list[str]:
-        """The names of what others have stored and the one who asks may read."""
+        """List the names of other users' things that the caller may read."""
         found = []
         for other in self._list_other_users(owner):
             stores = self.stores.of(other)

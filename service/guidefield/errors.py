@@ -1,4 +1,4 @@
-"""Every exception of guidefield, with its wire code and the values it speaks about."""
+"""All exceptions of guidefield, each with its wire code and the values of its message."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class GuidefieldError(Exception):
     Attributes:
         code: The wire code of this kind of error.
         message: One sentence: what was expected, what came, what is valid.
-        details: The values that the message speaks about, as plain JSON data.
+        details: The values of the message, as plain JSON data.
     """
 
     code: ClassVar[Status] = Status.FAILURE
@@ -70,7 +70,7 @@ class GuidefieldError(Exception):
 
 @contextlib.contextmanager
 def at_path(path: str) -> Iterator[None]:
-    """Say where in a request the faults found meanwhile are: `path`, before the path that they have within it."""
+    """Prefix the paths of faults raised in a block with the `path` of its part of the request."""
     try:
         yield
     except GuidefieldError as error:
@@ -109,7 +109,7 @@ class SceneInvalid(GuidefieldError):
 
 
 class InvalidGroup(GuidefieldError):
-    """The joints to plan for cannot be planned for."""
+    """The group of joints cannot be planned for."""
 
     code = Status.INVALID_GROUP_NAME
 
@@ -127,13 +127,13 @@ class InvalidConfiguration(GuidefieldError):
 
 
 class UnknownFrame(GuidefieldError):
-    """A link or frame that the robot doesn't have."""
+    """The robot has no such link or frame."""
 
     code = Status.INVALID_LINK_NAME
 
 
 class UnknownObject(GuidefieldError):
-    """An object that the scene, the robot or a store doesn't have."""
+    """The scene, the robot or the store has no such object."""
 
     code = Status.INVALID_OBJECT_NAME
 
@@ -145,19 +145,19 @@ class ServerBusy(GuidefieldError):
 
 
 class QuotaExceeded(GuidefieldError):
-    """More than this user may have, of requests, time or room; `details` say when to ask again, where time helps."""
+    """A quota of the user is exceeded: requests, time or space; `details` say when to ask again, if time helps."""
 
     code = Status.QUOTA_EXCEEDED
 
 
 class NotAllowed(GuidefieldError):
-    """A thing belongs to another user, who doesn't share it, or who alone may change it."""
+    """The thing belongs to another user, who doesn't share it, or who alone may change it."""
 
     code = Status.NOT_ALLOWED
 
 
 class StreamUnknown(GuidefieldError):
-    """A stream that isn't open, or not any more."""
+    """The stream isn't open."""
 
     code = Status.STREAM_UNKNOWN
 
@@ -169,19 +169,19 @@ class WorkerCrashed(GuidefieldError):
 
 
 class NoService(GuidefieldError):
-    """Nobody answers under that name at that address; raised by the client, never sent."""
+    """No service of that name answers at that address; raised by the client, never sent."""
 
     code = Status.COMMUNICATION_FAILURE
 
 
 class TimedOut(GuidefieldError):
-    """The time that a request allows was up before it was answered; of a plan that is a reply."""
+    """The allowed time of a request was up; for a plan that is a reply instead."""
 
     code = Status.TIMED_OUT
 
 
 class Preempted(GuidefieldError):
-    """The request was cancelled, or who asked is gone; of a plan that is a reply."""
+    """The request was cancelled, or its client is gone; for a plan that is a reply instead."""
 
     code = Status.PREEMPTED
 
@@ -229,11 +229,11 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
         InternalFailure,
     )
 }
-"""Kind of error by wire code: how a client turns a ``reply_err`` back into an exception."""
+"""Exception by wire code, for clients that turn a ``reply_err`` back into an exception."""
 
 
 def convert_exception(error: Exception) -> GuidefieldError:
-    """Return the error for an exception that isn't ours: memory or disk refuse, or there is a bug."""
+    """Convert a foreign exception: out of memory, a disk error, or a bug."""
     if isinstance(error, MemoryError):
         return WorkerCrashed("the request needs more memory than there is")
     if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):
@@ -242,10 +242,10 @@ def convert_exception(error: Exception) -> GuidefieldError:
 
 
 def strip_path(error: OSError) -> str:
-    """Return the system's message without the path: a client need not know where a service keeps its files."""
+    """Return the system's message without the path, which a client need not know."""
     return error.strerror or type(error).__name__
 
 
 def strip_source(error: Exception) -> str:
-    """Return the message of an error of Zenoh without the place in Zenoh's own source."""
+    """Return the message of an error of Zenoh without its place in Zenoh's source."""
     return re.sub(r"!?\s+at \S+\.rs:\d+\.?", "", str(error))

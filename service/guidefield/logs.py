@@ -1,7 +1,7 @@
-"""The log of a process of the service: lines for a person, or one JSON object a line for a machine.
+"""Logging of the service's processes: lines for a person, or one JSON object per line.
 
-Where standard error is the system's journal, which keeps the time and the process of each line and drops old ones,
-lines begin with their level as the journal reads it (sd-daemon(3)).
+If standard error is the system's journal, which records time and process of each line, lines begin with their level
+as the journal reads it (sd-daemon(3)).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import sys
 
 PLAIN = "%(asctime)s %(levelname)s %(process)d %(name)s: %(message)s"
 IN_JOURNAL = "%(levelname)s %(name)s: %(message)s"
-"""What the journal adds isn't said twice."""
+"""Without time and process, which the journal adds."""
 
 
 class JsonLines(logging.Formatter):
     """One JSON object a line: time [s since 1970], level, process, logger, message, and the trace of an exception."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line of a record."""
+        """Format a record as a line."""
         line = {
             "time": record.created,
             "level": record.levelname,
@@ -45,7 +45,7 @@ class Journal(logging.Formatter):
         self._lines = lines
 
     def format(self, record: logging.LogRecord) -> str:
-        """The lines of a record."""
+        """Format a record as lines."""
         level = _syslog_level(record.levelno)
         return "\n".join(f"<{level}>{line}" for line in self._lines.format(record).splitlines())
 
@@ -56,7 +56,7 @@ def _syslog_level(level: int) -> int:
 
 
 def is_journal(error: int, told: str) -> bool:
-    """Return whether an open file is what the journal says it reads.
+    """Return whether an open file is the journal's input.
 
     Args:
         error: Descriptor of the file.
@@ -70,7 +70,7 @@ def is_journal(error: int, told: str) -> bool:
 
 
 def configure(level: int, *, json: bool) -> None:
-    """Log to stderr what is at least of a level."""
+    """Log messages from a level on to stderr."""
     handler = logging.StreamHandler()
     journal = is_journal(sys.__stderr__.fileno(), os.environ.get("JOURNAL_STREAM", "")) if sys.__stderr__ else False
     lines = JsonLines() if json else logging.Formatter(IN_JOURNAL if journal else PLAIN)

@@ -1,4 +1,4 @@
-"""Functions that find something once for an object: what is found goes with it, and sooner where memory is short."""
+"""Memoize functions of an object: results are freed with the object, or earlier if memory is short."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ Rest = ParamSpec("Rest")
 Found = TypeVar("Found")
 
 MAX_PER_OBJECT = 16
-"""Most answers of one function about one object, those asked for last: clients choose arguments."""
+"""The largest number of results of a function for an object, the most recently used, since clients choose arguments."""
 
 BYTES_PER_TRIANGLE = 560
-"""Memory of a tree of Coal, which has two nodes for a triangle."""
+"""Memory of a tree of Coal per triangle, which has two nodes."""
 
 MISSING: Any = object()
-"""In place of an answer that isn't there."""
+"""Marks a missing result."""
 
 _FOUND: BoundedMap[tuple[int, int, object], tuple[Any]] = BoundedMap(FOUND)
 
 _PLACE = "_found"
-"""Where an object has its mark."""
+"""Attribute of an object with its mark."""
 
 _numbers = itertools.count()
 
 
 class _Mark:
-    """Marks an object for which something was found, and forgets that when the object goes.
+    """Marks an object with memoized results, and frees these with it.
 
     Attributes:
-        owner: The object's id, by which a copy of its fields is told from it.
-        asked: What was asked of each function, by its number, in the order of last use.
+        owner: The object's id, which distinguishes it from a copy of its fields.
+        asked: Arguments by number of the function, in the order of last use.
     """
 
     __slots__ = ("asked", "known", "owner")
@@ -57,21 +57,21 @@ class _Mark:
 
 
 def _no_mark() -> None:
-    """Found answers don't travel with an object to another process."""
+    """Unpickle a mark as None: results stay in their process."""
 
 
 class Answers(Generic[Found]):
-    """The answers of one function about objects.
+    """The memoized results of one function.
 
     Args:
-        most: Most answers about one object, those asked for last.
+        most: The largest number of results for an object, the most recently used.
     """
 
     def __init__(self, most: int = MAX_PER_OBJECT) -> None:
         self._most, self._number = most, next(_numbers)
 
     def of(self, owner: object, asked: object) -> Found:
-        """Return what was found for an object when this was asked; `MISSING` if nothing was, or it is forgotten."""
+        """Return the result for an object and arguments; `MISSING` if there is none, or it was freed."""
         mark = vars(owner).get(_PLACE)
         if mark is None or mark.owner != id(owner):
             return cast(Found, MISSING)
@@ -83,7 +83,7 @@ class Answers(Generic[Found]):
         return cast(Found, found[0])
 
     def keep(self, owner: object, asked: object, answer: Found) -> Found:
-        """Keep an answer, unless another one was sooner; return the one that is kept."""
+        """Store a result unless there is one already; return the stored one."""
         mark = vars(owner).get(_PLACE)
         if mark is None or mark.owner != id(owner):
             mark = vars(owner)[_PLACE] = _Mark(owner)
@@ -97,7 +97,7 @@ class Answers(Generic[Found]):
         return cast(Found, kept)
 
     def forget(self, owner: object, asked: object) -> None:
-        """Forget what was found for an object when this was asked, if anything was."""
+        """Free the result for an object and arguments, if there is one."""
         mark = vars(owner).get(_PLACE)
         if mark is not None and mark.owner == id(owner):
             mark.asked.get(self._number, {}).pop(asked, None)
@@ -105,7 +105,7 @@ class Answers(Generic[Found]):
 
 
 class MemoSet:
-    """The objects for which something was done once; they are forgotten as answers are."""
+    """A set of objects, which are removed as memoized results are freed."""
 
     def __init__(self) -> None:
         self._done = Answers[bool](1)
@@ -119,16 +119,16 @@ class MemoSet:
 
 
 class SharedAnswer:
-    """Base of answers that others hold: the memory of each counts where it is found alone."""
+    """Base of results that other results refer to: their memory counts only once."""
 
 
 def memoized(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concatenate[Key, Rest], Found]:
-    """Call a function once for the same arguments, and keep what it finds at most as long as its first argument lives.
+    """Memoize a function for at most the lifetime of its first argument.
 
-    What is found must not hold the first argument, which would keep itself alive.
+    Results must not refer to the first argument, which would keep itself alive.
 
     Args:
-        find: Takes one object with a `__dict__`, then what can be hashed.
+        find: Takes one object with a `__dict__`, then hashable arguments.
     """
     return memoized_by(lambda key: key, find)
 
@@ -136,12 +136,12 @@ def memoized(find: Callable[Concatenate[Key, Rest], Found]) -> Callable[Concaten
 def memoized_by(
     owner: Callable[[Key], object], find: Callable[Concatenate[Key, Rest], Found], most: int = MAX_PER_OBJECT
 ) -> Callable[Concatenate[Key, Rest], Found]:
-    """Call a function once for all first arguments that have the same owner, as `memoized`.
+    """Memoize a function for all first arguments with the same owner, as `memoized`.
 
     Args:
-        owner: Returns what an argument has for which something is found once.
+        owner: Returns the owner of a first argument.
         find: The function.
-        most: Most answers about one owner.
+        most: The largest number of results for an owner.
     """
     known = Answers[Found](most)
 
@@ -155,9 +155,9 @@ def memoized_by(
 
 
 def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
-    """Call a function once for an object and keep what it finds as long as that lives, whatever memory it takes.
+    """Memoize a function for the whole lifetime of its argument, whatever memory the result takes.
 
-    It is for what others hold addresses of, and must not hold the object.
+    It is for results whose addresses are used elsewhere; they must not refer to the argument.
     """
     place = f"{find.__module__}.{find.__qualname__}"
 
@@ -170,11 +170,11 @@ def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
 
 
 MAX_FULLY_MEASURED, SAMPLE_SIZE = 512, 32
-"""Of a sequence with more items the size of about so many tells that of all."""
+"""The size of a sequence with more items is estimated from a sample."""
 
 
 def size_of(answer: object) -> int:
-    """Estimate the memory of an answer [bytes]: its arrays, without those of objects that have or share answers."""
+    """Estimate the memory of a result [bytes]: its arrays, without those of objects with results, or shared ones."""
     sizes = dict[int, int]()
     _add_sizes(answer, sizes)
     return sum(sizes.values())

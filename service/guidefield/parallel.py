@@ -1,4 +1,4 @@
-"""Work in several threads at the same time: kernels run beside each other, and most of NumPy."""
+"""Run work in several threads: kernels, and most of NumPy, run in parallel."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 
 def run_parallel(*works: Callable[[], object]) -> None:
-    """Do all of some works at the same time: the last one here, the others in threads of their own.
+    """Run several works in parallel: the last one in this thread, the others in threads of their own.
 
     Raises:
-        Exception: what one of them raised, once all of them have ended.
+        Exception: of one of the works, once all have ended.
     """
     with ThreadPoolExecutor(max(1, len(works) - 1), "guidefield-parallel") as threads:
         others = [threads.submit(work) for work in works[:-1]]
@@ -21,14 +21,14 @@ def run_parallel(*works: Callable[[], object]) -> None:
 
 
 def run_queue(works: Iterator[Callable[[], object]], at_once: int) -> None:
-    """Do many works in as many threads as `at_once`, this one among them, each begun in its turn.
+    """Run many works in order in `at_once` threads, this one among them.
 
     Args:
-        works: Each is taken as it is to be begun; what taking one raises ends the queue, as a work does.
+        works: Each is taken when it begins; an exception of the iterator ends the queue, as that of a work.
         at_once: At least 1.
 
     Raises:
-        Exception: what one of them raised; no more are begun then, and those that are come to their end.
+        Exception: of one of the works; no more begin then, and running ones are finished.
     """
     taking, ended = threading.Lock(), threading.Event()
 

@@ -15,14 +15,14 @@ def read_only(*arrays: object) -> None:
 
 
 class ReadOnly:
-    """Base of frozen dataclasses: their arrays are read-only as soon as they are made.
+    """Base of frozen dataclasses whose arrays are read-only from construction on.
 
     Whoever made a value may have the very array in hand: it is read-only for all.
     """
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
-            if type(value) is np.ndarray:  # most values are none, and are told so soonest
+            if type(value) is np.ndarray:  # most values are no arrays, which this check finds fastest
                 value.setflags(write=False)
             elif isinstance(value, tuple | np.ndarray):
                 read_only(value)

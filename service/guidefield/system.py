@@ -1,4 +1,4 @@
-"""Processes and processors as the operating system reports them, on Linux and macOS alike."""
+"""Memory and processor time of processes, and the processors, on Linux and macOS."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from pathlib import Path
 import psutil
 
 _PROCESSOR_TIME = 2
-"""Of Linux's clocks of a process: the time that processors spent on it."""
+"""Number of Linux's clock of the processor time of a process."""
 
 
 def resident(pid: int) -> int:
-    """Resident memory of a process [bytes]; 0 once it has ended.
+    """Return the resident memory of a process [bytes]; 0 once it has ended.
 
-    On Linux without psutil, which looks up when the process began each time: an answer that tells memory took twice as
-    long for it.
+    On Linux without psutil, which reads the process's begin each time: a reply with memory took twice as long.
     """
     if psutil.LINUX:
         try:
@@ -29,7 +28,7 @@ def resident(pid: int) -> int:
 
 
 def psutil_resident(pid: int) -> int:
-    """The same as psutil tells it [bytes]."""
+    """Return the resident memory of a process by psutil [bytes]."""
     try:
         return int(psutil.Process(pid).memory_info().rss)
     except psutil.Error:
@@ -39,7 +38,7 @@ def psutil_resident(pid: int) -> int:
 def processor_time(pid: int) -> float:
     """Return the processor time of a process [s]; 0 once it has ended.
 
-    To a nanosecond on Linux; elsewhere to what psutil tells, a microsecond on macOS.
+    Precise to a nanosecond on Linux; elsewhere as psutil, a microsecond on macOS.
     """
     if psutil.LINUX:
         try:
@@ -50,7 +49,7 @@ def processor_time(pid: int) -> float:
 
 
 def psutil_processor_time(pid: int) -> float:
-    """The same as psutil tells it [s]: on Linux in hundredths of a second."""
+    """Return the processor time of a process by psutil [s]: on Linux in hundredths of a second."""
     try:
         spent = psutil.Process(pid).cpu_times()
     except psutil.Error:
@@ -59,7 +58,7 @@ def psutil_processor_time(pid: int) -> float:
 
 
 def become_idle() -> None:
-    """Have this process, and the threads that it starts from now on, work only while nobody else needs a processor."""
+    """Let this process, and threads that it starts from now on, run only on idle processors."""
     if hasattr(os, "SCHED_IDLE"):
         with contextlib.suppress(OSError):  # a container may forbid it
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))

@@ -1,4 +1,4 @@
-"""Versions of the packages that a run is made with."""
+"""Versions of the packages that make a run."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from guidefield.first_start import processor
 PACKAGE = "guidefield"
 """The package that plans."""
 PROCESSOR = "processor"
-"""Name of the kind of processor among the versions: rounding may be another on another kind."""
+"""Name of the kind of processor among the versions: another kind may round differently."""
 PACKAGES = (PACKAGE, "pin", "coal", "example-robot-data", "numpy", "numba", "rerun-sdk")
 """The packages whose versions are recorded."""
 
 
 @functools.cache
 def describe_versions() -> str:
-    """The packages and their versions as one line of a recording."""
+    """Return the packages and their versions as one line of a recording."""
     return ", ".join(f"{name} {text}" for name, text in versions().items())
 
 
 def parse_versions(text: str) -> dict[str, str]:
-    """Versions by package, of a line that `describe_versions` made."""
+    """Parse a line of `describe_versions` into versions by package."""
     return dict(package.split(" ", 1) for package in text.split(", ")) if text else {}
 
 
 def versions() -> dict[str, str]:
-    """The version of each of `PACKAGES` and of Python, and the kind of processor, its family first."""
+    """Return the versions of `PACKAGES` and of Python, and the kind of processor, its family first."""
     found = {"python": platform.python_version(), PROCESSOR: processor()}
     for package in PACKAGES:
         try:

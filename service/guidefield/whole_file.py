@@ -16,16 +16,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 DRAFT = ".draft"
-"""Ending of the name of a file that isn't whole yet."""
+"""Suffix of an incomplete file."""
 
 
 def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> None:
-    """Put `data` where `path` says: all of it or, if the disk refuses, nothing, and an older file stays as it was.
+    """Write `data` to `path` atomically: if the disk refuses, an older file stays unchanged.
 
     Args:
         path: File to write; replaced if it exists.
         data: What it holds, one behind the other.
-        durable: Whether it must survive a power cut; what can be made again need not, and is written faster.
+        durable: Whether it must survive a power cut; other files are written faster.
 
     Raises:
         OSError: if it can't be written; names `path`.
@@ -47,7 +47,7 @@ def write_whole(path: Path, *data: bytes | memoryview, durable: bool = True) -> 
 
 
 def draft_path(path: Path) -> Path:
-    """Return a name beside a file's for content that isn't whole yet: another one each time."""
+    """Return a new name beside a file for its incomplete content."""
     return path.with_name(f".{path.name}.{uuid.uuid4().hex}{DRAFT}")
 
 
@@ -91,4 +91,4 @@ def remove_unshared(folder: Path, unused: float) -> None:
             with contextlib.suppress(OSError):
                 state = file.stat()
                 if state.st_nlink == 1 and time.time() - state.st_mtime >= unused:
-                    file.unlink()  # a link that is made meanwhile keeps the content
+                    file.unlink()  # a link made in between keeps the content
