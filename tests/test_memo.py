@@ -15,8 +15,8 @@ import pytest
 
 from guidefield import memo
 from guidefield.bounded_map import BoundedMap, Limit
+from guidefield.cli.demonstration import REQUESTS
 from guidefield.collision.world import World
-from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.memo import MAX_PER_OBJECT, memoized
 from guidefield.messages.replies import PlanReply

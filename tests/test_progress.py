@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from guidefield.cli.demonstration import REQUESTS
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
-from guidefield.demo import REQUESTS
 from guidefield.engine import Engine
 from guidefield.messages.replies import PlanReply, Progress
 from guidefield.progress import ProgressReporter

@@ -27,7 +27,7 @@ import msgspec
 
 from benchmarks import grown
 from benchmarks.grown import SEED, Made
-from guidefield.demo import REQUESTS
+from guidefield.cli.demonstration import REQUESTS
 from guidefield.engine import Engine
 from guidefield.messages import codec
 from guidefield.messages.requests import PlanRequest

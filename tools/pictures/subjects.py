@@ -10,7 +10,8 @@ from pathlib import Path
 import msgspec
 
 import guidefield
-from guidefield import demo, demo_stream
+from guidefield import demo_stream
+from guidefield.cli import demonstration
 from guidefield.messages import codec
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal
@@ -148,7 +149,7 @@ TABLE = View((-0.5, -1.55, 0.8), drawn=(*ROBOT, STOP, TO_STOP))
 KITCHEN = View((-1.2, 0.8, 1.1))
 
 SUBJECTS: dict[str, Subject | Demonstration | Comparison] = {
-    "shelf": Subject(demo.REQUESTS["demo-pose"][1], partial(clip, view=SHELF, style=SHELF_STYLE)),
+    "shelf": Subject(demonstration.REQUESTS["demo-pose"][1], partial(clip, view=SHELF, style=SHELF_STYLE)),
     "window": Subject(
         PlanRequest(robot="ur5", scene="wall_with_window", goal=GuidePlaneGoal(), allowed_planning_time=PATIENT),
         partial(clip, view=View((-1.4, -1.5, 0.9), drawn=WITH_TRACE), style=SEE_THROUGH),
@@ -174,15 +175,15 @@ SUBJECTS: dict[str, Subject | Demonstration | Comparison] = {
             robot="panda",
             scene="bookshelf",
             start=IN_A_BOARD,
-            goal=JointsGoal(demo.IN_FRONT),
+            goal=JointsGoal(demonstration.IN_FRONT),
             guide_planes=[],
             allowed_planning_time=PATIENT,
         ),
         partial(still, view=SHELF, style=SEE_THROUGH),
         status="START_STATE_IN_COLLISION",
     ),
-    "web": Subject(demo.REQUESTS["demo-guide-planes"][1], web),
-    "tabs": Subject(demo.REQUESTS["demo-guide-planes"][1], tabs),
+    "web": Subject(demonstration.REQUESTS["demo-guide-planes"][1], web),
+    "tabs": Subject(demonstration.REQUESTS["demo-guide-planes"][1], tabs),
     **{name: Subject(_file(name), sheet) for name in THESIS},
 }
 """By the name of the picture."""

@@ -16,9 +16,10 @@ from typing import Annotated, NoReturn
 import msgspec
 import typer
 from rich.console import Console
+from rich.text import Text
 
 from guidefield.batch.results import CannotWork
-from guidefield.cli import demonstration, doctoring, ending, serving
+from guidefield.cli import demonstration, ending, serving
 from guidefield.cli.certifying import make_certify_request, make_robot_reference, read_scene_reference
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import require_writable
@@ -31,6 +32,8 @@ from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas
 from guidefield.cli.tables import certify_table, plan_table
 from guidefield.client import Client
+from guidefield.doctor.examination import examination
+from guidefield.doctor.finding import Finding, State
 from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
@@ -443,7 +446,21 @@ def doctor(
 
     Exit code 0 where a service can work here, 1 where something is wrong.
     """
-    raise typer.Exit(doctoring.examine(default_data_folder(name) if data is None else data, out, json=json))
+    findings = []
+    for finding in examination(default_data_folder(name) if data is None else data):
+        findings.append(finding)
+        if not json:
+            out.print(_format_finding(finding), soft_wrap=True)
+    if json:
+        text = msgspec.json.format(msgspec.json.encode(findings), indent=1).decode()
+        out.print(text, highlight=False, markup=False, soft_wrap=True)
+    raise typer.Exit(int(any(finding.state is State.WRONG for finding in findings)))
+
+
+def _format_finding(finding: Finding) -> Text:
+    advice = f": {finding.advice}" if finding.advice else ""
+    colour = {State.FINE: "green", State.REMARK: "yellow", State.WRONG: "red"}[finding.state]
+    return Text.assemble(f"{finding.about:<9}", (f"{finding.state:<7}", colour), f"{finding.found}{advice}")
 
 
 @app.command()

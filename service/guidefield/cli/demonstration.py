@@ -6,12 +6,46 @@ from pathlib import Path
 
 from rich.console import Console
 
-from guidefield import demo
 from guidefield.cli.recording import fetch_files
 from guidefield.cli.serving import service_in_child
 from guidefield.cli.tables import plan_table
 from guidefield.client import Client
 from guidefield.errors import Status
+from guidefield.messages.requests import GuidePlaneGoal, PlanRequest, PoseGoal, Positions
+
+IN_FRONT: Positions = {
+    "panda_joint1": 0.0,
+    "panda_joint2": -0.785398,
+    "panda_joint3": 0.0,
+    "panda_joint4": -2.356194,
+    "panda_joint5": 0.0,
+    "panda_joint6": 1.570796,
+    "panda_joint7": 0.785398,
+}
+"""Start of the arm: in front of the shelf, its hand down [rad]."""
+
+REQUESTS = {
+    "demo-guide-planes": (
+        "the Panda reaches between two boards, led by the shelf's guide planes",
+        PlanRequest(
+            robot="panda", scene="bookshelf", start=IN_FRONT, goal=GuidePlaneGoal(), allowed_planning_time=60.0
+        ),
+    ),
+    "demo-pose": (
+        "the same shelf, a pose between the boards, no guide planes",
+        PlanRequest(
+            robot="panda",
+            scene="bookshelf",
+            start=IN_FRONT,
+            goal=PoseGoal(
+                position=(0.58, 0.0, 0.48), quaternion_xyzw=(0.0, 0.7071067811865476, 0.0, 0.7071067811865476)
+            ),
+            guide_planes=[],
+            allowed_planning_time=60.0,
+        ),
+    ),
+}
+"""Title and request by name of the recording: a Panda reaches between two boards, with guide planes and without."""
 
 
 def run(folder: Path, out: Console) -> int:
@@ -30,7 +64,7 @@ def run(folder: Path, out: Console) -> int:
         service_in_child(lambda line: out.print(line, style="dim", highlight=False)) as service,
         Client.connect(service.endpoint) as client,
     ):
-        for name, (title, request) in demo.REQUESTS.items():
+        for name, (title, request) in REQUESTS.items():
             out.print(f"\nplanning: {title} …", style="dim", highlight=False)
             reply = fetch_files(client, client.plan(request), folder / f"{name}.rrd")
             out.print(plan_table(reply, title))
