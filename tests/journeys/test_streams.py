@@ -48,6 +48,7 @@ from guidefield.messages.streams import MOST_UPDATE_BYTES, StreamOpen
 from guidefield.scene.scene import build
 from guidefield.stream.journal import Updated
 from guidefield.stream.replay import read
+from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream
 from tests.journeys.service import (
     ANSWERED_WITHIN,
@@ -286,7 +287,7 @@ def _is_repeated(service: Service, stream: ServiceStream, version: str) -> None:
     changed = msgspec.structs.replace(entries[piece], took=True, piece=None)
     with file.open("wb") as write:
         for one in (begun, *entries[:piece], changed, *entries[piece + 1 :]):
-            payload = msgspec.msgpack.encode(one)
+            payload = msgspec.msgpack.encode(one, enc_hook=encode_part)
             write.write(len(payload).to_bytes(4, "little") + payload)
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 1

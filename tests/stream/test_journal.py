@@ -22,6 +22,7 @@ from guidefield.stream import journal as journals
 from guidefield.stream.journal import Journal, Updated, files_of
 from guidefield.stream.replay import read, replayed
 from guidefield.stream.shown import recorded
+from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream
 from guidefield.stream.takeover import TakeOver, WhenFound
 from tests.journeys.service import await_that
@@ -141,7 +142,8 @@ def test_who_replays_is_told_from_where_on_a_stream_is_kept(tmp_path: Path) -> N
     told: list[str] = []
     assert replay_stream([file], tmp_path, (), told.append, lambda _: "") == 0
     assert told[-2:] == [  # before them it may say that kernels are compiled
-        f"s is kept from {begun.snapshot.now} s of its client's clock on: {begun.index - 1} files before made room",
+        f"s is kept from {begun.snapshot.state.now} s of its client's clock on:"
+        f" {begun.index - 1} files before made room",
         f"s/{file.name}: bit-identical: {len(entries)} updates, 0 pieces",
     ]
 
@@ -164,7 +166,7 @@ def test_a_piece_that_is_another_one_is_found(tmp_path: Path) -> None:
     )
     with file.open("wb") as write:
         for one in (begun, *entries[:2], changed, *entries[3:]):
-            payload = msgspec.msgpack.encode(one)
+            payload = msgspec.msgpack.encode(one, enc_hook=encode_part)
             write.write(journals._LENGTH.pack(len(payload)) + payload)
     done = replayed(file, opens)
     assert (done.same, done.first, done.updates) == (False, 0.04, 3)
@@ -183,15 +185,15 @@ def test_a_file_of_another_version_is_told_from_one_that_is_none(tmp_path: Path)
     journal.close()
     (file,) = files_of(tmp_path)
     first, *others = journals.entries_of(file)
-    older = msgspec.to_builtins(first, builtin_types=(bytes,))
-    del older["snapshot"]["planned"]
+    older = msgspec.to_builtins(first, builtin_types=(bytes,), enc_hook=encode_part)
+    del older["snapshot"]["state"]["planned"]
     with file.open("wb") as write:
         for one in (older, *others):
-            payload = msgspec.msgpack.encode(one)
+            payload = msgspec.msgpack.encode(one, enc_hook=encode_part)
             write.write(journals._LENGTH.pack(len(payload)) + payload)
     for ask in (read, lambda path: replayed(path, opens), lambda path: recorded([path], opens)):
         with pytest.raises(
-            MalformedRequest, match=r"000001\.stream hasn't the fields .* `planned` - at `\$\.snapshot`"
+            MalformedRequest, match=r"000001\.stream hasn't the fields .* `planned` - at `\$\.snapshot\.state`"
         ):
             ask(file)
 

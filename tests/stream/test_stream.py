@@ -257,7 +257,7 @@ def test_what_appears_in_the_way_of_what_is_executed_is_told() -> None:
 
 def on_the_way(stream: CertifiedStream, time: float) -> Observation:
     """A ball where the last frame is at a time, by the pieces that were sent, each of which is taken."""
-    commits = [one for one in stream._commits.values() if one.begins <= time]
+    commits = [one for one in stream._state.commits.values() if one.begins <= time]
     z = max(commits, key=lambda one: one.begins).state(time)[:, 0]
     data = stream.group.model.createData()
     pin.framesForwardKinematics(stream.group.model, data, stream.group.expand_from_chart(z))
@@ -341,12 +341,12 @@ def test_what_is_on_its_way_is_never_forgotten() -> None:
     with opened(goal=JointsGoal({"shoulder_pan_joint": 3.0}), latency=0.5, period=0.005) as stream:
         for cycle in range(160):
             now = 0.005 * cycle
-            begun = [one for one in stream._commits.values() if one.begins <= now]
+            begun = [one for one in stream._state.commits.values() if one.begins <= now]
             try:
                 stream.update(time=now, executing=max(one.number for one in begun) if begun else 0)
             except MalformedRequest as error:
                 refused += "63 pieces haven't begun yet" in error.message
-            assert stream._executed_from(now)[0].begins <= max(now, 0.0)
+            assert stream._state.find_executed(now)[0].begins <= max(now, 0.0)
     assert refused > 10
 
 
@@ -362,7 +362,7 @@ def test_what_the_robot_may_be_off_by_counts_before_what_appears() -> None:
                 answer = stream.update(time=0.02 * cycle)
                 if not isinstance(answer, Piece):
                     continue
-                base, places = stream._commits[answer.follows], []
+                base, places = stream._state.commits[answer.follows], []
                 for z in (base.state(0.02 * cycle)[:, 0] - off, stream.executing.ends + off):
                     pin.framesForwardKinematics(model, data, group.expand_from_chart(z))
                     places.append(np.array(data.oMf[group.tip_id].translation))

@@ -87,9 +87,9 @@ def test_what_is_noted_counts_like_what_is_answered() -> None:
         late = noted.note(StreamUpdate(0.01))
         assert isinstance(late, StreamState)
         assert late.reason == "late"
-        assert noted._fresh
+        assert noted._state.fresh
         noted.update(StreamUpdate(0.04))
-        assert not noted._fresh
+        assert not noted._state.fresh
 
 
 def test_a_stream_knows_so_many_obstacles_and_forgets_those_that_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -71,9 +72,8 @@ def replay_stream(
     for file in files:
         begun, _ = read(file)
         if file is files[0] and begun.index > 1:
-            since = (
-                "its first update" if begun.snapshot.now is None else f"{begun.snapshot.now} s of its client's clock"
-            )
+            now = begun.snapshot.state.now
+            since = f"{now} s of its client's clock" if math.isfinite(now) else "its first update"
             say(f"{file.parent.name} is kept from {since} on: {begun.index - 1} files before made room")
         done = replayed(file, _make_engine(begun.user, folder, packages).stream)
         name = f"{file.parent.name}/{file.name}"

@@ -36,12 +36,12 @@ class Way:
         times: When to be at each point [s], shape (m,); None: as soon as one likes.
 
     Attributes:
-        points, times: As given.
+        points, speeds, times: As given.
         begins: How far along each is [s], shape (m,).
     """
 
     def __init__(self, points: ChartPoints, speeds: np.ndarray, times: np.ndarray | None = None) -> None:
-        self.points, self._speeds = points, speeds
+        self.points, self.speeds = points, speeds
         self.times = np.full(len(points), -np.inf) if times is None else times
         lengths = np.abs(np.diff(points, axis=0) / speeds).max(axis=1)
         self.begins = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -104,7 +104,7 @@ class Way:
         """The place [s] of a stretch of the way that is nearest to a point (nv,)."""
         first = int(np.clip(np.searchsorted(self.begins, since, side="right") - 1, 0, len(self.points) - 2))
         last = max(first + 1, int(np.searchsorted(self.begins, min(until, self.length), side="left")))
-        shares = self._speeds.min() / self._speeds  # at most 1: however slow joints are, nothing overflows
+        shares = self.speeds.min() / self.speeds  # at most 1: however slow joints are, nothing overflows
         a = self.points[first:last] * shares
         d = self.points[first + 1 : last + 1] * shares - a
         squares = np.maximum((d * d).sum(axis=1), 1e-300)

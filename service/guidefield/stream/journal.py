@@ -20,11 +20,9 @@ from typing import Any
 import msgspec
 
 from guidefield.errors import GuidefieldError
-from guidefield.messages import codec
-from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import ErrorReply, make_error_reply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
-from guidefield.stream.snapshot import Snapshot
+from guidefield.stream.state import Snapshot, decode_part, encode_part
 from guidefield.stream.ways import give_way
 
 ENDING = ".stream"
@@ -104,7 +102,8 @@ class Halted(msgspec.Struct, frozen=True, tag="halted"):
 
 Entry = Begun | Updated | SoughtGoal | Aimed | Halted
 
-_decoder = msgspec.msgpack.Decoder(Entry)
+_encoder = msgspec.msgpack.Encoder(enc_hook=encode_part)
+_decoder = msgspec.msgpack.Decoder(Entry, dec_hook=decode_part)
 
 
 class Journal:
@@ -217,7 +216,7 @@ class Journal:
                         file = self._path(entry.index).open("xb")
                         self._drop_old()
                     if file is not None:
-                        written = codec.encode(entry, Encoding.MSGPACK)
+                        written = _encoder.encode(entry)
                         file.write(_LENGTH.pack(len(written)) + written)
                         if isinstance(entry, Begun):
                             self._written = entry.index, 0

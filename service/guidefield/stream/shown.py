@@ -103,7 +103,7 @@ class _Part:
 
 def _part(stream: CertifiedStream, begun: Begun, updated: Sequence[Updated]) -> _Part:
     """What a file shows of the robot."""
-    motions = _Motions(stream, [kept.commit() for kept in begun.snapshot.commits])
+    motions = _Motions(stream, list(begun.snapshot.state.commits.values()))
     rows, stops, horizon = [], [], []
     for one in updated:
         now = one.update.time
@@ -130,7 +130,7 @@ def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], s
     """Refuse a robot that was stored anew under its name, with other joints."""
     group = stream.group
     names = [one.piece.position_names for one in updated if one.piece is not None]
-    sizes = [kept.ends.shape for kept in begun.snapshot.commits]
+    sizes = [one.ends.shape for one in begun.snapshot.state.commits.values()]
     if any(one != group.position_names for one in names) or any(size != (group.nv,) for size in sizes):
         raise MalformedRequest(f"the robot of {file.name} has other joints now", file=file.name)
 
@@ -276,7 +276,7 @@ class _Moved:
                 if not known.there or one.seen.time > known.observations[-1].time:
                     known.see(one.seen, one.seen.time)
         for name in self._known.keys() - there:
-            self._known[name].lose(begun.snapshot.now or 0.0)
+            self._known[name].lose(now if np.isfinite(now := begun.snapshot.state.now) else 0.0)
 
 
 def _body(one: _Seen) -> MovingBody:

@@ -38,18 +38,23 @@ from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import opened
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
-from guidefield.stream.snapshot import KeptCommit, KeptObstacle, Rows, Snapshot, random_state, restore_random
+from guidefield.stream.state import (
+    MAX_COMMITS,
+    KeptObstacle,
+    Phase,
+    Snapshot,
+    State,
+    random_state,
+    restore_random,
+)
 from guidefield.stream.takeover import Counted, TakeOver
 from guidefield.stream.watching import Unwatched, Watching
 from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
-KEPT = 64
-"""So many commits are remembered: the one that is executed and the last ones."""
-
-AT = 1e-6
-"""Who stands as close to a goal is there [rad or m]."""
+GOAL_TOLERANCE = 1e-6
+"""A configuration this close to a goal has reached it [rad or m]."""
 
 TRAVELLED_IN = 20
 """In so many parts it is added up how far the robot goes before what appears can have come."""
@@ -114,22 +119,13 @@ class CertifiedStream:
         robot_tables = judged_robot(asked.group, asked.world.pairs.own)
         self._judge = Judge(robot_tables, asked.group.nv, asked.bounds, tolerances)
         self._rng = np.random.default_rng(request.seed)
-        self._now = -np.inf
-        self._commits = {0: Commit.standing(asked.start, 0.0)}
-        self._last = self._current = 0
-        self._pieces: deque[Piece] = deque()
-        self._halted = self._closed = False
-        self._fresh = self._took = False
-        self._sought = self._seeking = 0
-        self._watching: Watching = Unwatched()
-        self._goal_number = 0
-        self._goals: np.ndarray | None = None
-        self._way: Way | None = None
-        self._place = 0.0
+        self._speeds = asked.bounds.rates[:, 0]
+        self._state = State.at_rest(asked.start)
         self._ordered: Ordered | None = None
-        self._refused = 0
-        self._unfound = False
-        self._planned = -np.inf
+        self._seeking = 0
+        self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
+        self._took = False
+        self._watching: Watching = Unwatched()
         if request.goal is not None:
             try:
                 self.aim_for(request.goal)
@@ -144,11 +140,11 @@ class CertifiedStream:
 
     def close(self) -> None:
         """End the stream; what was sent last is executed to its end."""
-        self._closed = True
+        self._state.enter(Phase.CLOSED)
         self._planner.close()
 
     def _require_open(self) -> None:
-        if self._closed:
+        if self._state.phase is Phase.CLOSED:
             raise StreamUnknown("the stream is closed: what was sent last is executed to its end; open another")
 
     @property
@@ -172,12 +168,12 @@ class CertifiedStream:
     @property
     def executing(self) -> Commit:
         """The commit that was sent last, as values."""
-        return self._commits[self._last]
+        return self._state.commits[self._state.last]
 
     @property
     def goal_number(self) -> int:
         """Number of the goal that was set last; 0: there was none."""
-        return self._goal_number
+        return self._state.goal
 
     def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
         """Change the goal; null: to stand. Going on after a stop is asked for in the same way.
@@ -197,11 +193,12 @@ class CertifiedStream:
         """
         self._require_open()
         asked: StreamGoal = codec.convert(goal, StreamGoal) if isinstance(goal, dict) else goal
-        self._sought, self._seeking = self._sought + 1, self._seeking + 1
-        rng = np.random.default_rng([self.request.seed, self._sought])
+        state = self._state
+        state.sought, self._seeking = state.sought + 1, self._seeking + 1
+        rng = np.random.default_rng([self.request.seed, state.sought])
         work = partial(_sought, asked, self.group, self.executing.ends, rng)
         self._watching.sought(asked)
-        return Sought(self._sought, self._planner.beside(work))
+        return Sought(state.sought, self._planner.beside(work))
 
     def take_goal(self, sought: Sought | None) -> int:
         """Aim for what `seek` found from now on, and wait for it; None: to stand.
@@ -214,15 +211,15 @@ class CertifiedStream:
         """
         if sought is not None:
             self._seeking -= 1
-        self._goals = None if sought is None else sought.found.result()
+        goals = None if sought is None else sought.found.result()
         self._watching.aimed(None if sought is None else sought.number)
-        self._goal_number += 1
-        self._way, self._ordered, self._refused, self._unfound, self._halted = None, None, 0, False, False
-        return self._goal_number
+        self._state.aim(goals)
+        self._ordered = None
+        return self._state.goal
 
     def stop(self) -> None:
         """Have no piece follow the last one, until there is a goal again: the robot stops."""
-        self._halted = True
+        self._state.enter(Phase.HALTED)
         self._watching.halted()
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> Piece | StreamState:
@@ -256,19 +253,20 @@ class CertifiedStream:
 
     def _answer(self, update: StreamUpdate) -> Piece | StreamState:
         """The answer to an update."""
-        if update.time <= self._now:
-            return self._state(update.time, "late")
+        state = self._state
+        if update.time <= state.now:
+            return self._tell_state(update.time, "late")
         measured = None if update.joints is None else self._measured(update)
         self._require_followed(update)
-        self._fresh |= self._seen(update)
-        self._begin(update.time)
+        state.fresh |= self._seen(update)
+        state.begin(update.time)
         now = update.time
-        base = self._base(update)
-        self._current = base.number
+        base = state.find_base(update.executing, now)
+        state.current = base.number
         broken = self._broken_by_new(now)
         off = 0.0
         if measured is not None:
-            begun = self._executed_from(now)[0]
+            begun = state.find_executed(now)[0]
             if now >= base.stops:
                 measured = self.group.unwrapped(measured, base.ends)
             off = float(np.abs(measured - begun.state(now)[:, 0]).max())
@@ -278,13 +276,13 @@ class CertifiedStream:
             base = self._stood_elsewhere(measured, base)
         if now - self._obstacles.oldest > self.request.age_limit:
             return self._none(now, "stale", broken, base)
-        executed, judged = self._executed_from(now), self._obstacles.judged(STREAM.reserve)
+        executed, judged = state.find_executed(now), self._obstacles.judged(STREAM.reserve)
         return self._answered(_Cycle(now, now + self.request.latency, executed, broken, judged))
 
     def _broken_by_new(self, now: float) -> Told | None:
         """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
-        fresh, self._fresh = self._fresh, False
-        if not fresh or now >= self._commits[self._current].stops:
+        fresh, self._state.fresh = self._state.fresh, False
+        if not fresh or now >= self._state.commits[self._state.current].stops:
             return None
         told = self.judged(now)
         return None if told.free else told
@@ -294,19 +292,8 @@ class CertifiedStream:
     ) -> StreamState:
         """The state where there is no piece: what came into the way of what is executed is told before all else."""
         if broken is not None:
-            return self._state(now, "appeared", broken, base)
-        return self._state(now, reason, told, base)
-
-    def _executed_from(self, now: float) -> list[Commit]:
-        """The commits that are executed from now on, in order, the last of them to its stop."""
-        return self._back_from(self._current, now)[::-1]
-
-    def _back_from(self, number: int, now: float) -> list[Commit]:
-        """The commit of a number, what it follows, and so on back to the one that is executed now."""
-        found = [self._commits[number]]
-        while (last := found[-1]).begins > now and last.follows != last.number and last.follows in self._commits:
-            found.append(self._commits[last.follows])
-        return found
+            return self._tell_state(now, "appeared", broken, base)
+        return self._tell_state(now, reason, told, base)
 
     def note(self, update: StreamUpdate) -> StreamState | None:
         """Take what an update says of obstacles and answer nothing, for a newer one is there already.
@@ -320,10 +307,10 @@ class CertifiedStream:
         return self._heard(update, self._noted, noted=True)
 
     def _noted(self, update: StreamUpdate) -> StreamState | None:
-        if update.time <= self._now:
-            return self._state(update.time, "late")
-        self._fresh |= self._seen(update)
-        self._begin(update.time)
+        if update.time <= self._state.now:
+            return self._tell_state(update.time, "late")
+        self._state.fresh |= self._seen(update)
+        self._state.begin(update.time)
         return None
 
     def _rest_if_wanted(self) -> None:
@@ -333,26 +320,10 @@ class CertifiedStream:
     def snapshot(self) -> Snapshot:
         """What it goes on from. A way that is being planned is given up, and planned again in the next cycle."""
         if self._ordered is not None:
-            self._ordered, self._refused = None, STREAM.refused
+            self._ordered, self._state.refused = None, STREAM.refused
         known = self._obstacles.known.values()
-        return Snapshot(
-            now=self._now if np.isfinite(self._now) else None,
-            commits=tuple(KeptCommit.of(one) for one in self._commits.values()),
-            last=self._last,
-            halted=self._halted,
-            fresh=self._fresh,
-            sought=self._sought,
-            goal=self._goal_number,
-            goals=None if self._goals is None else Rows.of(self._goals),
-            way=None if self._way is None else Rows.of(self._way.points),
-            times=None if self._way is None else Rows.of(self._way.times),
-            place=self._place,
-            refused=self._refused,
-            unfound=self._unfound,
-            planned=self._planned if np.isfinite(self._planned) else None,
-            random=random_state(self._rng),
-            obstacles=tuple(KeptObstacle(one.declared, one.seen, one.gone) for one in known),
-        )
+        obstacles = tuple(KeptObstacle(one.declared, one.seen, one.gone) for one in known)
+        return Snapshot(self._state.copy(), random_state(self._rng), obstacles)
 
     def resume(self, kept: Snapshot) -> None:
         """Go on from a snapshot of a stream that was opened with the same request, but for its goal and obstacles.
@@ -360,19 +331,7 @@ class CertifiedStream:
         Raises:
             GuidefieldError: if an obstacle of it can't be used here.
         """
-        self._now = -np.inf if kept.now is None else kept.now
-        self._commits = {one.number: one.commit() for one in kept.commits}
-        self._last, self._halted, self._fresh = kept.last, kept.halted, kept.fresh
-        self._current = kept.last
-        self._sought, self._goal_number = kept.sought, kept.goal
-        self._goals = None if kept.goals is None else kept.goals.array()
-        speeds = self._opened.bounds.rates[:, 0]
-        self._way = None
-        if kept.way is not None and kept.times is not None:
-            self._way = Way(kept.way.array(), speeds, kept.times.array())
-        self._place, self._refused, self._unfound = kept.place, kept.refused, kept.unfound
-        self._planned = -np.inf if kept.planned is None else kept.planned
-        self._ordered = None
+        self._state, self._ordered = kept.state.copy(), None
         restore_random(self._rng, kept.random)
         self._obstacles.known.clear()
         for index, one in enumerate(kept.obstacles):
@@ -382,19 +341,13 @@ class CertifiedStream:
                 self._obstacles.observe(one.seen)
             self._obstacles.known[one.declared.obstacle.name].gone = one.gone
 
-    def _begin(self, now: float) -> None:
-        """The client's clock is there [s]; until the first update the robot stands at its start."""
-        if not np.isfinite(self._now):
-            self._commits[0] = Commit.standing(self._opened.start, now)
-        self._now = now
-
     def judged(self, time: float) -> Told:
         """Whether what is executed is still proven from a time on [s], by what was seen last.
 
         That is what the last update said, with the piece that answered it, if there was one.
         """
         shapes, places, _ = self._obstacles.judged(STREAM.reserve)
-        executed = one_after_another(self._executed_from(time))
+        executed = one_after_another(self._state.find_executed(time))
         return self._judge.told(executed, shapes, places, STREAM.evaluations, since=time)
 
     def _seen(self, update: StreamUpdate) -> bool:
@@ -432,12 +385,6 @@ class CertifiedStream:
             )
         return group.unwrapped(group.chart(group.part_of(q)), self.executing.state(update.time)[:, 0])
 
-    def _base(self, update: StreamUpdate) -> Commit:
-        """The commit that the next piece follows: what is executed, or the last of those that are on their way."""
-        number = self._last if update.executing is None else update.executing
-        on_their_way = any(one.number == number for one in self._back_from(self._last, update.time))
-        return self._commits[self._last if on_their_way else number]
-
     def _require_followed(self, update: StreamUpdate) -> None:
         """Refuse an update that no piece could follow.
 
@@ -445,30 +392,28 @@ class CertifiedStream:
             MalformedRequest: if nobody remembers the piece that is executed, or as many as can be are on their way.
         """
         number = update.executing
-        if number is not None and number not in self._commits:
+        if number is not None and number not in self._state.commits:
             raise MalformedRequest(
-                f"`executing` must be the number of one of the last {KEPT} pieces, got {number}; the last is"
-                f" {self._last}",
+                f"`executing` must be the number of one of the last {MAX_COMMITS} pieces, got {number}; the last is"
+                f" {self._state.last}",
                 path="$.executing",
             )
-        if len(self._back_from(self._last, update.time)) >= KEPT:
+        if len(self._state.find_pending(self._state.last, update.time)) >= MAX_COMMITS:
             raise MalformedRequest(
-                f"{KEPT - 1} pieces haven't begun yet, and more can't be remembered: send updates further apart, or"
-                " ask for less `latency`",
+                f"{MAX_COMMITS - 1} pieces haven't begun yet, and more can't be remembered: send updates further apart,"
+                " or ask for less `latency`",
                 path="$.time",
             )
 
     def _stood_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
         """The robot stands, and not where its piece had it: it goes on from there, z of shape (nv,)."""
-        stood = Commit.standing(z, self._now, base.number, self._goal_number)
-        self._commits[base.number] = stood
-        self._last = self._current = base.number
-        self._way = None
+        stood = Commit.standing(z, self._state.now, base.number, self._state.goal)
+        self._state.stand_at(stood)
         return stood
 
     def _answered(self, cycle: _Cycle) -> Piece | StreamState:
         """The answer to an update."""
-        if self._halted:
+        if self._state.phase is Phase.HALTED:
             return self._none(cycle.now, "stopped", cycle.broken, cycle.base)
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
         still = self._towards(cycle, state, np.zeros(self.group.nv), None)
@@ -480,9 +425,9 @@ class CertifiedStream:
         if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
             found = self._left(cycle, state, still)
         if found is not None:
-            self._refused = 0
+            self._state.refused = 0
             return self._sent(cycle, *found)
-        self._refused += 1
+        self._state.refused += 1
         told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
         return self._none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
 
@@ -493,19 +438,18 @@ class CertifiedStream:
 
     def _followed(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece along the way to the goal, or None; then the cycle knows why."""
-        if self._goals is None:
+        if self._state.phase is Phase.STANDING:
             cycle.reason = "standing"
             return None
-        if cycle.base.at_goal and cycle.base.goal == self._goal_number:
+        if cycle.base.at_goal and cycle.base.goal == self._state.goal:
             cycle.reason = "at_goal"
             return None
         way = self._looked_for(cycle, still.ends)
-        speeds = self._opened.bounds.rates[:, 0]
-        since = self._place
+        since = self._state.place
         for share in STREAM.speeds:
             aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
-            self._place = aim.place
-            largest = float((np.abs(aim.direction) / speeds).max())
+            self._state.place = aim.place
+            largest = float((np.abs(aim.direction) / self._speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
             commit = self._towards(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
@@ -516,7 +460,7 @@ class CertifiedStream:
                 stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
                 cycle.threatened = flees and not stays
                 return commit, "goal"
-        if cycle.told is None or self._unfound:
+        if cycle.told is None or self._state.unfound:
             cycle.reason = "no_way"
         return None
 
@@ -530,8 +474,9 @@ class CertifiedStream:
             share: The share of the speeds at which it is followed.
         """
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
-        then = min(self._place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
-        places = (end, way.at(max(then, self._place)))
+        place = self._state.place
+        then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
+        places = (end, way.at(max(then, place)))
         return all(pressure_at(self._room.robot, boxes, z, STREAM.threat)[0] > 0.0 for z in places)
 
     def _fled(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
@@ -542,16 +487,15 @@ class CertifiedStream:
         before, gradient = pressure_at(self._room.robot, boxes, still.ends)
         if before <= 0.0:
             return None
-        speeds = self._opened.bounds.rates[:, 0]
         tried: list[tuple[float, int, Commit]] = []
-        for velocities in flights(gradient, speeds, self._rng):
+        for velocities in flights(gradient, self._speeds, self._rng):
             commit = self._towards(cycle, state, velocities, None)
             after, _ = pressure_at(self._room.robot, boxes, commit.ends)
             if after < before:
                 tried.append((after, len(tried), commit))
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._proven(cycle, commit, reserved=False):
-                self._place = 0.0  # the way may be nearest elsewhere then
+                self._state.place = 0.0  # the way may be nearest elsewhere then
                 return commit, "away"
         return None
 
@@ -560,9 +504,8 @@ class CertifiedStream:
         before = self._room.kept_from_resting(still.ends)
         if before == len(STREAM.leaving):
             return None
-        speeds = self._opened.bounds.rates[:, 0]
         tried: list[tuple[int, int, Commit]] = []
-        for velocities in flights(np.zeros(self.group.nv), speeds, self._rng):
+        for velocities in flights(np.zeros(self.group.nv), self._speeds, self._rng):
             for towards_it in (velocities, -velocities):
                 commit = self._towards(cycle, state, towards_it, None)
                 after = self._room.kept_from_resting(commit.ends)
@@ -570,7 +513,7 @@ class CertifiedStream:
                     tried.append((-after, len(tried), commit))
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
             if self._proven(cycle, commit, reserved=True):
-                self._place = 0.0
+                self._state.place = 0.0
                 return commit, "away"
         return None
 
@@ -597,86 +540,81 @@ class CertifiedStream:
 
     def _looked_for(self, cycle: _Cycle, stand: ChartPoint) -> Way:
         """The way that is followed, after what was planned is taken over and what has to be is ordered."""
-        speeds = self._opened.bounds.rates[:, 0]
-        goal = self._chosen(cycle, stand)
-        if self._ordered is not None and self._taking.takes(self._ordered, cycle.now):
+        state, goal = self._state, self._chosen(cycle, stand)
+        if (ordered := self._ordered) is not None and self._taking.takes(ordered, cycle.now):
             self._took = True
-            found = self._ordered.found.result()
-            self._unfound = found.nowhere
-            if found.way is not None and (self._ordered.goal == goal).all():
-                self._way, self._place = (
-                    Way(found.way.points, speeds, self._ordered.due + STREAM.lag + found.way.times),
-                    0.0,
-                )
+            found = ordered.found.result()
+            state.unfound = found.nowhere
+            if found.way is not None and (ordered.goal == goal).all():
+                state.follow(Way(found.way.points, self._speeds, ordered.due + STREAM.lag + found.way.times))
             self._ordered = None
-        if self._way is None or not (self._way.goal == goal).all():
-            self._way, self._place = Way(np.array([stand, goal]), speeds), 0.0
+        if state.way is None or not (state.way.goal == goal).all():
+            state.follow(Way(np.array([stand, goal]), self._speeds))
+        assert state.way is not None, "one is followed"
         if self._ordered is None:
-            self._order_if_due(cycle, stand, goal)
-        return self._way
+            self._order_if_due(cycle, state.way, stand, goal)
+        return state.way
 
-    def _order_if_due(self, cycle: _Cycle, stand: ChartPoint, goal: ChartPoint) -> None:
+    def _order_if_due(self, cycle: _Cycle, way: Way, stand: ChartPoint, goal: ChartPoint) -> None:
         """Have a way planned where the one that is followed isn't free of what rests, or something moves.
 
         It begins on the way that is followed, where the robot could stand when it is taken over; or where it could
         stand now, if it isn't on its way.
         """
-        assert self._way is not None, "there is a way"
+        state, speeds = self._state, self._speeds
         due = cycle.now + self.request.planning_time
         drifting = self._obstacles.drifting(due + STREAM.lag)
-        goes = self._refused < STREAM.refused and self._is_free(stand)
-        again = len(drifting.boxes) > 0 and cycle.now >= self._planned + self.request.planning_time + STREAM.again
+        goes = state.refused < STREAM.refused and self._is_free(way, stand)
+        again = len(drifting.boxes) > 0 and cycle.now >= state.planned + self.request.planning_time + STREAM.again
         if goes and not again:
             return
         start, followed = stand, None
         if goes:
-            speeds = self._opened.bounds.rates[:, 0]
-            place = self._way.nearest(stand, self._place, self._place + STREAM.looked_at)
+            place = way.nearest(stand, state.place, state.place + STREAM.looked_at)
             share = float((np.abs(cycle.base.state(cycle.begins)[:, 1]) / speeds).max())
             goes_on = self.request.planning_time * min(1.0, share)
-            then = max(place, min(place + goes_on, self._way.due(due + STREAM.early)))
-            if (np.abs(self._way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
-                start, place = self._way.at(then), then
-            followed = self._way.rest(start, place)
-        self._planned = cycle.now
+            then = max(place, min(place + goes_on, way.due(due + STREAM.early)))
+            if (np.abs(way.at(then) - stand) / speeds).max() <= STREAM.on_it * goes_on:
+                start, place = way.at(then), then
+            followed = way.rest(start, place)
+        state.planned = cycle.now
         self._ordered = self._planner.order(due, start, goal, drifting, followed, self._rng)
-        self._refused = 0
+        state.refused = 0
 
     def _chosen(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
-        assert self._goals is not None, "there is a goal"
+        goals, way = self._state.goals, self._state.way
+        assert goals is not None, "there is a goal"
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
-        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE).any() for z in self._goals], bool)
+        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE).any() for z in goals], bool)
         if taken.all():
             cycle.reason = "goal_taken"
             taken[:] = False
-        if self._way is not None:
-            same = np.flatnonzero((self._goals == self._way.goal).all(axis=1))
+        if way is not None:
+            same = np.flatnonzero((goals == way.goal).all(axis=1))
             if len(same) and not taken[same[0]]:
-                chosen: ChartPoint = self._goals[same[0]]
+                chosen: ChartPoint = goals[same[0]]
                 return chosen
-        far = np.abs((self._goals - stand) / self._opened.bounds.rates[:, 0]).max(axis=1)
-        nearest: ChartPoint = self._goals[np.argmin(np.where(taken, np.inf, far))]
+        far = np.abs((goals - stand) / self._speeds).max(axis=1)
+        nearest: ChartPoint = goals[np.argmin(np.where(taken, np.inf, far))]
         return nearest
 
-    def _is_free(self, stand: ChartPoint) -> bool:
-        """Whether what is looked at of the way is free of what rests."""
-        assert self._way is not None, "there is a way"
-        points = self._way.rest(stand, self._place, self._place + STREAM.looked_at)
-        clearance = self._room.clearance(STREAM.resting_looked_at, [stand, self._way.goal])
+    def _is_free(self, way: Way, stand: ChartPoint) -> bool:
+        """Return whether the near part of the way is free of what rests."""
+        place = self._state.place
+        points = way.rest(stand, place, place + STREAM.looked_at)
+        clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])
         return self._room.straight(NOTHING, STREAM.going, clearance, points)
 
     def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
-        number = max(self._commits) + 1
-        at_goal = self._way is not None and bool((np.abs(commit.ends - self._way.goal) <= AT).all())
+        state = self._state
+        number = max(state.commits) + 1
+        at_goal = state.way is not None and bool((np.abs(commit.ends - state.way.goal) <= GOAL_TOLERANCE).all())
         sent = Commit(
             number, commit.begins, commit.brakes, commit.stops, commit.start, commit.phases, commit.counts,
-            commit.ends, cycle.base.number, self._goal_number, at_goal and leads_to == "goal",
+            commit.ends, cycle.base.number, state.goal, at_goal and leads_to == "goal",
         )  # fmt: skip
-        self._commits[number] = sent
-        self._last = self._current = number
-        while len(self._commits) > KEPT:  # what is executed, and what is on its way, is never forgotten
-            del self._commits[min(self._commits.keys() - {one.number for one in cycle.executed})]
+        state.add(sent, cycle.executed)
         piece = Piece(
             number=number,
             update=cycle.now,
@@ -692,11 +630,11 @@ class CertifiedStream:
             evaluations=cycle.evaluations,
         )
         self._pieces.append(piece)
-        while len(self._pieces) > KEPT:
-            self._pieces.popleft()
         return piece
 
-    def _state(self, time: float, reason: Reason, told: Told | None = None, base: Commit | None = None) -> StreamState:
+    def _tell_state(
+        self, time: float, reason: Reason, told: Told | None = None, base: Commit | None = None
+    ) -> StreamState:
         commit = self.executing if base is None else base
         return StreamState(
             update=time,

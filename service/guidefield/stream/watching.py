@@ -7,7 +7,7 @@ from typing import Protocol
 
 from guidefield.errors import GuidefieldError
 from guidefield.messages.streams import Piece, StreamGoal, StreamState, StreamUpdate
-from guidefield.stream.snapshot import Snapshot
+from guidefield.stream.state import Snapshot
 
 
 class Watching(Protocol):
