@@ -258,6 +258,7 @@ def test_every_page_is_linked_from_the_readme() -> None:
 
 
 def test_terms_are_in_order() -> None:
-    terms = re.findall(r"^\*\*(.+?)\*\*:", (DOCS / "glossary.md").read_text(), re.MULTILINE)
-    assert len(terms) > 50
+    rows = re.findall(r"^\| (.+?) \| (.+?) \| (.+) \|$", (DOCS / "glossary.md").read_text(), re.MULTILINE)
+    terms = [term for term, _, _ in rows[1:]]
+    assert len(terms) > 40
     assert terms == sorted(terms, key=str.casefold)

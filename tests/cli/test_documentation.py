@@ -53,7 +53,7 @@ def test_a_terminal_gets_it_page_by_page(monkeypatch: pytest.MonkeyPatch) -> Non
     assert paged == []
     documentation.show_page("glossary", terminal)
     assert len(paged) == 1
-    assert "Guide plane" in paged[0]
+    assert "guide plane" in paged[0]
 
 
 def test_an_unknown_subject_is_told_what_may_have_been_meant() -> None:
