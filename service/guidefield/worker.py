@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -32,8 +33,7 @@ CONTINUED_S = 120.0
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(msgspec.Struct, frozen=True):
     """A query for a worker.
 
     Attributes:
@@ -45,6 +45,9 @@ class Job:
     query: keys.Query
     received: float
     run_id: str | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Job, (self.query, self.received, self.run_id)
 
 
 @dataclass(frozen=True)

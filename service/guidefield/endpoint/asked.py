@@ -7,9 +7,9 @@ import logging
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 
+import msgspec
 import zenoh
 
 from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, convert_exception
@@ -118,7 +118,7 @@ class Asked:
         size = 0 if payload is None else len(payload)
         let_in(told, size)
         codec.require_size(size)
-        return told if payload is None else replace(told, payload=payload.to_bytes())
+        return told if payload is None else msgspec.structs.replace(told, payload=payload.to_bytes())
 
     def _client(self) -> str:
         """Return the name that the client gave itself: the query's attachment."""

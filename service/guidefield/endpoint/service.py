@@ -159,13 +159,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         engines = setup.engines(runs)
         limits = limits_of(settings.queue_limit)
         progress = session.declare_publisher(f"guidefield/{settings.instance}/**/runs/*/progress")
-        pool = Pool(
-            setup,
-            workers=settings.workers,
-            limits=limits,
-            memory=settings.memory,
-            is_listened_to=lambda: progress.matching_status.matching,
-        )
+        pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
+        hear_listeners = zenoh.handlers.Callback(partial(_note_listeners, pool), indirect=False)
+        opened.enter_context(progress.declare_matching_listener(hear_listeners))
         streams = _streams(settings, setup, session)
         endpoint = Endpoint(
             settings.instance,
@@ -345,6 +341,10 @@ def _opened(config: zenoh.Config) -> zenoh.Session:
     except zenoh.ZError as error:
         where = config.get_json("listen/endpoints")
         raise CannotServe(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
+
+
+def _note_listeners(pool: Pool, status: zenoh.MatchingStatus) -> None:
+    pool.listened.value = status.matching
 
 
 def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:

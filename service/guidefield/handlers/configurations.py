@@ -148,8 +148,8 @@ def _unpacked(table: ConfigurationTable) -> np.ndarray:
 
 
 def _scalar_rows(given: Sequence[Positions]) -> np.ndarray | None:
-    """Values of configurations that name the same joints, of one value each, in the same order, shape (n, k)."""
-    if not given:
+    """Values of several configurations that name the same joints, of one value each, in the same order: (n, k)."""
+    if len(given) < 2:
         return None
     names = tuple(given[0])
     if any(tuple(one) != names for one in given):

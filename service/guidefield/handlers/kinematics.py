@@ -30,6 +30,7 @@ from guidefield.handlers.dynamics import dynamics, jacobian
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import exact
 from guidefield.kernels.kinematics.group_joints import FrameTable, place_frames
+from guidefield.memo import memoized
 from guidefield.messages import requests, scene as scene_messages
 from guidefield.messages.kinematics_replies import PackedClearance
 from guidefield.messages.replies import (
@@ -111,7 +112,7 @@ def forward_kinematics(
         UnknownFrame: if the robot lacks a frame.
         InvalidConfiguration: if a configuration doesn't fit the robot.
     """
-    frames = _frame_table(robot, frame_ids(robot, request.frames))
+    frames = _frame_table(robot, tuple(request.frames))
     root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw).homogeneous[:3]
     configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
     placements = np.empty((len(configurations), len(request.frames), 7))
@@ -363,9 +364,10 @@ def _empty_scene() -> Scene:
     return scenes.build(scene_messages.Scene(name="empty"))
 
 
-def _frame_table(robot: RobotModel, indices: Sequence[int]) -> FrameTable:
-    """Frames, by Pinocchio's indices of them."""
-    frames = [robot.model.frames[index] for index in indices]
+@memoized
+def _frame_table(robot: RobotModel, names: tuple[str, ...]) -> FrameTable:
+    """Return the table of the `frames` of a request; raises UnknownFrame if the robot lacks one."""
+    frames = [robot.model.frames[index] for index in frame_ids(robot, names)]
     table = FrameTable(
         np.array([frame.parentJoint for frame in frames], np.int64),
         np.array([frame.placement.homogeneous[:3] for frame in frames]).reshape(-1, 3, 4),

@@ -29,8 +29,7 @@ MIN_BESIDE = 1 << 16
 """Smallest payload that travels to a worker beside the pickled query [bytes]."""
 
 
-@dataclass(frozen=True)
-class Query:
+class Query(msgspec.Struct, frozen=True, array_like=True):
     """A query before its payload is decoded.
 
     Attributes:
@@ -55,10 +54,9 @@ class Query:
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> Any:
         """Pickle a large payload out of band (protocol 5)."""
-        if index(protocol) < 5 or len(self.payload) < MIN_BESIDE:
-            return super().__reduce_ex__(protocol)
-        rest = {name: value for name, value in vars(self).items() if name != "payload"}
-        return _with_payload, (rest, pickle.PickleBuffer(self.payload))
+        is_beside = index(protocol) >= 5 and len(self.payload) >= MIN_BESIDE
+        head = _ENCODER.encode(msgspec.structs.replace(self, payload=b""))
+        return _restore_query, (head, pickle.PickleBuffer(self.payload) if is_beside else self.payload)
 
     @property
     def asker(self) -> Asker:
@@ -66,8 +64,12 @@ class Query:
         return Asker(self.user, self.client)
 
 
-def _with_payload(rest: dict[str, Any], payload: bytes | bytearray) -> Query:
-    return Query(payload=bytes(payload), **rest)
+_ENCODER, _DECODER = msgspec.msgpack.Encoder(), msgspec.msgpack.Decoder(Query)
+
+
+def _restore_query(head: bytes, payload: bytes | bytearray) -> Query:
+    query: Query = _DECODER.decode(head)
+    return msgspec.structs.replace(query, payload=bytes(payload))
 
 
 def _limit_time(asked: float, default: float) -> float:

@@ -74,12 +74,12 @@ class Pool:
         workers: How many.
         limits: How much may wait.
         memory: A worker that takes more is stopped [bytes].
-        is_listened_to: Whether anybody hears what workers tell while they work; quick to ask.
 
     Attributes:
         outbox: Sends answers; its threads attend to the workers.
         crashes: How many workers had to be replaced.
         waiting: What waits: how much of whom, and who got how much lately.
+        listened: Whether anybody hears what workers tell while they work, in memory that is shared with them.
     """
 
     def __init__(
@@ -89,14 +89,12 @@ class Pool:
         workers: int,
         limits: Limits = DEFAULT_LIMITS,
         memory: int = DEFAULT_MEMORY,
-        is_listened_to: Callable[[], bool] = lambda: False,
     ) -> None:
         self._setup, self._memory = setup, memory
-        self._is_listened_to = is_listened_to
         self.waiting = Waiting(limits)
         self._slots = [Slot() for _ in range(workers)]
         self._standing_by = Slot()
-        self._listened = spawn.Value("B", 0, lock=False)
+        self.listened = spawn.Value("B", 0, lock=False)
         self._numbers = itertools.count(1)
         self._lock = threading.Lock()
         self._first_tried, self._reason = threading.Event(), ""
@@ -236,7 +234,7 @@ class Pool:
         self._starter.submit(self._start_worker, slot)
 
     def _start_worker(self, slot: Slot) -> None:
-        worker = Worker(self._setup, self._memory, self._listened)
+        worker = Worker(self._setup, self._memory, self.listened)
         try:
             worker.start()
         except Exception as error:  # out of processes or of memory: the next attempt may do
@@ -373,8 +371,6 @@ class Pool:
         return worker.current
 
     def _give(self, given: _Given) -> None:
-        if given:
-            self._listened.value = self._is_listened_to()
         for worker, current in given:
             try:
                 current.task.begin()
@@ -461,7 +457,6 @@ class Pool:
 
     def _look_after(self, now: float) -> None:
         """Do what is due by the clock."""
-        self._listened.value = self._is_listened_to()
         for task in self.waiting.take_expired(now):
             assert task.deadline is not None, "only tasks with a deadline expire"
             task.end_overdue(task.deadline)
