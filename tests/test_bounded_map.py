@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
 from guidefield.bounded_map import BoundedMap, Limit
 
 
@@ -31,3 +37,27 @@ def test_the_first_value_of_a_key_stays() -> None:
     assert known.put("a", "second", 60) == "first"
     known.put("b", "B", 40)
     assert known.get("a") == "first", "it was counted once"
+
+
+def test_threads_that_ask_at_once_get_one_value_and_what_fails_is_tried_again() -> None:
+    known, made, begun = BoundedMap[str, list[int]](Limit(2, 100)), list[list[int]](), threading.Barrier(4)
+
+    def make() -> list[int]:
+        time.sleep(0.05)  # the others have come by then
+        made.append([7])
+        return made[-1]
+
+    def ask() -> list[int]:
+        begun.wait()
+        return known.find("a", make, len)
+
+    def fail() -> list[int]:
+        raise ValueError("flat")
+
+    with pytest.raises(ValueError, match="flat"):
+        known.find("a", fail, len)
+    with ThreadPoolExecutor(4) as pool:
+        found = [one.result() for one in [pool.submit(ask) for _ in range(4)]]
+    assert len(made) == 1
+    assert all(one is made[0] for one in found)
+    assert known.size == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from typing import Generic, NamedTuple, TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
@@ -43,6 +43,18 @@ PLACED_MESHES = Limit(1024, 2**27)
 TRIANGULATIONS = Limit(256, 2**27)
 """Triangles of Coal's meshes, by their vertices."""
 
+SOLIDS = Limit(256, 2**26)
+"""Solids of meshes, while a robot is prepared."""
+
+BYTES_PER_SOLID_FACE = 512
+"""Memory of a triangle of a solid."""
+
+ROBOTS = Limit(32, 2**30)
+"""Loaded robots; their tables count in `FOUND`."""
+
+ROBOT_LINES = Limit(1000, 2**24)
+"""Lines about robots that were sent."""
+
 FOUND = Limit(2**18, 2**30)
 """Memoized results for robots, scenes and obstacles, see `memo`."""
 
@@ -71,6 +83,7 @@ class BoundedMap(Generic[Key, Value]):
         self._entries: OrderedDict[Key, tuple[Value, int]] = OrderedDict()
         self._bytes = self._freed = 0
         self._lock = threading.RLock()  # a destructor of an evicted value may use the map
+        self._making: dict[Key, threading.Lock] = {}
 
     def __len__(self) -> int:
         return len(self._entries)
@@ -110,6 +123,21 @@ class BoundedMap(Generic[Key, Value]):
                 self._freed = 0
                 trim_memory()
             return value
+
+    def find(self, key: Key, make: Callable[[], Value], size_of: Callable[[Value], int]) -> Value:
+        """Return the value of a key, made once, whichever threads ask for it; exceptions of `make` come through."""
+        with self._lock:
+            making = self._making.setdefault(key, threading.Lock())
+        try:
+            with making:
+                found = self.get(key)
+                if found is None:
+                    found = make()
+                    self.put(key, found, size_of(found))
+                return found
+        finally:
+            with self._lock:
+                self._making.pop(key, None)
 
     def clear(self) -> None:
         """Remove all entries."""

@@ -16,6 +16,7 @@ import msgspec
 import pinocchio as pin
 from lxml import etree
 
+from guidefield.bounded_map import ROBOT_LINES, ROBOTS, BoundedMap
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import folder
 from guidefield.messages.faults import find_nearest
@@ -111,12 +112,6 @@ def _expanded(path: Path, args: Mapping[str, ArgumentValue], resolver: MeshResol
     return expanded
 
 
-MAX_CACHED = 32
-"""Robots kept loaded."""
-MOST_LINES = 1_000
-"""Lines about robots that were sent that are kept."""
-
-
 _Stamp = tuple[int, int, int, int]
 """When a file was written, its size, and which one it is."""
 
@@ -144,8 +139,8 @@ class Catalog:
 
     def __init__(self, package_dirs: Iterable[Path] = ()) -> None:
         self._package_dirs = tuple(package_dirs)
-        self._loaded: dict[str, _Loaded] = {}
-        self._lines: dict[str, RobotSummary] = {}
+        self._loaded = BoundedMap[str, _Loaded](ROBOTS)
+        self._lines = BoundedMap[str, RobotSummary](ROBOT_LINES)
 
     def names(self) -> list[str]:
         """Names that `load` knows."""
@@ -166,9 +161,7 @@ class Catalog:
         if line is None:
             line = summarize_sent(sent, self._package_dirs)
             if line.problem is None:
-                self._lines[_key(sent)] = line
-                while len(self._lines) > MOST_LINES:
-                    del self._lines[next(iter(self._lines))]
+                self._lines.put(_key(sent), line)
         return line
 
     def load(self, reference: RobotReference | SentRobot) -> RobotModel:
@@ -182,11 +175,10 @@ class Catalog:
         key = _key(reference)
         loaded = self._loaded.get(key)
         if loaded is None or any(_stamp(file) != was for file, was in loaded.stamps.items()):
-            self._loaded.pop(key, None)
-            while len(self._loaded) >= MAX_CACHED:
-                del self._loaded[next(iter(self._loaded))]
+            self._loaded.remove(key)
             robot = self._build(reference)
-            loaded = self._loaded[key] = _Loaded(robot, {file: _stamp(file) for file in _files(reference, robot)})
+            stamps = {file: _stamp(file) for file in _files(reference, robot)}
+            loaded = self._loaded.put(key, _Loaded(robot, stamps))
         return loaded.robot
 
     def origin(self, reference: RobotReference | SentRobot) -> tuple[RobotReference | SentRobot, str]:
@@ -197,13 +189,14 @@ class Catalog:
         """
         if isinstance(reference, str) and is_description(reference):
             reference = find_description(reference)
-        fingerprint = self._loaded[_key(reference)].fingerprint
+        loaded = self._loaded.get(_key(reference))
+        assert loaded is not None, "it was loaded"
         if isinstance(reference, UrdfFile):
             srdf = reference.srdf_path and str(absolute(reference.srdf_path))
             folders = [str(absolute(folder)) for folder in reference.package_dirs]
             path = str(absolute(reference.path))
             reference = msgspec.structs.replace(reference, path=path, srdf_path=srdf, package_dirs=folders)
-        return reference, fingerprint
+        return reference, loaded.fingerprint
 
     def _build(self, reference: RobotReference | SentRobot) -> RobotModel:
         if isinstance(reference, str):
