@@ -118,7 +118,7 @@ class SharedCaches:
         return Catalog(self.packages)
 
     @functools.cached_property
-    def built(self) -> BuiltScenes:
+    def scenes(self) -> BuiltScenes:
         """The built scenes."""
         from guidefield.scene.built import BuiltScenes
 
@@ -482,7 +482,7 @@ class Engine:
             if coming:
                 added = apply_change(SceneMessage(request.name), SceneDiff(add=coming))
                 with _at_added_fault(coming):
-                    warnings = self._loaded.built.of(added).warnings
+                    warnings = self._loaded.scenes.of(added).warnings
             _, version = self._scenes.change(request.name, request.diff)
         return Done(done=f"scene {request.name!r} is changed", warnings=list(warnings), version=version)
 
@@ -544,7 +544,7 @@ class Engine:
             DeadlineExpired: if the deadline passed before it was built.
         """
         with at_path("$.scene"), _at_scene_fault(reference):
-            return self._loaded.built.of(self._find_scene_message(reference), deadline)
+            return self._loaded.scenes.of(self._find_scene_message(reference), deadline)
 
     def _find_scene_message(self, reference: requests.SceneReference) -> SceneMessage:
         """Return the scene of a request, before it is built."""

@@ -108,7 +108,7 @@ class Engines:
     def _renderings(self) -> Renderings:
         from guidefield.rendering import Renderings
 
-        return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.built)
+        return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.scenes)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
         """Share a thing with all users, or end that.

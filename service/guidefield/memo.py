@@ -146,12 +146,12 @@ def memoized_by(
     known = Answers[Found](most)
 
     @functools.wraps(find)
-    def found(key: Key, /, *rest: Rest.args, **options: Rest.kwargs) -> Found:
+    def look_up(key: Key, /, *rest: Rest.args, **options: Rest.kwargs) -> Found:
         asked = (rest, *options.items())
         answer = known.of(owner(key), asked)
         return known.keep(owner(key), asked, find(key, *rest, **options)) if answer is MISSING else answer
 
-    return found
+    return look_up
 
 
 def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
@@ -162,11 +162,11 @@ def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
     place = f"{find.__module__}.{find.__qualname__}"
 
     @functools.wraps(find)
-    def found(owner: Key) -> Found:
+    def look_up(owner: Key) -> Found:
         kept = vars(owner)
         return cast(Found, kept[place] if place in kept else kept.setdefault(place, find(owner)))
 
-    return found
+    return look_up
 
 
 MAX_FULLY_MEASURED, SAMPLE_SIZE = 512, 32

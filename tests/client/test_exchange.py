@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from guidefield.cli.loopback import LOOPBACK, free_port
-from guidefield.client.exchange import ASKS, Exchange, await_answer
+from guidefield.client.exchange import THREAD_NAME, Exchange, await_answer
 from guidefield.client.questions import Question
 from guidefield.errors import ServerBusy
 from guidefield.messages import codec
@@ -108,7 +108,7 @@ def test_a_refusal_by_the_only_instance_is_brought_at_once() -> None:
         answer, brought = _answered(exchange)
         with pytest.raises(ServerBusy, match="later"):
             answer.result()
-        assert brought != [ASKS]
+        assert brought != [THREAD_NAME]
 
 
 def test_where_one_instance_refuses_another_one_is_asked() -> None:

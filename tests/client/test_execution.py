@@ -87,7 +87,7 @@ def test_it_is_where_the_stream_has_the_robot() -> None:
             for now in np.linspace(0.02 * cycle, 0.02 * cycle + 0.019, 5):
                 if execution.executing(now) == 0:
                     continue
-                state = stream._commits[execution.executing(now)].state(now)
+                state = stream._state.commits[execution.executing(now)].state(now)
                 told = execution.at(now)
                 assert np.allclose(told.positions, state[:, 0], rtol=0.0, atol=1e-9)
                 assert np.allclose(told.velocities, state[:, 1], rtol=0.0, atol=1e-7)

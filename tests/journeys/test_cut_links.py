@@ -66,7 +66,7 @@ def _carry(one: socket.socket, other: socket.socket) -> None:
 
 @pytest.fixture
 def link(service: Service, monkeypatch: pytest.MonkeyPatch) -> Iterator[Link]:
-    monkeypatch.setattr("guidefield.client.exchange.RETURN_WITHIN", ANSWERED_WITHIN)
+    monkeypatch.setattr("guidefield.client.exchange.RETURN_TIME_S", ANSWERED_WITHIN)
     link = Link(service.endpoint)
     yield link
     link.close()
@@ -124,7 +124,7 @@ def test_a_plan_whose_link_is_cut_again_and_again_is_answered(
         if question.run_id == "often":
             asked.release()
 
-    monkeypatch.setattr("guidefield.client.exchange.MOST_RETURNS", 2)
+    monkeypatch.setattr("guidefield.client.exchange.MAX_RETURNS", 2)
     monkeypatch.setattr(Exchange, "begin", noted)
     with (
         Client.connect(link.endpoint, wait=CONNECTED_WITHIN) as far,

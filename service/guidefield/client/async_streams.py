@@ -67,7 +67,7 @@ class AsyncServiceStream(StreamFacts):
         return filled.time
 
     async def answer(self, within: float) -> Answer | None:
-        """The answer to the last update, waited for so long [s]; None: none came."""
+        """Wait for the answer to the last update up to a time [s]; None: none came."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(within):
                 while (answer := self._link.answer()) is None:
@@ -96,11 +96,11 @@ class AsyncServiceStream(StreamFacts):
         return await self._ask(questions.judge_stream(self.stream_id, self.now if time is None else time))
 
     async def stop(self) -> None:
-        """Have no piece follow the last one, until there is a goal again: the robot stops."""
+        """Stop the robot: no piece follows the last one until there is a goal again."""
         await self._ask(questions.stop_stream(self.stream_id))
 
     async def read(self) -> StreamReply:
-        """How it is, as the service says."""
+        """Read its state from the service."""
         return await self._ask(questions.read_stream(self.stream_id))
 
     async def reopen(self, start: Positions) -> None:
@@ -108,7 +108,7 @@ class AsyncServiceStream(StreamFacts):
         await self._open(self._link.start_reopening(start))
 
     async def close(self) -> None:
-        """End it; what was sent last is executed to its end."""
+        """End it; the last piece is executed to its end."""
         if self._link.ended is None and self._link.reply is not None:
             await self._end_quickly()
         self._link.silence()

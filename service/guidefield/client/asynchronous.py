@@ -197,7 +197,7 @@ class AsyncClient:
         return (await self._ask(questions.scene(name, version))).scene
 
     async def scene_version(self, name: str) -> int | None:
-        """The version that a scene has; None if it comes with the package, and never changes."""
+        """Return the version of a scene; None for a scene of the package, which never changes."""
         return (await self._ask(questions.scene(name, None))).version
 
     async def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
@@ -213,7 +213,7 @@ class AsyncClient:
         remove: Sequence[str] = (),
         version: int | None = None,
     ) -> int:
-        """Change a stored scene; the version that it has from now on. As `Client.change_scene`."""
+        """Change a stored scene, and return its new version. As `Client.change_scene`."""
         diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
         return cast(int, (await self._ask(questions.change_scene(name, diff))).version)
 
@@ -267,11 +267,11 @@ class AsyncClient:
         return await self._ask(questions.proof(run_id))
 
     async def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
-        """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""
+        """Share a run, scene or robot with all users; return a sentence with its name for them."""
         return (await self._ask(questions.share(kind, name, shared=True))).done
 
     async def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
-        """Let nobody else read it any more, but operators."""
+        """End the sharing of a run, scene or robot; operators still read it."""
         await self._ask(questions.share(kind, name, shared=False))
 
     async def info(self) -> InfoReply:

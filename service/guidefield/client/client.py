@@ -295,7 +295,7 @@ class Client:
         meshes: Mapping[str, bytes] | None = None,
         root_joint: RootJoint = "fixed",
     ) -> list[str]:
-        """Store a robot of one's own, in place of an earlier one of its name; what is odd about it but harmless.
+        """Store a robot, replacing an earlier one of its name; return warnings.
 
         Args:
             name: What to call it; not a name of the catalog.
@@ -338,7 +338,7 @@ class Client:
         return self._ask(questions.scene(name, version)).scene
 
     def scene_version(self, name: str) -> int | None:
-        """The version that a scene has; None if it comes with the package, and never changes.
+        """Return the version of a scene; None for a scene of the package, which never changes.
 
         Args:
             name: Its name.
@@ -349,7 +349,7 @@ class Client:
         return self._ask(questions.scene(name, None)).version
 
     def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
-        """Store a scene, or the same as a dict, under its own name; what is odd about its obstacles but harmless.
+        """Store a scene, or the same as a dict, under its own name; return warnings.
 
         Raises:
             MalformedRequest: if a dict is no scene.
@@ -366,7 +366,7 @@ class Client:
         remove: Sequence[str] = (),
         version: int | None = None,
     ) -> int:
-        """Change a stored scene; the version that it has from now on.
+        """Change a stored scene, and return its new version.
 
         Args:
             name: Its name.
@@ -391,7 +391,7 @@ class Client:
     def watching_scene(
         self, name: str, hear: Callable[[SceneChanged], None]
     ) -> contextlib.AbstractContextManager[None]:
-        """Hear what changes about a stored scene, as long as the block runs.
+        """Listen to the changes of a stored scene for as long as the block runs.
 
         Args:
             name: Its name.
@@ -401,7 +401,7 @@ class Client:
         return watching_scene(self._exchange.session, self._exchange.user, name, hear)
 
     def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
-        """Hear how far a run is that was asked for elsewhere, as long as the block runs.
+        """Listen to the progress of any run for as long as the block runs.
 
         Args:
             run_id: Its name; of another user's, which is shared, with the user before it: ``alice:r1``.
@@ -430,7 +430,7 @@ class Client:
         limit: int | None = None,
         after: str | None = None,
     ) -> RunsReply:
-        """The runs that are kept, newest first; as many pages as it takes.
+        """List the stored runs, newest first, on all pages.
 
         Args:
             status: Only those that ended so, by the name of a status.
@@ -491,11 +491,11 @@ class Client:
         return self._ask(questions.proof(run_id))
 
     def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
-        """Let every user read a run, scene or robot of one's own; says in a sentence by which name."""
+        """Share a run, scene or robot with all users; return a sentence with its name for them."""
         return (self._ask(questions.share(kind, name, shared=True))).done
 
     def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
-        """Let nobody else read it any more, but operators."""
+        """End the sharing of a run, scene or robot; operators still read it."""
         self._ask(questions.share(kind, name, shared=False))
 
     def info(self) -> InfoReply:

@@ -1,12 +1,12 @@
-"""Questions out, exactly one answer back to each of them.
+"""Send questions to instances of the service, and return exactly one answer to each.
 
-Theory of operation. A question goes to one instance at a time: one for work to the freest, of those that have what this
-client stored and the question names; any other to the one that was the freest when the client came. Zenoh tells when it
-has brought all that there is: an answer, or none, which means that the instance is gone. Where the client named no
-instance, the question then goes to another one; so it does where an instance is too busy to take it. Where there is no
-other one, and the link was only cut for a moment, the same instance is asked again: a plan goes under its name, so that
-the run that was under way, or has ended meanwhile, is what answers; so it goes on, however often the link is cut, until
-the question's time is up. A question is never with two at once, so there is never a second answer to it.
+Theory of operation. A question goes to one instance at a time. A question with work goes to the least busy instance
+that has the stored things it names; any other goes to the instance that was the least busy when the client connected.
+Zenoh signals the end of the replies: without a reply the instance is gone. If the client named no instance, the
+question then goes to another one, as it does if an instance is too busy. If there is no other one, and the link was
+cut only for a moment, the same instance is asked again. A plan has its run's name, so that the running or finished run
+answers. This repeats until the question's time is up. A question is never at two instances at once, so that it has
+never a second answer.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from guidefield.errors import GuidefieldError, MalformedRequest, NoService, Quot
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, base_key
 
-RETURN_WITHIN = 3.0
-"""How long another instance is waited for when the one that was asked is gone [s]."""
-MOST_RETURNS = 5
-"""How often a question goes to the same instance again that was there all the time: it has no right to an answer."""
-PAUSE = 0.1
-"""How long it waits before it goes there again, twice as long each time: Zenoh may not know yet that it is gone [s]."""
-LOOK_UP = 0.2
+RETURN_TIME_S = 3.0
+"""Time to wait for another instance when the present one is gone [s]."""
+MAX_RETURNS = 5
+"""The largest number of attempts at an instance that stays alive: the client has no right to an answer."""
+RETRY_PAUSE_S = 0.1
+"""Pause before the next attempt, doubled each time, since Zenoh may not know yet that the instance is gone [s]."""
+SIGNAL_PERIOD_S = 0.2
 """Period at which a waiting caller handles signals [s]."""
-ASKS = "guidefield-ask"
-"""The name of a thread that asks another instance."""
-MOST_RUNS = 1_000
-"""For how many runs it is remembered which instance has them."""
+THREAD_NAME = "guidefield-ask"
+"""Name of the threads that ask another instance."""
+MAX_REMEMBERED_RUNS = 1_000
+"""The largest number of runs whose instances are remembered."""
 
 
 class Exchange:
@@ -47,7 +47,7 @@ class Exchange:
     Args:
         session: An open session; closed with this.
         instance: The only instance to ask; None takes the freest, and another one when that is gone.
-        user: On whose keys they are asked.
+        user: The user whose keys are queried.
     """
 
     def __init__(self, session: zenoh.Session, instance: str | None, user: str = PLAIN) -> None:
@@ -68,7 +68,7 @@ class Exchange:
         self.session.close()
 
     def await_instance(self, wait: float) -> str:
-        """The instance that is asked, once it lives.
+        """Wait until the instance lives, and return its name.
 
         Raises:
             NoService: if there is none in that time [s].
@@ -92,13 +92,13 @@ class Exchange:
 
     @property
     def instance(self) -> str:
-        """The instance that is asked now."""
+        """The present instance."""
         if self._current is None:
-            return self.await_instance(RETURN_WITHIN)
+            return self.await_instance(RETURN_TIME_S)
         return self._current
 
     def alive(self) -> bool:
-        """Return whether the instance that is asked lives."""
+        """Return whether the present instance lives."""
         return self._current in self._instances.living()
 
     def is_there(self, instance: str) -> bool:
@@ -113,31 +113,31 @@ class Exchange:
         """
         asking = _Asking(self, question)
         asking.answer.set_running_or_notify_cancel()  # a caller may give up, the question stays on its way
-        asking.send(self._asked_for(question))
+        asking.send(self._choose_instance(question))
         return asking.answer
 
     def departures(self, instance: str) -> int:
-        """How often an instance was seen to go, or the link to it."""
+        """Return how often an instance, or the link to it, was lost."""
         return self._instances.departures(instance)
 
     def has_other(self, tried: frozenset[str]) -> bool:
-        """Return whether a question may go to another instance than those where it was."""
+        """Return whether a question may go to an instance that wasn't tried."""
         return self.named is None and bool(self._instances.living() - tried)
 
     def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
-        """Where to go from an instance that gave no answer; None if there is no such place.
+        """Return the next instance after one that gave no answer; None if there is none.
 
         Args:
-            instance: Where the question was.
-            tried: Where it was by now: another instance than these is taken, if there is one and any will do.
-            back: Whether the same instance will do too, once it lives again.
+            instance: The instance without an answer.
+            tried: All tried instances; another one is preferred.
+            back: Whether the same instance may be asked again, once it lives again.
         """
         if self.named is not None:
-            return instance if back and self._instances.returns(instance, RETURN_WITHIN) else None
+            return instance if back and self._instances.returns(instance, RETURN_TIME_S) else None
         with self._lock:
             if self._current not in tried and self._current in self._instances.living():
                 return self._current  # another question has moved already
-            wait = RETURN_WITHIN if instance not in self._instances.living() else 0.0
+            wait = RETURN_TIME_S if instance not in self._instances.living() else 0.0
             found = self._instances.freest(tried, 0.0)
             found = found or self._instances.freest(tried - {instance} if back else tried, wait)
             if found is not None:
@@ -145,33 +145,33 @@ class Exchange:
             return found
 
     def be_present(self, instance: str) -> None:
-        """Let an instance know that this client is there, from its first question on until it is closed."""
+        """Declare this client's liveliness to an instance, from its first question on until it is closed."""
         with self._lock:
             if instance not in self._present:
                 key = f"{base_key(instance, self.user)}/clients/{self.client}"
                 self._present[instance] = self.session.liveliness().declare_token(key)
 
     def instance_of(self, own_id: str) -> str:
-        """The instance that has what was asked for under a name."""
+        """Return the instance of a run, request or stream."""
         with self._lock:
             return self._runs[own_id]
 
     def remember(self, run_id: str, instance: str) -> None:
-        """Ask this instance about a run from now on."""
+        """Remember the instance of a run."""
         with self._lock:
             self._runs[run_id] = instance
-            if len(self._runs) > MOST_RUNS:
+            if len(self._runs) > MAX_REMEMBERED_RUNS:
                 self._runs.popitem(last=False)
 
     def begin(self, question: Question[Any], instance: str) -> None:
-        """A question goes to an instance."""
+        """Take note that a question goes to an instance."""
         if question.work:
             self._instances.loads.begin(instance)
             if question.own_id is not None:
                 self.remember(question.own_id, instance)
 
     def end(self, question: Question[Any], instance: str, *, well: bool) -> None:
-        """Zenoh has brought all that there is of its answer; what it stored or forgot there, is remembered."""
+        """Take note of the end of a question, and of the things that it stored or deleted at the instance."""
         if question.work:
             self._instances.loads.end(instance)
         with self._lock:
@@ -180,8 +180,8 @@ class Exchange:
             if well and question.forgets is not None:
                 self._stored.pop(question.forgets, None)
 
-    def _asked_for(self, question: Question[Any]) -> str:
-        """Which instance to ask: the one that was asked before; for work the freest that has what it needs."""
+    def _choose_instance(self, question: Question[Any]) -> str:
+        """Choose the instance of a question: that of its run; for work, the least busy one with its needs."""
         if question.own_id is not None and (kept := self._runs.get(question.own_id)) is not None:
             return kept
         if self.named is not None or not question.work:
@@ -194,7 +194,7 @@ class Exchange:
 
 
 class _Asking:
-    """One question on its way."""
+    """A question without an answer yet."""
 
     def __init__(self, exchange: Exchange, question: Question[Any]) -> None:
         self.answer: Future[bytes] = Future()
@@ -227,7 +227,7 @@ class _Asking:
         )
 
     def _end(self) -> None:
-        """Zenoh has brought all that there is."""
+        """Take Zenoh's end of the replies."""
         well = bool(self._brought) and self._brought[0].ok is not None
         self._exchange.end(self._question, self._instance, well=well)
         if self._brought and self._brought[0].ok is not None:
@@ -237,7 +237,7 @@ class _Asking:
         refused = isinstance(error, ServerBusy | QuotaExceeded) and self._exchange.has_other(self._tried)
         if not self._brought or refused:
             # Not in Zenoh's own thread: to look for another instance takes its answers.
-            threading.Thread(target=self._ask_another, args=(error,), name=ASKS, daemon=True).start()
+            threading.Thread(target=self._ask_another, args=(error,), name=THREAD_NAME, daemon=True).start()
         else:
             self.answer.set_exception(error)
 
@@ -250,7 +250,7 @@ class _Asking:
             if other is None:
                 raise error
             if other == self._instance:
-                time.sleep(PAUSE * 2**self._returns)
+                time.sleep(RETRY_PAUSE_S * 2**self._returns)
                 self._returns += 1
             self.send(other)
         except Exception as failure:  # the waiting caller must get it
@@ -258,14 +258,14 @@ class _Asking:
                 self.answer.set_exception(failure)
 
     def _may_return(self) -> bool:
-        """Return whether to ask the same instance again: it went since the last time, or it wasn't asked too often."""
+        """Return whether to ask the same instance again: it was lost since, or wasn't asked too often."""
         departures = self._exchange.departures(self._instance)
         if departures != self._departures:
             self._departures, self._returns = departures, 0
-        return self._returns < MOST_RETURNS
+        return self._returns < MAX_RETURNS
 
     def _explain_silence(self) -> NoService:
-        """Zenoh brings no answer where the instance is gone, and where this client has no right to the key."""
+        """Explain a missing answer: the instance is gone, or this client has no right to the key."""
         name, key = self._instance, self._question.key
         if self._exchange.is_there(name):
             words = f"service {name!r} is there, but {key!r} gets no answer: this user may have no right to ask it"
@@ -285,6 +285,6 @@ def await_answer(answer: Future[bytes]) -> bytes:
 
     The wait is periodic, because a Ctrl-C that the system hands to a thread of Zenoh doesn't wake the waiting thread.
     """
-    while not wait([answer], LOOK_UP).done:
+    while not wait([answer], SIGNAL_PERIOD_S).done:
         pass
     return answer.result()

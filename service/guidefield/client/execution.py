@@ -15,7 +15,7 @@ MAX_WAITING_PIECES = 64
 
 @dataclass(frozen=True)
 class Motion:
-    """Where a robot is, in the order of a stream's `position_names`.
+    """The state of a robot, in the order of a stream's `position_names`.
 
     Attributes:
         positions: [rad or m].
@@ -48,7 +48,7 @@ class Execution:
         self._waiting: deque[Piece] = deque(maxlen=MAX_WAITING_PIECES)
 
     def take(self, piece: Piece, now: float) -> bool:
-        """Have a piece executed, if it begins after now [s]; whether it does, and follows what is executed then."""
+        """Take a piece unless it begins before now [s]; return whether it follows the piece that is executed then."""
         if piece.begins < now:
             self.late += 1
             return False
@@ -61,25 +61,25 @@ class Execution:
         return piece.follows == number
 
     def executing(self, now: float) -> int:
-        """Number of the piece that is executed at a time [s]; 0: none was yet. Times must not go back."""
+        """Return the number of the piece that is executed at a time [s]; 0: none yet. Times must not decrease."""
         self._go_on(now)
         return self._number
 
     def stops(self) -> float | None:
-        """When what is executed ends [s]; None: the robot stands at the start."""
+        """Return the end of the executed piece [s]; None: the robot stands at the start."""
         return None if self._piece is None else self._piece.stops
 
     def stands(self, now: float) -> bool:
-        """Return whether the robot stands at a time [s]. Times must not go back."""
+        """Return whether the robot stands at a time [s]. Times must not decrease."""
         self._go_on(now)
         return self._piece is None or now >= self._piece.stops
 
     def at_goal(self, now: float) -> bool:
-        """Return whether it stands at the goal of its piece at a time [s]. Times must not go back."""
+        """Return whether it stands at the goal of its piece at a time [s]. Times must not decrease."""
         return self.stands(now) and self._piece is not None and self._piece.reaches_goal
 
     def at(self, now: float) -> Motion:
-        """Where the robot is at a time [s]. Times must not go back."""
+        """Return the state of the robot at a time [s]. Times must not decrease."""
         self._go_on(now)
         still = (0.0,) * len(self._start)
         if self._piece is None:
@@ -102,7 +102,7 @@ class Execution:
         return 0 if self._piece is None else self._piece.number
 
     def _go_on(self, now: float) -> None:
-        """Begin what begins by now."""
+        """Begin the pieces whose begin has passed."""
         while self._waiting and self._waiting[0].begins <= now:
             piece = self._waiting.popleft()
             if piece.follows == self._number:

@@ -1,4 +1,4 @@
-"""The instances of the service that live on the network, and which of them is the freest."""
+"""Track the living instances of the service, and find the least busy one."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class _Load:
 
 
 class Loads:
-    """How much each instance has to do; any thread may ask and tell."""
+    """The load of each instance; thread-safe."""
 
     def __init__(self) -> None:
         self._own = Counter[str]()
@@ -34,12 +34,12 @@ class Loads:
         self._lock = threading.Lock()
 
     def begin(self, instance: str) -> None:
-        """A question of this client's goes to an instance."""
+        """Count a question of this client to an instance."""
         with self._lock:
             self._own[instance] += 1
 
     def end(self, instance: str) -> None:
-        """It is answered, or won't be."""
+        """Count the end of a question."""
         with self._lock:
             self._own[instance] -= 1
 
@@ -49,12 +49,12 @@ class Loads:
             self._reported[instance] = _Load(max(workers, 1), max(0, work - self._own[instance]))
 
     def forget(self, instance: str) -> None:
-        """It is gone; when it comes back it has nothing to do, as far as is known."""
+        """Remove an instance; if it returns, its load counts as zero."""
         with self._lock:
             self._reported.pop(instance, None)
 
     def least(self, instances: Iterable[str], preferred: str | None) -> str | None:
-        """The instance that has the least to do for each worker; of those that are equal the preferred one.
+        """Return the instance with the least load per worker; among equals the preferred one.
 
         Args:
             instances: Those that come into question.
@@ -70,9 +70,9 @@ class Loads:
 
 
 REFRESHED_EVERY = 0.5
-"""How old may be what an instance told of others' questions [s]; this client's own count at once."""
+"""Largest age of a report about other clients' questions [s]; this client's own are counted at once."""
 ASK_WITHIN = 1.0
-"""How long an instance may take to say how busy it is [s]."""
+"""Time that an instance has to report its load [s]."""
 
 
 class Instances:
@@ -80,7 +80,7 @@ class Instances:
 
     Args:
         session: An open session.
-        user: On whose keys they are asked.
+        user: The user whose keys are queried.
 
     Attributes:
         loads: How much each has to do.
@@ -97,7 +97,7 @@ class Instances:
         self._tokens = session.liveliness().declare_subscriber("guidefield/*/alive", self._heard, history=True)
 
     def refresh(self) -> None:
-        """Have instances tell what they have to do, if they were not asked just now; waits for nothing."""
+        """Request reports of all instances unless that was done just now; don't wait for them."""
         with self._changed:
             now = time.monotonic()
             if len(self._living) < 2 or now - self._refreshed < REFRESHED_EVERY:
@@ -111,7 +111,7 @@ class Instances:
         )
 
     def _take_report(self, reply: zenoh.Reply) -> InfoReply | None:
-        """What an instance says about itself; None where it doesn't answer."""
+        """Read the info of an instance; None if it doesn't answer."""
         if reply.ok is None:
             return None
         info = msgspec.msgpack.decode(reply.ok.payload.to_bytes(), type=InfoReply)
@@ -119,21 +119,21 @@ class Instances:
         return info
 
     def close(self) -> None:
-        """Follow no more."""
+        """Unsubscribe."""
         self._tokens.undeclare()
 
     def living(self) -> set[str]:
-        """The names of those that live."""
+        """Return the names of the living instances."""
         with self._changed:
             return set(self._living)
 
     def departures(self, name: str) -> int:
-        """How often an instance was seen to go: it ended, or the link to it was cut."""
+        """Return how often an instance ended, or the link to it was cut."""
         with self._changed:
             return self._departures[name]
 
     def freest(self, but: frozenset[str], wait: float) -> str | None:
-        """The living instance that has the least to do per worker; any of those that are equally free.
+        """Return the living instance with the least load per worker; any among equals.
 
         Args:
             but: Those that are not wanted.
@@ -156,15 +156,15 @@ class Instances:
             return self._changed.wait_for(lambda: name in self._living, wait)
 
     def starting(self) -> dict[str, str]:
-        """What those do that are starting, by their names."""
+        """Return the present work of starting instances by name."""
         return {name: info.health.doing for name, info in self._infos().items() if info.health.state == "starting"}
 
     def _loads(self) -> dict[str, float]:
-        """How much each has to do per worker."""
+        """Return the load per worker of each instance."""
         return {name: (info.busy + info.queue) / max(info.workers, 1) for name, info in self._infos().items()}
 
     def _infos(self) -> dict[str, InfoReply]:
-        """What each says about itself, briefly."""
+        """Read the brief info of each instance."""
         infos = {}
         encoding = Encoding.MSGPACK.value
         for reply in self._session.get(self._briefly, encoding=encoding, timeout=ASK_WITHIN):

@@ -108,12 +108,12 @@ class Question(Generic[_R]):
 
     @property
     def own_id(self) -> str | None:
-        """The name of what is asked for or about, if it has one: the same instance is asked about it again."""
+        """The id of its run, request or stream, if any, whose instance further questions must ask."""
         return self.run_id or self.request_id
 
 
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
-    """A motion, by a request or by its fields; a run id is made where the request has none.
+    """Make the question for a plan, from a request or its fields; a request without a run id gets one.
 
     Args:
         request: The request, or its fields; None takes `fields`.
@@ -129,7 +129,7 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
 
 
 def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[CertifyReply]:
-    """A motion that is to be judged, by a request or by its fields; a run id is made where the request has none.
+    """Make the question for a verdict, from a request or its fields; a request without a run id gets one.
 
     Args:
         request: The request, or its fields; None takes `fields`.
@@ -146,7 +146,7 @@ def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, A
 
 
 def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
-    """Placements, configurations, clearances or potentials.
+    """Make the question for a kinematics request.
 
     Raises:
         MalformedRequest: if the dict isn't a kinematics request.
@@ -173,14 +173,14 @@ def robot(name: str) -> Question[RobotReply]:
 def store_robot(
     name: str, urdf: str, srdf: str | None, meshes: Mapping[str, bytes], root_joint: RootJoint
 ) -> Question[Done]:
-    """A robot of one's own is to be stored."""
+    """Store a robot."""
     files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
     key = _key("robots", name)
     return Question(key, _make_reader(key, Done), _encode(files), stores=key)
 
 
 def delete_robot(name: str) -> Question[Done]:
-    """A stored robot is to be forgotten."""
+    """Delete a stored robot."""
     return _make_deleting(_key("robots", name))
 
 
@@ -196,7 +196,7 @@ def scene(name: str, version: int | None) -> Question[SceneReply]:
 
 
 def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
-    """A scene is to be stored under its own name.
+    """Store a scene under its own name.
 
     Raises:
         MalformedRequest: if the dict isn't a scene.
@@ -207,7 +207,7 @@ def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
 
 
 def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
-    """A stored scene is to be changed; never asked again, for it would be changed twice.
+    """Change a stored scene; never sent again, since it would be changed twice.
 
     Raises:
         MalformedRequest: if that is no change.
@@ -218,12 +218,12 @@ def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
 
 
 def delete_scene(name: str) -> Question[Done]:
-    """A stored scene is to be forgotten."""
+    """Delete a stored scene."""
     return _make_deleting(_key("scenes", name))
 
 
 def runs(filters: ReadRuns) -> Question[RunsReply]:
-    """A page of the runs that are kept.
+    """List a page of the stored runs.
 
     Raises:
         MalformedRequest: if something that is asked for can't stand in a query.
@@ -250,17 +250,17 @@ def run(run_id: str) -> Question[AnyRunReply]:
 
 
 def delete_run(run_id: str) -> Question[Done]:
-    """One run is to be forgotten."""
+    """Delete a run."""
     return _make_deleting(_key("runs", run_id), run_id)
 
 
 def cancel(run_id: str) -> Question[Done]:
-    """One run is to end early."""
+    """Cancel a run."""
     return _make_reading(f"{_key('runs', run_id)}/cancel", Done, run_id)
 
 
 def cancel_request(request_id: str) -> Question[Done]:
-    """One kinematics request is to end early."""
+    """Cancel a kinematics request."""
     key = f"{_key('requests', request_id)}/cancel"
     return Question(key, _make_reader(key, Done), request_id=request_id)
 
@@ -276,7 +276,7 @@ def proof(run_id: str) -> Question[bytes]:
 
 
 def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool) -> Question[Done]:
-    """Something is to be read by everybody, or by nobody else any more."""
+    """Share a thing with all users, or end that."""
     key = _key(kind, name)
     run_id = name if kind == "runs" else None
     return _make_reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
@@ -295,7 +295,7 @@ def stream_open(request: StreamOpen | dict[str, Any] | None, fields: dict[str, A
 
 
 def open_stream(request: StreamOpen) -> Question[StreamReply]:
-    """A stream is to be opened under its name."""
+    """Open a stream under its name."""
     own, needs = request.stream_id, _list_needs(request)
     return Question(
         "streams", _make_reader("streams", StreamReply), _encode(request), request_id=own, work=True, needs=needs
@@ -314,7 +314,7 @@ def read_stream(stream_id: str) -> Question[StreamReply]:
 
 
 def end_stream(stream_id: str) -> Question[Done]:
-    """One stream is to end."""
+    """End a stream."""
     key = f"{_key('streams', stream_id)}?delete"
     return Question(key, _make_reader(key, Done), request_id=stream_id, repeatable=False)
 
@@ -322,7 +322,7 @@ def end_stream(stream_id: str) -> Question[Done]:
 def aim_stream(
     stream_id: str, goal: StreamGoal | dict[str, Any] | None
 ) -> tuple[Question[StreamAimed], StreamGoal | None]:
-    """One stream gets another goal, and which.
+    """Give a stream another goal; return the question and the goal.
 
     Raises:
         MalformedRequest: if that is no goal.
@@ -344,7 +344,7 @@ def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
 
 
 def stop_stream(stream_id: str) -> Question[Done]:
-    """One stream's robot is to stop."""
+    """Stop the robot of a stream."""
     key = f"{_key('streams', stream_id)}/stop"
     return Question(key, _make_reader(key, Done), request_id=stream_id)
 
@@ -355,7 +355,7 @@ def stream_recording(stream_id: str) -> Question[bytes]:
 
 
 def info() -> Question[InfoReply]:
-    """What the service says about itself."""
+    """Read the facts about the service."""
     return _make_reading("info", InfoReply)
 
 
@@ -369,14 +369,14 @@ def refusal(payload: bytes) -> GuidefieldError | None:
 
 
 def _run(key: str, request: MotionRequest, allowed: float, kind: type[_M]) -> Question[_M]:
-    """A run under its name; a new one where it has none."""
+    """Make the question for a run; a run without a name gets one."""
     run_id = request.run_id or uuid.uuid4().hex
     sent, timeout = _encode(msgspec.structs.replace(request, run_id=run_id)), allowed + PLAN_MARGIN
     return Question(key, _make_reader(key, kind), sent, timeout, run_id, work=True, needs=_list_needs(request))
 
 
 def _take_either(what: str, request: _Q | dict[str, Any] | None, fields: dict[str, Any]) -> _Q | dict[str, Any]:
-    """A request, or its fields; MalformedRequest if both are given."""
+    """Return a request, or its fields; raise MalformedRequest if both are given."""
     if request is not None and fields:
         raise MalformedRequest(
             f"give a {what} request or its fields, not both; beside a request came {', '.join(fields)}"
@@ -385,7 +385,7 @@ def _take_either(what: str, request: _Q | dict[str, Any] | None, fields: dict[st
 
 
 def _key(room: str, name: str) -> str:
-    """The key of what has a name; nothing in the name may mean something in a key or its parameters."""
+    """Make the key of a named thing; refuse characters with a meaning in keys or parameters."""
     return f"{room}/{_word(name)}"
 
 
@@ -405,7 +405,7 @@ def _make_deleting(key: str, run_id: str | None = None) -> Question[Done]:
 
 
 def _list_needs(request: MotionRequest | KinematicsRequest | StreamOpen) -> tuple[str, ...]:
-    """Keys of the robot and the scene that a request names."""
+    """List the keys of the robot and the scene of a request."""
     robot, scene = getattr(request, "robot", None), getattr(request, "scene", None)
     named = {"robots": robot, "scenes": scene.base if isinstance(scene, RequestScene) else scene}
     return tuple(f"{room}/{name}" for room, name in named.items() if isinstance(name, str))
@@ -422,7 +422,7 @@ def _make_reader(key: str, kind: type[_M]) -> Callable[[bytes], _M]:
 
 
 def _encode(message: msgspec.Struct) -> bytes:
-    """The message as it travels; RequestTooLarge if no service would read it."""
+    """Encode a message; raise RequestTooLarge if no service would decode it."""
     payload = codec.encode(message, Encoding.MSGPACK)
     if len(payload) > codec.MAX_REQUEST_BYTES:
         raise RequestTooLarge(

@@ -22,7 +22,7 @@ class RunPages:
         self.joined: RunsReply | None = None
 
     def ask(self) -> Question[RunsReply] | None:
-        """The question for the next page; None: the list is whole."""
+        """Return the question for the next page; None: the list is complete."""
         if self.joined is not None and (self._rest == 0 or self.joined.next is None):
             return None
         limit = LARGEST_PAGE if self._rest is None else min(self._rest, LARGEST_PAGE)
@@ -37,6 +37,6 @@ class RunPages:
 
     @property
     def reply(self) -> RunsReply:
-        """All that was listed."""
+        """All pages as one reply."""
         assert self.joined is not None, "at least one page is asked for"
         return self.joined

@@ -37,31 +37,31 @@ class StreamFacts:
 
     @property
     def now(self) -> float:
-        """What the client's clock says [s]."""
+        """The time of the client's clock [s]."""
         return self._link.clock()
 
     @property
     def state(self) -> StreamState | None:
-        """The last state that came; None: none did."""
+        """The last received state; None: none yet."""
         return self._link.state
 
     @property
     def ended(self) -> StreamState | None:
-        """What was said when it ended; None: it goes on, as far as is known."""
+        """The state with which it ended; None: it is open, as far as is known."""
         return self._link.ended
 
     @property
     def late(self) -> int:
-        """How many pieces came after they began, and aren't taken."""
+        """Number of pieces that came after their begin, and were ignored."""
         return self._link.execution.late
 
     def at(self, now: float) -> Motion:
-        """Where a robot that takes the pieces is at a time of the client's clock [s]; times must not go back."""
+        """Return the state of a robot that executes the pieces, at a time [s] that must not decrease."""
         return self._link.at(now)
 
 
 END_WITHIN = 2.0
-"""How long the answer to its end is waited for [s]."""
+"""Time to wait for the answer to its end [s]."""
 
 _R = TypeVar("_R")
 
@@ -104,7 +104,7 @@ class ServiceStream(StreamFacts):
         self.close()
 
     def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
-        """Send what is seen; waits for no answer.
+        """Send observations; don't wait for an answer.
 
         Args:
             update: The message; or its fields by name.
@@ -123,7 +123,7 @@ class ServiceStream(StreamFacts):
         return filled.time
 
     def answer(self, within: float) -> Answer | None:
-        """The answer to the last update, waited for so long [s]; None: none came.
+        """Wait for the answer to the last update up to a time [s]; None: none came.
 
         It is a piece, or the state that says why there is none; also that the stream has ended.
         """
@@ -133,11 +133,11 @@ class ServiceStream(StreamFacts):
             return self._link.answer()
 
     def __iter__(self) -> Iterator[Piece]:
-        """The pieces that a robot takes, of those that came since they were asked for last."""
+        """Return the accepted pieces received since the last call."""
         yield from self._link.pieces()
 
     def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
-        """Change the goal; None: to stand. Going on after a stop is asked for in the same way.
+        """Change the goal; None: to stand. A goal also ends a stop.
 
         Returns:
             The goal's number, which its pieces have.
@@ -152,7 +152,7 @@ class ServiceStream(StreamFacts):
         return aimed.goal
 
     def judged(self, time: float | None = None) -> StreamJudged:
-        """Return whether the last piece and its stop are still proven, by what the service was told last.
+        """Ask whether the last piece and its stop are still proven by the last observations.
 
         Args:
             time: From when on, by the client's clock [s]; None: from now on.
@@ -163,15 +163,15 @@ class ServiceStream(StreamFacts):
         return self._ask(questions.judge_stream(self.stream_id, self.now if time is None else time))
 
     def stop(self) -> None:
-        """Have no piece follow the last one, until there is a goal again: the robot stops."""
+        """Stop the robot: no piece follows the last one until there is a goal again."""
         self._ask(questions.stop_stream(self.stream_id))
 
     def read(self) -> StreamReply:
-        """How it is, as the service says."""
+        """Read its state from the service."""
         return self._ask(questions.read_stream(self.stream_id))
 
     def reopen(self, start: Positions) -> None:
-        """Open it again after it has ended, with the last goal and what is declared, under another name.
+        """Open it again after its end, with the last goal and all declared obstacles, under another name.
 
         Args:
             start: Where the robot stands now, at rest.
@@ -182,7 +182,7 @@ class ServiceStream(StreamFacts):
         self._open(self._link.start_reopening(start))
 
     def close(self) -> None:
-        """End it; what was sent last is executed to its end."""
+        """End it; the last piece is executed to its end."""
         if self._link.ended is None and self._link.reply is not None:
             self._end_quickly()
         self._link.silence()

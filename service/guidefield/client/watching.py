@@ -18,7 +18,7 @@ _M = TypeVar("_M", Progress, SceneChanged)
 
 @contextlib.contextmanager
 def watching(session: zenoh.Session, user: str, run_id: str, hear: Callable[[Progress], None] | None) -> Iterator[None]:
-    """Have somebody hear how far a run is, whichever instance makes it; nothing is done for nobody.
+    """Subscribe a listener to the progress of a run, at any instance; do nothing without a listener.
 
     Args:
         session: An open session.
@@ -39,7 +39,7 @@ def watching(session: zenoh.Session, user: str, run_id: str, hear: Callable[[Pro
 def watching_scene(
     session: zenoh.Session, user: str, name: str, hear: Callable[[SceneChanged], None]
 ) -> Iterator[None]:
-    """Have somebody hear what changes about a stored scene, in whichever instance.
+    """Subscribe a listener to the changes of a stored scene, at any instance.
 
     Args:
         session: An open session.
