@@ -46,7 +46,8 @@ def kept(error: InternalFailure, cache: Path) -> Path:
 def test_a_false_certificate_is_no_answer(
     monkeypatch: pytest.MonkeyPatch, cache: Path, kind: str, gap: float, asked: float
 ) -> None:
-    monkeypatch.setattr(judgement, "certify", free)
+    for name in ("certify", "certify_and_measure"):
+        monkeypatch.setattr(judgement, name, free)
     robot, one = arm(GEOMETRIES["cylinder"]), obstacle(kind, gap)
     with pytest.raises(
         InternalFailure, match="the certificate says that the motion is free, but l4 and o keep"
@@ -57,7 +58,8 @@ def test_a_false_certificate_is_no_answer(
 
 
 def test_a_false_certificate_in_time_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judgement, "certify", free)
+    for name in ("certify", "certify_and_measure"):
+        monkeypatch.setattr(judgement, name, free)
     one = obstacle("box", -0.003)
     placements = [{"position": one.pop("position")}] * 2
     moving = {**one, "trajectory": {"times": [0.0, 1.0], "placements": placements}}
@@ -67,7 +69,8 @@ def test_a_false_certificate_in_time_is_no_answer(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_false_certificate_of_the_robot_itself_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(judgement, "certify", free)
+    for name in ("certify", "certify_and_measure"):
+        monkeypatch.setattr(judgement, name, free)
     robot = arm(GEOMETRIES["cylinder"])
     x, y, z = obstacle("box", 0.0)["position"]
     post = f'<collision><origin xyz="{x} {y} {z + 0.08}"/><geometry><sphere radius="0.05"/></geometry></collision>'

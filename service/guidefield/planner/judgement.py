@@ -22,6 +22,7 @@ from guidefield.planner.leaving import distances_of, touching_pairs
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion_certificate import enclosed_start
+from guidefield.planner.quality import certify_and_measure
 from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.bezier import restricted
@@ -216,6 +217,8 @@ def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
     """Whether nothing touches or comes too close, as far as the path constraints are kept."""
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
+    if count == len(motion.pieces) and motion.velocities is not None:  # it is measured by the very same pieces
+        return certify_and_measure(motion.scheduled if problem.scene.moves else motion.measured, problem, deadline)
     if not problem.scene.moves:
         return certify(problem.world, motion.pieces[:count], problem.min_clearance, deadline=deadline)
     pieces, times = motion.scheduled.bezier()[:count], motion.scheduled.piece_times()[: count + 1]

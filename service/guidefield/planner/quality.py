@@ -214,11 +214,11 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
 
 
 def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline: Deadline) -> Verdict:
-    """Certify a motion, and search in the same pass the distances that `clearance` asks for if it is free."""
+    """Certify a motion, and search in the same pass the distances that `clearance` asks for."""
     asked = _asked_along(trajectory, problem)
     goal = Goal(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
     found = certify_curve(problem.world, asked.curve, goal, deadline)
-    if found.verdict.free:
+    if found.obstacle:
         _SEARCHED.keep(trajectory, None, (found, weakref.ref(problem.world)))
     return found.verdict
 

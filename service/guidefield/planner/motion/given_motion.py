@@ -95,7 +95,7 @@ class GivenMotion(ReadOnly):
         """Bezier control points, shape (m, k, nv), m = max(n - 1, 1): what is judged [rad or m]."""
         if self.velocities is None or self.times is None:
             return polyline(self.positions)
-        return Trajectory(self.times, self.positions, self.velocities).bezier()
+        return cast(Trajectory, self.measured).bezier()
 
     @cached_property
     def measured(self) -> Trajectory | StraightMotion:
