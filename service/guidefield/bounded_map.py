@@ -55,6 +55,9 @@ ROBOTS = Limit(32, 2**30)
 ROBOT_LINES = Limit(1000, 2**24)
 """Lines about robots that were sent."""
 
+ENGINES = Limit(100, 2**30)
+"""Engines of users, which share what they load."""
+
 FOUND = Limit(2**18, 2**30)
 """Memoized results for robots, scenes and obstacles, see `memo`."""
 

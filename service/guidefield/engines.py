@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import threading
 import time
-from collections import OrderedDict
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from guidefield.bounded_map import ENGINES, BoundedMap
 from guidefield.engine import Engine, LocalFiles, SharedCaches
 from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import requests
@@ -23,9 +22,6 @@ from guidefield.stores.by_user import Kind, StoresByUser
 
 if TYPE_CHECKING:
     from guidefield.rendering import Renderings
-
-MAX_ENGINES = 100
-"""The largest number of cached engines."""
 
 
 class Engines:
@@ -41,8 +37,7 @@ class Engines:
         self.stores = stores
         self._instance, self._packages = instance, tuple(packages)
         self._loaded = SharedCaches(self._packages)
-        self._engines: OrderedDict[str, Engine] = OrderedDict()
-        self._lock = threading.Lock()
+        self._engines = BoundedMap[str, Engine](ENGINES)
 
     def of(self, user: str) -> Engine:
         """Return the engine of a user.
@@ -50,12 +45,7 @@ class Engines:
         Raises:
             QuotaExceeded: if too many users have something stored already.
         """
-        with self._lock:
-            engine = self._engines.pop(user, None) or self._make_engine(user)
-            self._engines[user] = engine
-            while len(self._engines) > MAX_ENGINES:
-                self._engines.popitem(last=False)
-            return engine
+        return self._engines.find(user, lambda: self._make_engine(user), lambda _: 0)
 
     def answer(
         self,

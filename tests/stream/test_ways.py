@@ -122,7 +122,7 @@ def test_who_stands_close_to_what_rests_and_has_no_piece_leaves_it(monkeypatch: 
         )
         asked = StreamOpen("ur5", "room", start=UP, goal=goal, tracking_tolerance=0.0005)
         with CertifiedStream(asked, robot("ur5"), scene) as stream:
-            monkeypatch.setattr(stream, "_followed", lambda *_: None)
+            monkeypatch.setattr(stream, "_follow", lambda *_: None)
             answer = stream.update(StreamUpdate(0.0))
             if not leaves:
                 assert isinstance(answer, StreamState)

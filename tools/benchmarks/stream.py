@@ -96,8 +96,8 @@ def told(name: str, chosen: range, made: Callable[[int], tuple[Outcome, Outcome]
 class Unproven(CertifiedStream):
     """A stream that sends what it plans, proven or not."""
 
-    def _proven(self, cycle: Any, commit: Any, reserved: bool) -> bool:
-        super()._proven(cycle, commit, reserved)
+    def _prove(self, cycle: Any, commit: Any, reserved: bool) -> bool:
+        super()._prove(cycle, commit, reserved)
         return True
 
 

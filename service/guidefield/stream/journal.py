@@ -23,6 +23,7 @@ from guidefield.errors import GuidefieldError
 from guidefield.messages.replies import ErrorReply, make_error_reply
 from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamState, StreamUpdate
 from guidefield.stream.state import Snapshot, decode_part, encode_part
+from guidefield.stream.watching import Watching
 from guidefield.stream.ways import give_way
 
 ENDING = ".stream"
@@ -106,7 +107,7 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_part)
 _decoder = msgspec.msgpack.Decoder(Entry, dec_hook=decode_part)
 
 
-class Journal:
+class Journal(Watching):
     """Writes a stream's journal; one of a stream's watchers.
 
     Args:

@@ -48,7 +48,7 @@ from guidefield.stream.state import (
     restore_random,
 )
 from guidefield.stream.takeover import Counted, TakeOver
-from guidefield.stream.watching import Unwatched, Watching
+from guidefield.stream.watching import Watching
 from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
@@ -125,7 +125,7 @@ class CertifiedStream:
         self._seeking = 0
         self._pieces: deque[Piece] = deque(maxlen=MAX_COMMITS)
         self._took = False
-        self._watching: Watching = Unwatched()
+        self._watching = Watching()
         if request.goal is not None:
             try:
                 self.aim_for(request.goal)
@@ -135,7 +135,7 @@ class CertifiedStream:
             except BaseException:
                 self.close()
                 raise
-        self._watching = watching or Unwatched()
+        self._watching = watching or Watching()
         self._rest_if_wanted()
 
     def close(self) -> None:
@@ -196,7 +196,7 @@ class CertifiedStream:
         state = self._state
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, state.sought])
-        work = partial(_sought, asked, self.group, self.executing.ends, rng)
+        work = partial(_search_goals, asked, self.group, self.executing.ends, rng)
         self._watching.sought(asked)
         return Sought(state.sought, self._planner.beside(work))
 
@@ -236,9 +236,9 @@ class CertifiedStream:
         self._require_open()
         if not isinstance(update, StreamUpdate):
             update = cast(StreamUpdate, codec.convert({**(update or {}), **codec.plain_fields(fields)}, StreamUpdate))
-        return self._heard(update, self._answer, noted=False)
+        return self._report(update, self._answer_update, noted=False)
 
-    def _heard(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
+    def _report(self, update: StreamUpdate, work: Callable[[StreamUpdate], _A], *, noted: bool) -> _A:
         """What comes of an update, which whoever watches hears of."""
         self._watching.begun()
         self._took = False
@@ -251,19 +251,19 @@ class CertifiedStream:
         self._rest_if_wanted()
         return answer
 
-    def _answer(self, update: StreamUpdate) -> Piece | StreamState:
+    def _answer_update(self, update: StreamUpdate) -> Piece | StreamState:
         """The answer to an update."""
         state = self._state
         if update.time <= state.now:
             return self._tell_state(update.time, "late")
-        measured = None if update.joints is None else self._measured(update)
+        measured = None if update.joints is None else self._read_joints(update)
         self._require_followed(update)
-        state.fresh |= self._seen(update)
+        state.fresh |= self._take_observations(update)
         state.begin(update.time)
         now = update.time
         base = state.find_base(update.executing, now)
         state.current = base.number
-        broken = self._broken_by_new(now)
+        broken = self._find_break(now)
         off = 0.0
         if measured is not None:
             begun = state.find_executed(now)[0]
@@ -272,14 +272,14 @@ class CertifiedStream:
             off = float(np.abs(measured - begun.state(now)[:, 0]).max())
         if off > self.request.tracking_tolerance + SLACK:
             if measured is None or now < base.stops:
-                return self._none(now, "tracking", broken, base)
-            base = self._stood_elsewhere(measured, base)
+                return self._tell_none(now, "tracking", broken, base)
+            base = self._stand_elsewhere(measured, base)
         if now - self._obstacles.oldest > self.request.age_limit:
-            return self._none(now, "stale", broken, base)
+            return self._tell_none(now, "stale", broken, base)
         executed, judged = state.find_executed(now), self._obstacles.judged(STREAM.reserve)
-        return self._answered(_Cycle(now, now + self.request.latency, executed, broken, judged))
+        return self._find_piece(_Cycle(now, now + self.request.latency, executed, broken, judged))
 
-    def _broken_by_new(self, now: float) -> Told | None:
+    def _find_break(self, now: float) -> Told | None:
         """Why what is executed from now on is no longer proven, where an obstacle is new; None: it is, or none is."""
         fresh, self._state.fresh = self._state.fresh, False
         if not fresh or now >= self._state.commits[self._state.current].stops:
@@ -287,7 +287,7 @@ class CertifiedStream:
         told = self.judged(now)
         return None if told.free else told
 
-    def _none(
+    def _tell_none(
         self, now: float, reason: Reason, broken: Told | None, base: Commit, told: Told | None = None
     ) -> StreamState:
         """The state where there is no piece: what came into the way of what is executed is told before all else."""
@@ -304,12 +304,12 @@ class CertifiedStream:
         Raises:
             GuidefieldError: as `update`.
         """
-        return self._heard(update, self._noted, noted=True)
+        return self._report(update, self._take_note, noted=True)
 
-    def _noted(self, update: StreamUpdate) -> StreamState | None:
+    def _take_note(self, update: StreamUpdate) -> StreamState | None:
         if update.time <= self._state.now:
             return self._tell_state(update.time, "late")
-        self._state.fresh |= self._seen(update)
+        self._state.fresh |= self._take_observations(update)
         self._state.begin(update.time)
         return None
 
@@ -350,7 +350,7 @@ class CertifiedStream:
         executed = one_after_another(self._state.find_executed(time))
         return self._judge.told(executed, shapes, places, STREAM.evaluations, since=time)
 
-    def _seen(self, update: StreamUpdate) -> bool:
+    def _take_observations(self, update: StreamUpdate) -> bool:
         """Take what an update says of obstacles; whether one is new.
 
         Raises:
@@ -370,7 +370,7 @@ class CertifiedStream:
             fresh |= self._obstacles.observe(seen)
         return fresh or bool(update.declare)
 
-    def _measured(self, update: StreamUpdate) -> ChartPoint:
+    def _read_joints(self, update: StreamUpdate) -> ChartPoint:
         """Where an update has the robot, shape (nv,)."""
         assert update.joints is not None, "it has"
         group = self.group
@@ -405,38 +405,38 @@ class CertifiedStream:
                 path="$.time",
             )
 
-    def _stood_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
+    def _stand_elsewhere(self, z: ChartPoint, base: Commit) -> Commit:
         """The robot stands, and not where its piece had it: it goes on from there, z of shape (nv,)."""
         stood = Commit.standing(z, self._state.now, base.number, self._state.goal)
         self._state.stand_at(stood)
         return stood
 
-    def _answered(self, cycle: _Cycle) -> Piece | StreamState:
+    def _find_piece(self, cycle: _Cycle) -> Piece | StreamState:
         """The answer to an update."""
         if self._state.phase is Phase.HALTED:
-            return self._none(cycle.now, "stopped", cycle.broken, cycle.base)
+            return self._tell_none(cycle.now, "stopped", cycle.broken, cycle.base)
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
-        still = self._towards(cycle, state, np.zeros(self.group.nv), None)
-        found = self._followed(cycle, state, still)
+        still = self._make_commit(cycle, state, np.zeros(self.group.nv), None)
+        found = self._follow(cycle, state, still)
         # who comes to the goal stands there first: what leads there is proven
         arriving = cycle.reason == "at_goal" and cycle.now < cycle.base.stops
         if (found is None and not arriving) or cycle.threatened:
-            found = self._fled(cycle, state, still) or found
+            found = self._flee(cycle, state, still) or found
         if found is None and cycle.reason in ("too_close", "no_way") and not state[:, 1:].any():
-            found = self._left(cycle, state, still)
+            found = self._leave(cycle, state, still)
         if found is not None:
             self._state.refused = 0
-            return self._sent(cycle, *found)
+            return self._send(cycle, *found)
         self._state.refused += 1
         told = None if cycle.reason in ("standing", "at_goal") else cycle.told  # of a flight that was refused
-        return self._none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
+        return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
 
-    def _towards(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
+    def _make_commit(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
         """The commit of a piece in this cycle; see `towards`."""
         goals = np.full(self.group.nv, np.inf) if last is None else last
         return towards(state, velocities, goals, self._opened.bounds, cycle.begins, self.request.piece, WITHIN)
 
-    def _followed(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+    def _follow(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece along the way to the goal, or None; then the cycle knows why."""
         if self._state.phase is Phase.STANDING:
             cycle.reason = "standing"
@@ -444,18 +444,18 @@ class CertifiedStream:
         if cycle.base.at_goal and cycle.base.goal == self._state.goal:
             cycle.reason = "at_goal"
             return None
-        way = self._looked_for(cycle, still.ends)
+        way = self._update_way(cycle, still.ends)
         since = self._state.place
         for share in STREAM.speeds:
             aim = way.aim(still.ends, since, STREAM.ahead * share, way.due(cycle.begins + STREAM.early))
             self._state.place = aim.place
             largest = float((np.abs(aim.direction) / self._speeds).max())
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
-            commit = self._towards(cycle, state, velocities, aim.last)
+            commit = self._make_commit(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
                 break
             closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
-            if self._proven(cycle, commit, reserved=not closing):
+            if self._prove(cycle, commit, reserved=not closing):
                 flees = share <= STREAM.threatened and self._is_threatened(cycle, commit.ends, way, share)
                 stays = closing and flees and self._room.stays_free(self._obstacles.drifting(cycle.now), way.goal)
                 cycle.threatened = flees and not stays
@@ -479,7 +479,7 @@ class CertifiedStream:
         places = (end, way.at(max(then, place)))
         return all(pressure_at(self._room.robot, boxes, z, STREAM.threat)[0] > 0.0 for z in places)
 
-    def _fled(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+    def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
         if not len(boxes):
@@ -489,46 +489,48 @@ class CertifiedStream:
             return None
         tried: list[tuple[float, int, Commit]] = []
         for velocities in flights(gradient, self._speeds, self._rng):
-            commit = self._towards(cycle, state, velocities, None)
+            commit = self._make_commit(cycle, state, velocities, None)
             after, _ = pressure_at(self._room.robot, boxes, commit.ends)
             if after < before:
                 tried.append((after, len(tried), commit))
-        for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
-            if self._proven(cycle, commit, reserved=False):
-                self._state.place = 0.0  # the way may be nearest elsewhere then
-                return commit, "away"
-        return None
+        return self._choose_flight(cycle, tried, reserved=False)
 
-    def _left(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
+    def _leave(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece from where the robot stands to where it keeps more from what rests, or None."""
         before = self._room.kept_from_resting(still.ends)
         if before == len(STREAM.leaving):
             return None
-        tried: list[tuple[int, int, Commit]] = []
+        tried: list[tuple[float, int, Commit]] = []
         for velocities in flights(np.zeros(self.group.nv), self._speeds, self._rng):
             for towards_it in (velocities, -velocities):
-                commit = self._towards(cycle, state, towards_it, None)
+                commit = self._make_commit(cycle, state, towards_it, None)
                 after = self._room.kept_from_resting(commit.ends)
                 if after > before:
                     tried.append((-after, len(tried), commit))
+        return self._choose_flight(cycle, tried, reserved=True)
+
+    def _choose_flight(
+        self, cycle: _Cycle, tried: list[tuple[float, int, Commit]], *, reserved: bool
+    ) -> tuple[Commit, str] | None:
+        """Return the first proven commit by cost and order, or None."""
         for _, _, commit in sorted(tried, key=lambda one: one[:2])[: STREAM.flights]:
-            if self._proven(cycle, commit, reserved=True):
-                self._state.place = 0.0
+            if self._prove(cycle, commit, reserved):
+                self._state.place = 0.0  # the way may be nearest elsewhere then
                 return commit, "away"
         return None
 
-    def _proven(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
+    def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
         """Whether a commit is proven; the cycle keeps the first refusal."""
         places = cycle.reserved if reserved else cycle.places
         told = self._judge.told(commit, cycle.shapes, places, STREAM.evaluations)
         cycle.evaluations = told.evaluations
-        if told.free and not self._hides_nothing(cycle, commit):
+        if told.free and not self._is_seen_far_enough(cycle, commit):
             told = Told(Judgement.UNDECIDED, told.evaluations, -1, commit.stops)
         if not told.free and cycle.told is None:
             cycle.told = told
         return told.free
 
-    def _hides_nothing(self, cycle: _Cycle, commit: Commit) -> bool:
+    def _is_seen_far_enough(self, cycle: _Cycle, commit: Commit) -> bool:
         """Whether what isn't observed yet can't reach the robot before it stands."""
         asked = self.request
         if asked.appear_distance is None:
@@ -538,9 +540,9 @@ class CertifiedStream:
         come = asked.appear_speed * (commit.stops - cycle.now + asked.clock_error)
         return gone + come < asked.appear_distance
 
-    def _looked_for(self, cycle: _Cycle, stand: ChartPoint) -> Way:
+    def _update_way(self, cycle: _Cycle, stand: ChartPoint) -> Way:
         """The way that is followed, after what was planned is taken over and what has to be is ordered."""
-        state, goal = self._state, self._chosen(cycle, stand)
+        state, goal = self._state, self._choose_goal(cycle, stand)
         if (ordered := self._ordered) is not None and self._taking.takes(ordered, cycle.now):
             self._took = True
             found = ordered.found.result()
@@ -581,7 +583,7 @@ class CertifiedStream:
         self._ordered = self._planner.order(due, start, goal, drifting, followed, self._rng)
         state.refused = 0
 
-    def _chosen(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
+    def _choose_goal(self, cycle: _Cycle, stand: ChartPoint) -> ChartPoint:
         """The goal that is nearest (nv,), of those that nothing is predicted on if there are any."""
         goals, way = self._state.goals, self._state.way
         assert goals is not None, "there is a goal"
@@ -606,7 +608,7 @@ class CertifiedStream:
         clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])
         return self._room.straight(NOTHING, STREAM.going, clearance, points)
 
-    def _sent(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
+    def _send(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
         state = self._state
         number = max(state.commits) + 1
         at_goal = state.way is not None and bool((np.abs(commit.ends - state.way.goal) <= GOAL_TOLERANCE).all())
@@ -658,7 +660,7 @@ class CertifiedStream:
         return names[body], self._obstacles.names[obstacle]
 
 
-def _sought(
+def _search_goals(
     goal: StreamGoal, group: PlanningGroup, near: ChartPoint, rng: np.random.Generator, room: Room
 ) -> ChartPoints:
     return goals_of(goal, group, room, near, rng)

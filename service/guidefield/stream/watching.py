@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 from guidefield.errors import GuidefieldError
 from guidefield.messages.streams import Piece, StreamGoal, StreamState, StreamUpdate
 from guidefield.stream.state import Snapshot
 
 
-class Watching(Protocol):
-    """Hears of a stream; none of these may take long, or raise."""
+class Watching:
+    """Hears of a stream, and does nothing about it; none of these may take long, or raise."""
 
     def begun(self) -> None:
         """An update came, and is worked on."""
@@ -51,33 +50,3 @@ class Watching(Protocol):
             snapshot: That; a way that is being planned is given up then, and planned again.
             planning: Whether there is one.
         """
-
-
-class Unwatched:
-    """Hears nothing."""
-
-    def begun(self) -> None:
-        """Nothing."""
-
-    def updated(
-        self,
-        update: StreamUpdate,
-        answer: Piece | StreamState | None,
-        refused: GuidefieldError | None,
-        *,
-        noted: bool,
-        took: bool,
-    ) -> None:
-        """Nothing."""
-
-    def sought(self, goal: StreamGoal) -> None:
-        """Nothing."""
-
-    def aimed(self, number: int | None) -> None:
-        """Nothing."""
-
-    def halted(self) -> None:
-        """Nothing."""
-
-    def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
-        """Nothing."""
