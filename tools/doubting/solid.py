@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -15,11 +13,14 @@ CRACK = 1e-3
 
 def is_closed(vertices: np.ndarray, triangles: np.ndarray, crack: float = CRACK) -> bool:
     """Whether each edge is run through as often in one sense as in the other, corners at one place being one."""
-    near = cKDTree(vertices).query_pairs(crack, output_type="ndarray")
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(vertices), len(vertices)))
-    merged = connected_components(links, directed=False)[1][triangles]
-    edges = Counter((int(t[k]), int(t[(k + 1) % 3])) for t in merged for k in range(3))
-    return all(edges[b, a] == count for (a, b), count in edges.items() if a != b)
+    places, corners = np.unique(vertices, axis=0, return_inverse=True)
+    near = cKDTree(places).query_pairs(crack, output_type="ndarray")
+    links = coo_array((np.ones(len(near), bool), (near[:, 0], near[:, 1])), shape=(len(places), len(places)))
+    merged = connected_components(links, directed=False)[1][corners.reshape(-1)][triangles]
+    starts, ends = merged.reshape(-1).astype(np.int64), np.roll(merged, -1, axis=1).reshape(-1).astype(np.int64)
+    differ = starts != ends
+    forth, back = np.sort((starts * len(places) + ends)[differ]), np.sort((ends * len(places) + starts)[differ])
+    return bool(np.array_equal(forth, back))
 
 
 def encloses(vertices: np.ndarray, triangles: np.ndarray, point: np.ndarray) -> bool:
