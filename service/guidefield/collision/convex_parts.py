@@ -14,7 +14,7 @@ from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap
 from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, spread_points
+from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about, spread_points
 from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
@@ -39,7 +39,10 @@ from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
-from guidefield.robot.model.shapes import triangulation
+from guidefield.read_only import read_only
+from guidefield.robot.model.shapes import hull_vertices, triangulation
+
+_NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
 
 
 class UnservedError(Exception):
@@ -50,11 +53,8 @@ class PartsTable:
     """Collects the parts of bodies."""
 
     def __init__(self) -> None:
-        self._balls: list[np.ndarray] = []
-        self._links: list[np.ndarray] = []
-        self._shapes: list[np.ndarray] = []
-        self._numbers: list[np.ndarray] = []
-        self._vertices: list[np.ndarray] = []
+        self._added: list[tuple[Layout, Callable[[Arrays], None]]] = []
+        self._alone: Parts | None = None
         self._pieces: dict[int, np.ndarray] = {}
         self._n_nodes = self._n_parts = self._n_blocks = 0
 
@@ -90,13 +90,13 @@ class PartsTable:
         raise UnservedError(type(shape).__name__)
 
     def add_tree(self, mesh: MeshTree) -> int:
-        """Add a mesh in the body's frame to a table that is empty; the root of its tree."""
-        self.add_moved(mesh, None)
-        return 0
+        """Add a mesh in the body's frame; the root of its tree."""
+        return self._mesh(mesh, None)
 
     def add_parts(self, alone: Parts) -> int:
         """Add the parts of bodies that were made alone; where their first node is: of one body, its root."""
-        return self._add(alone, np.zeros(1, np.int64))
+        self._alone = alone
+        return self._add_copy(alone._asdict(), _ZEROS)
 
     def add_surface(self, shape: Any, placement: Any) -> int:
         """Add a Coal mesh as its triangles, that stands at a pinocchio.SE3 in its body; the root of its tree."""
@@ -110,93 +110,113 @@ class PartsTable:
         """Nodes, shape (k,), that together are all of a body, each nearly convex; the root itself where that is."""
         return self._pieces.get(root, np.array([root]))
 
-    def _mesh(self, mesh: MeshTree, placement: Any) -> int:
-        """Add a mesh that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        return self._add(_mesh_alone(mesh, placement), mesh.pieces)
+    def tables(self) -> Parts:
+        """The parts that were added, frozen."""
+        alone = self._alone if len(self._added) == 1 else None  # of one mesh of a million triangles no copy is made
+        parts = alone or Parts(**self._written())
+        read_only(*parts)
+        return parts
 
-    def _add(self, alone: Parts, pieces: np.ndarray) -> int:
-        """Add the parts of one mesh, in pieces from some nodes on; the root of its tree."""
-        root = self._n_nodes
-        links, shapes = alone.links.reshape(-1, LINK), alone.shapes.reshape(-1, SHAPE)
-        self._balls.append(alone.balls)
-        if root:
-            links = links + np.where(links >= 0, [root, root, self._n_parts], 0)
-            shapes = shapes + np.array([0, self._n_blocks, 0])
-        self._links.append(links.ravel())
-        self._shapes.append(shapes.ravel())
-        self._numbers.append(alone.numbers)
-        self._vertices.append(alone.vertices)
-        self._pieces[root] = root + pieces
-        self._n_nodes += len(links)
-        self._n_parts += len(shapes)
-        self._n_blocks += len(alone.vertices) // BLOCK
-        return root
+    def _written(self) -> Arrays:
+        sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _KINDS}
+        made = in_memory({name: (kind, (sizes[name],)) for name, kind in _KINDS.items()})
+        begins = dict.fromkeys(_KINDS, 0)
+        for layout, write in self._added:
+            ends = {name: begins[name] + layout[name][1][0] for name in _KINDS}
+            write({name: made[name][begins[name] : ends[name]] for name in _KINDS})
+            begins = ends
+        return made
 
-    def add_moved(self, mesh: MeshTree, placement: Any | None) -> None:
-        """Add a mesh that stands at a pinocchio.SE3 to a table that is empty: its root is 0; None: where it is."""
+    def _mesh(self, mesh: MeshTree, placement: Any | None) -> int:
+        """Add a mesh that stands at a pinocchio.SE3, or where it is; the root of its tree."""
+        key = (id(mesh), None if placement is None else placement.homogeneous.tobytes())
+        known = _PLACED.get(key)
+        if known is not None:
+            root = self._add_copy(known[1], known[2])
+            self._pieces[root] = root + mesh.pieces
+            return root
 
         def there(points: np.ndarray) -> np.ndarray:
             return points if placement is None else moved(placement, points)
 
-        counts, hulls = [len(nodes) for nodes, _ in mesh.clusters], list(_hulls_of(mesh))
-        made = in_memory(tree_layout(len(mesh.corners), len(mesh.balls), counts, [len(points) for *_, points in hulls]))
-        made["balls"][:] = mesh.balls.ravel()
-        if placement is not None:
-            made["balls"].reshape(-1, 4)[:, :3] = there(mesh.balls[:, :3])
-        made["links"][:] = mesh.links.ravel()
-        corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
-        write_triangles(corners, made)
-        write_clusters(corners, mesh.clusters, made)
-        write_hulls([(node, kind, there(points)) for node, kind, points in hulls], made)
-        self._n_nodes, self._n_parts = len(mesh.balls), len(made["shapes"]) // SHAPE
-        self._n_blocks = len(made["vertices"]) // BLOCK
-        self._numbers.append(made["numbers"])
-        self._shapes.append(made["shapes"])
-        self._vertices.append(made["vertices"])
-        self._balls.append(made["balls"])
-        self._links.append(made["links"])
+        hulls = [(node, kind, there(points)) for node, kind, points in _hulls_of(mesh)]
+        counts = [len(nodes) for nodes, _ in mesh.clusters]
+        layout = tree_layout(len(mesh.corners), len(mesh.balls), counts, [len(points) for *_, points in hulls])
 
-    def _add_vertices(self, vertices: np.ndarray) -> int:
-        """Add vertices in blocks; how many blocks."""
-        blocks = _in_blocks(vertices)
-        self._vertices.append(blocks)
-        return len(blocks) // BLOCK
+        def write(made: Arrays) -> None:
+            made["balls"][:] = mesh.balls.ravel()
+            if placement is not None:
+                made["balls"].reshape(-1, BALL_ROW)[:, :3] = there(mesh.balls[:, :3])
+            made["links"][:] = mesh.links.ravel()
+            corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
+            write_triangles(corners, made)
+            write_clusters(corners, mesh.clusters, made)
+            write_hulls(hulls, made)
 
-    def tables(self) -> Parts:
-        """What was added, frozen."""
-        arrays = (
-            _behind_one_another(self._balls, float),
-            _behind_one_another(self._links, np.int64),
-            _behind_one_another(self._shapes, np.int64),
-            _behind_one_another(self._numbers, float),
-            _behind_one_another(self._vertices, np.float32),
-        )
-        for array in arrays:
-            array.setflags(write=False)
-        return Parts(*arrays)
+        def keep(made: Arrays, begins: np.ndarray) -> None:
+            _PLACED.put(key, (mesh, made, begins), sum(array.nbytes for array in made.values()))
+
+        root = self._add(layout, write, keep=keep)
+        self._pieces[root] = root + mesh.pieces
+        return root
+
+    def _add_copy(self, known: Arrays, counted_from: np.ndarray) -> int:
+        """Add a copy of parts whose first node, part and block, shape (3,), were those; its root."""
+
+        def write(made: Arrays) -> None:
+            for name, array in known.items():
+                made[name][:] = array
+
+        layout = {name: (array.dtype.str, array.shape) for name, array in known.items()}
+        return self._add(layout, write, counted_from)
+
+    def _add(
+        self,
+        layout: Layout,
+        write: Callable[[Arrays], None],
+        counted_from: np.ndarray = _ZEROS,
+        keep: Callable[[Arrays, np.ndarray], None] = lambda _made, _begins: None,
+    ) -> int:
+        """Add the parts of one mesh; its root.
+
+        Args:
+            layout: Of its arrays.
+            write: Writes them where they stay, once all are known.
+            counted_from: The first node, part and block that are written, shape (3,).
+            keep: Is given the arrays in the end, and their first node, part and block.
+        """
+        begins = np.array([self._n_nodes, self._n_parts, self._n_blocks])
+
+        def write_here(made: Arrays) -> None:
+            write(made)
+            node, part, block = (begins - counted_from).tolist()
+            if node or part or block:
+                links, shapes = made["links"].reshape(-1, LINK), made["shapes"].reshape(-1, SHAPE)
+                links += np.where(links >= 0, [node, node, part], 0)
+                shapes[:, FIRST_BLOCK] += block
+            keep(made, begins)
+
+        self._added.append((layout, write_here))
+        self._n_nodes += layout["links"][1][0] // LINK
+        self._n_parts += layout["shapes"][1][0] // SHAPE
+        self._n_blocks += layout["vertices"][1][0] // BLOCK
+        return int(begins[0])
 
     def _polytope(self, vertices: np.ndarray) -> int:
-        blocks = self._add_vertices(vertices)
         centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
         radius = float(np.linalg.norm(vertices - centre, axis=1).max())
-        self._n_blocks += blocks
-        return self._single(POLYTOPE, np.zeros(PART), centre, radius, blocks)
+        return self._single(POLYTOPE, np.zeros(PART), centre, radius, _in_blocks(vertices))
 
-    def _single(self, kind: int, numbers: np.ndarray, centre: np.ndarray, radius: float, blocks: int = 0) -> int:
-        """Add one part, whose vertices are the last blocks, with a ball about it; its node."""
-        self._shapes.append(np.array([kind, self._n_blocks - blocks, blocks]))
-        self._numbers.append(numbers)
-        self._links.append(np.array([-1, -1, self._n_parts]))
-        self._balls.append(np.array([*centre, radius]))
-        self._n_parts += 1
-        self._n_nodes += 1
-        return self._n_nodes - 1
+    def _single(
+        self, kind: int, numbers: np.ndarray, centre: np.ndarray, radius: float, vertices: np.ndarray = _NO_VERTICES
+    ) -> int:
+        """Add one part, with its vertices in blocks and a ball about it; its node."""
+        ball, link = np.array([*centre, radius]), np.array([-1, -1, 0])
+        return self.add_parts(Parts(ball, link, np.array([kind, 0, len(vertices) // BLOCK]), numbers, vertices))
 
 
-def _behind_one_another(arrays: list[np.ndarray], kind: type) -> np.ndarray:
-    """Arrays of one type, one behind the other; of one mesh of a million triangles they are not copied."""
-    some = [array for array in arrays if len(array)]
-    return some[0] if len(some) == 1 else np.concatenate([np.empty(0, kind), *some])
+_KINDS = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "vertices": "<f4"}
+"""Types of the arrays of `Parts`."""
 
 
 def tree_layout(
@@ -214,13 +234,8 @@ def tree_layout(
     parts = triangles + sum(clusters) + len(hulls) + boxes
     blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + boxes
     blocks += sum(-(-points // LANES) for points in hulls)
-    return {
-        "balls": ("<f8", (BALL_ROW * nodes,)),
-        "links": ("<i8", (LINK * nodes,)),
-        "shapes": ("<i8", (SHAPE * parts,)),
-        "numbers": ("<f8", (PART * parts,)),
-        "vertices": ("<f4", (BLOCK * blocks,)),
-    }
+    sizes = BALL_ROW * nodes, LINK * nodes, SHAPE * parts, PART * parts, BLOCK * blocks
+    return {name: (kind, (size,)) for (name, kind), size in zip(_KINDS.items(), sizes, strict=True)}
 
 
 def _hulls_of(mesh: MeshTree) -> Iterator[tuple[int, int, np.ndarray]]:
@@ -309,20 +324,8 @@ def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
     links[nodes, OWN] = part + np.arange(count)
 
 
-def _mesh_alone(mesh: MeshTree, placement: Any) -> Parts:
-    """The tables of a mesh that stands at a pinocchio.SE3, as if there were no other; the last ones are kept."""
-    key = (id(mesh), placement.homogeneous.tobytes())
-    known = _ALONE.get(key)
-    if known is None:
-        table = PartsTable()
-        table.add_moved(mesh, placement)
-        parts = table.tables()
-        known = _ALONE.put(key, (mesh, parts), sum(array.nbytes for array in parts))
-    return known[1]
-
-
-_ALONE: BoundedMap[tuple[int, bytes], tuple[MeshTree, Parts]] = BoundedMap(PLACED_MESHES)
-"""By mesh, which is held as well so that no other gets its number, and placement."""
+_PLACED: BoundedMap[tuple[int, bytes | None], tuple[MeshTree, Arrays, np.ndarray]] = BoundedMap(PLACED_MESHES)
+"""By mesh, held so that no other gets its number, and placement: rows of a table, and what they count from."""
 
 _KNOWN: BoundedMap[tuple[bytes, int, str], MeshTree] = BoundedMap(MESH_TREES)
 
@@ -332,10 +335,6 @@ def _known_mesh(shape: Any) -> MeshTree:
     return _known(shape, pieces_tree, "as it is")
 
 
-def _surface_tree(vertices: np.ndarray, faces: np.ndarray) -> MeshTree:
-    return mesh_tree(vertices[faces])
-
-
 def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
     """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
     return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut), "in convex parts")
@@ -343,7 +342,12 @@ def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
 
 def known_surface(shape: Any) -> MeshTree:
     """The tree of a Coal mesh as its triangles, made once for the same vertices."""
-    return _known(shape, _surface_tree, "as its triangles")
+
+    def make(vertices: np.ndarray, faces: np.ndarray) -> MeshTree:
+        hull = hull_vertices(shape)
+        return mesh_tree(vertices[faces], None if hull is None else polytope_about(hull))
+
+    return _known(shape, make, "as its triangles")
 
 
 def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:

@@ -95,8 +95,12 @@ def put_meshes(geometry: Any, meshes: Meshes) -> None:
 
 
 def _has_area(mesh: FileMesh) -> bool:
-    """Check that some triangle has an area, but for rounding."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    """Check that some triangle has an area, but for rounding; most meshes show it by their first triangles."""
+    return any(_is_area(mesh.vertices[mesh.triangles[k : k + 1024]]) for k in range(0, len(mesh.triangles), 1024))
+
+
+def _is_area(corners: np.ndarray) -> bool:
+    a, b, c = np.moveaxis(corners, 1, 0)
     edges = np.maximum(((b - a) ** 2).sum(axis=1), ((c - a) ** 2).sum(axis=1))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return bool((areas > SLIVER * edges).any())

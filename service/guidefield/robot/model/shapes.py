@@ -192,6 +192,12 @@ def hull(mesh: Any) -> Any | None:
     return known[0]
 
 
+def hull_vertices(mesh: Any) -> np.ndarray | None:
+    """Return the vertices (k, 3) [m] of the convex hull of a Coal mesh, computed once; None as for `hull`."""
+    found = _remembered_hull(mesh)
+    return found["vertices"] if len(found["triangles"]) else None
+
+
 def _settled(mesh: Any, found: Arrays) -> _Settled:
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance > HULL_STAND_OFF:
