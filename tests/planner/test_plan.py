@@ -18,7 +18,7 @@ from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.plan import Plan, Planner, plan, refused
+from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft
 from guidefield.prove.certificate import certify
@@ -294,7 +294,7 @@ def test_the_same_problem_gives_the_same_trajectory_bit_for_bit() -> None:
 
 def test_a_refused_plan_still_carries_a_verdict_about_its_start() -> None:
     made = problem("panda", scene_of())
-    result = refused(made, Status.START_STATE_INVALID, "because", {"joint": "j"})
+    result = make_refused_plan(made, Status.START_STATE_INVALID, "because", {"joint": "j"})
     assert result.verdict.free
     assert result.path.shape == (1, 7)
 

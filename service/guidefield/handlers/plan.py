@@ -30,7 +30,7 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.guide.guide import ATTEMPTS, PROJECTED
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.plan import Plan, Planner, plan, refused
+from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.quality import UNMEASURED, Clearance, clearance_profile, clearances
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.robot.group.reduced_model import select
@@ -209,7 +209,9 @@ def refuse_ends(problem: Problem) -> Plan | None:
     """Return the plan of a problem whose start or goal is beyond a joint limit; None if they are not."""
     faults = limit_faults(problem.group.robot.joints, problem.group.q_reference)
     if faults:
-        return refused(problem, Status.START_STATE_INVALID, *_limit_message("start", faults, problem.group.robot))
+        return make_refused_plan(
+            problem, Status.START_STATE_INVALID, *_limit_message("start", faults, problem.group.robot)
+        )
     if isinstance(problem.goal, ConfigurationGoal):
         configurations = problem.goal.configurations
         faults = limit_faults(problem.group.joints, configurations[0])
@@ -219,7 +221,7 @@ def refuse_ends(problem: Problem) -> Plan | None:
                 message = (
                     f"all {len(configurations)} goals are outside of limits; {message.replace('goal', 'first', 1)}"
                 )
-            return refused(problem, Status.GOAL_STATE_INVALID, message, details)
+            return make_refused_plan(problem, Status.GOAL_STATE_INVALID, message, details)
     return None
 
 

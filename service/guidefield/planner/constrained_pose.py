@@ -45,13 +45,13 @@ class PoseKeeper:
         for row, z in enumerate(zs):
             if self._tries == 0:
                 break
-            found = _moved(self._problem, self._target, z)
+            found = _move_within(self._problem, self._target, z)
             self._tries = self._tries - 1 if found is None else TRIES
             moved[row] = z if found is None else found
         return moved
 
 
-def _moved(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPoint | None:
+def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPoint | None:
     """A chart point (nv,) that reaches the pose and keeps the constraints, next to another; None if none is found."""
     frames, group = problem.constrained_frames, problem.group
     there = z.copy()

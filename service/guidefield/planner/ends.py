@@ -88,7 +88,7 @@ def check_start(problem: Problem) -> None:
                 Status.START_STATE_IN_COLLISION, f"the start is in collision: {message}{hint}", stage="start", **details
             )
         _check_clearance(problem, z_start, "start")
-    if (violated := _violated(problem, z_start)) is not None:
+    if (violated := _find_violation(problem, z_start)) is not None:
         message, details = violated
         status = Status.START_STATE_VIOLATES_PATH_CONSTRAINTS
         raise StageFailed(status, f"the start violates a path constraint: {message}", stage="start", **details)
@@ -118,7 +118,7 @@ def _stands_at(problem: Problem, target: PoseTarget) -> ChartPoints | None:
     group, z = problem.group, problem.z_start
     if not target.is_reached(problem.kinematics.frame_placement(group.expand_from_chart(z), group.tip_id)):
         return None
-    stays = are_free(problem, z[None])[0] and _violated(problem, z) is None
+    stays = are_free(problem, z[None])[0] and _find_violation(problem, z) is None
     return z[None] if stays else None
 
 
@@ -181,7 +181,7 @@ def tip_points(
             TIMED_OUT or PREEMPTED.
     """
     tip = _Tip(target, problem.scene.moves)
-    result = _solved(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
+    result = _solve(problem, target, starts, count, tip.keeps_some_distance, blocked=lambda: tip.blocked is not None)
     if tip.blocked is not None and not problem.deadline.expired():
         raise StageFailed(
             Status.GOAL_IN_COLLISION,
@@ -191,11 +191,11 @@ def tip_points(
             **tip.blocked.details(),
         )
     if not result.solutions and result.rejected and not _hopeless(problem, result):
-        result = _solved(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
+        result = _solve(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
     if (found := _chosen_in_the_open(problem, result.solutions, chosen)) is not None:
         return found
     if result.solutions:  # all that were found are inside of something: look for others
-        result = _solved(problem, target, starts, count, _are_outside)
+        result = _solve(problem, target, starts, count, _are_outside)
     if result.solutions:
         return chosen(problem, np.array(result.solutions))
     rejected = [problem.group.expand_from_chart(z) for z in result.rejected]
@@ -207,11 +207,11 @@ def tip_points(
             status, f"no configuration for the goal pose was found in time: {result.reason}", stage="goal"
         )
     met = blocking_pairs(problem.world, rejected, problem.min_clearance, touching)
-    status, message = unreached(result, met)
+    status, message = explain_unreached(result, met)
     raise StageFailed(status, message, stage="goal", **result.details, **met.details())
 
 
-def unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str]:
+def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str]:
     """The status and sentence of a goal pose that no free configuration reaches.
 
     Args:
@@ -245,7 +245,7 @@ def _hopeless(problem: Problem, result: IkResult) -> bool:
     return result.exhausted and not _touch_nothing(problem, cast(ChartPoints, np.array(result.rejected))).any()
 
 
-def _solved(
+def _solve(
     problem: Problem,
     target: PoseTarget,
     starts: Sequence[ChartPoint] | ChartPoints,
@@ -319,7 +319,7 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
         return np.zeros(len(zs), bool)
     free: np.ndarray = ~problem.lanes.touching(zs, problem.min_clearance + beyond)
     if problem.path_constraints:
-        free[free] = [_violated(problem, z) is None for z in zs[free]]
+        free[free] = [_find_violation(problem, z) is None for z in zs[free]]
     return free
 
 
@@ -412,7 +412,7 @@ def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, Char
 
 def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
     """The goals that keep the path constraints."""
-    faults = [_violated(problem, goal) for goal in goals]
+    faults = [_find_violation(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
     if kept:
         return np.array(kept)
@@ -422,7 +422,7 @@ def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
     raise StageFailed(status, f"the goal violates a path constraint: {message}", stage="goal", **details)
 
 
-def _violated(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
+def _find_violation(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
     """Which path constraint a chart point violates most, as a sentence and values; None if it keeps them all."""
     if not problem.path_constraints:
         return None

@@ -100,27 +100,27 @@ def connect_to_goal(
         The motion to a goal; failed where it ends if no connection is found, or time is up.
     """
     led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
-    connection = _tried(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
+    connection = _try_connection(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
     if led and connection.status is not Status.SUCCESS and not problem.deadline.expired():
         problem.tell(Note("nothing leads on from where derived guide planes led: the connection begins at the start"))
         found = found.back_at_start()
-        connection = _tried(problem, found, goals, prove)
+        connection = _try_connection(problem, found, goals, prove)
     stage.outcome = connection.message
     if connection.status is not Status.SUCCESS:
         return found.failed(Ending(connection.status, connection.message, {"stage": "connect"}))
     return found.extended(connection.path, proven=connection.proven, others=connection.others)
 
 
-def _tried(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
+def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
     """A connection from the end of the motion so far, along path constraints if there are any."""
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
         return connect_constrained(problem, keeper, found.path[-1], goals, rng)
-    return _connected(problem, found, goals, rng, prove)
+    return _connect_with_clearance(problem, found, goals, rng, prove)
 
 
-def _connected(
+def _connect_with_clearance(
     problem: Problem, found: PathSoFar, goals: ChartPoints, rng: np.random.Generator, prove: bool
 ) -> Connection:
     """With the clearance asked for if there is such a connection, else any that is free."""

@@ -24,7 +24,7 @@ from guidefield.planner.optimize.passages import first_places, passing, with_kno
 from guidefield.planner.optimized_motion import Crossed, optimize_motion
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
-from guidefield.planner.schedule.standing import free_from, met, stays_free
+from guidefield.planner.schedule.standing import find_free_from, find_meeting, stays_free
 from guidefield.planner.settings import STRAIGHT_WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -54,19 +54,17 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
         return found_motion(problem, found, stages)
     if isinstance(found, ScheduledPath):
-        return _optimized_schedule(problem, found, stages) or found_motion(problem, found, stages)
-    finished = _optimized(problem, found, stages)
+        return _optimize_schedule(problem, found, stages) or found_motion(problem, found, stages)
+    finished = _optimize_path(problem, found, stages)
     if finished is not None and (finished.verdict.free or not found.proven):
         return finished
-    as_found = _along(problem, found, stages)
+    as_found = _follow_path(problem, found, stages)
     if finished is None:
-        return _warned(as_found, f"{LOST}; this is the motion as it was found")
+        return _warn(as_found, f"{LOST}; this is the motion as it was found")
     why = finished.verdict.reason
     if not as_found.verdict.free:
         return as_found if why is Reason.CONTACT else finished
-    return _warned(
-        as_found, f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
-    )
+    return _warn(as_found, f"the optimised motion was not certified ({why.value}); this is the motion as it was found")
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -81,15 +79,15 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
         return certify_as_far_as_found(problem, found, stages)
     if isinstance(found, ScheduledPath):
         return certify_motion(problem, found.trajectory(), found.knots, stages)
-    return _along(problem, found, stages)
+    return _follow_path(problem, found, stages)
 
 
-def _optimized_schedule(problem: Problem, found: ScheduledPath, stages: Stages) -> Finished | None:
+def _optimize_schedule(problem: Problem, found: ScheduledPath, stages: Stages) -> Finished | None:
     """The optimised motion across guide planes among obstacles that move; None where none is better and certified."""
     motion = found.trajectory()
     crossed = Crossed.of(problem, found.path, found.crossings)
     waits, end = bool((found.path[0] == found.path[1]).all()), found.z
-    leave_by, arrive_from = met(problem, problem.z_start)[0] if waits else 0.0, -np.inf
+    leave_by, arrive_from = find_meeting(problem, problem.z_start)[0] if waits else 0.0, -np.inf
     while True:
         made = optimize_motion(problem, motion, (), stages, crossed, (leave_by, arrive_from))
         if made is None or made.trajectory is None or not made.verdict.free:
@@ -97,10 +95,10 @@ def _optimized_schedule(problem: Problem, found: ScheduledPath, stages: Stages) 
         arrival = float(made.trajectory.times[-1])
         if arrive_from > -np.inf or stays_free(problem, end, arrival) or not stays_free(problem, end, found.time):
             return made
-        arrive_from = free_from(problem, end)
+        arrive_from = find_free_from(problem, end)
 
 
-def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
+def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished | None:
     """The optimised trajectory from the time-optimal one along the path; where it is refused, optimised again.
 
     None where it can't be brought onto a guide plane.
@@ -116,12 +114,12 @@ def _optimized(problem: Problem, found: PathSoFar, stages: Stages) -> Finished |
     return optimize_motion(problem, motion, others, stages, Crossed.of(problem, found.path, found.crossings))
 
 
-def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
+def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """The certified motion round the corners of a path, drawn closer to it where it is refused; else with stops."""
     crossed, finished = Crossed.of(problem, found.path, found.crossings), None
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow, round the corners") as stage:
-            made = _rounded(problem, found.path, crossed, 2**repair)
+            made = _round_corners(problem, found.path, crossed, 2**repair)
             stage.outcome = LOST if made is None else f"{made[0].duration:.3f} s"
         if made is None:
             continue
@@ -132,10 +130,10 @@ def _along(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
         trajectory, knots = stopping_along(problem, found.path)
         stage.outcome = f"{trajectory.duration:.3f} s"
     stopping = certify_motion(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
-    return _warned(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
+    return _warn(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
 
 
-def _rounded(
+def _round_corners(
     problem: Problem, path: ChartPoints, crossed: Crossed, finer: int
 ) -> tuple[Trajectory, dict[int, int]] | None:
     """The motion round the corners of a path, and its knot on each guide plane; None where it misses one.
@@ -160,7 +158,7 @@ def _rounded(
     return trajectory, crossed.knots(trajectory, passed)
 
 
-def _warned(finished: Finished, warning: str) -> Finished:
+def _warn(finished: Finished, warning: str) -> Finished:
     """The same with one more warning, the first."""
     return replace(finished, warnings=(warning, *finished.warnings))
 

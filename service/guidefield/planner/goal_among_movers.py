@@ -26,20 +26,20 @@ from guidefield.planner.optimize.worth import keeps_aside
 from guidefield.planner.optimized_motion import NO_PLANES, optimize_motion
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.schedule.retimed import retimed
+from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
     Schedule,
     Stuck,
-    after,
     at_any_rate,
     at_one_rate,
+    depart_after,
     slices_in,
     step_of,
 )
 from guidefield.planner.schedule.settings import SCHEDULE, WAYS
 from guidefield.planner.schedule.slices import Slices
-from guidefield.planner.schedule.standing import free_from, met
+from guidefield.planner.schedule.standing import find_free_from, find_meeting
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
@@ -119,7 +119,7 @@ class _Search:
     @cached_property
     def leave_by(self) -> tuple[float, Verdict | None]:
         """Until when the robot may wait where it starts [s], and the refusal of a longer wait."""
-        return met(self._problem, self._problem.z_start)
+        return find_meeting(self._problem, self._problem.z_start)
 
     def by_quick_paths(self) -> Finished | None:
         """The motion along the way that is arrived on first, of those that a few motions find; None without any."""
@@ -256,7 +256,7 @@ class _Search:
         for _ in range(1 + SCHEDULE.repairs):
             with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
                 schedules = self._earliest(finished.trajectory, occupancy, SCHEDULE.rooms)
-                motions = ((one, retimed(self._problem, one)) for one in schedules)
+                motions = ((one, retime(self._problem, one)) for one in schedules)
                 found = next(((one, motion) for one, motion in motions if motion is not None), None)
                 stage.outcome = "blocked" if found is None else f"departs at {found[0].departure:.2f} s"
             if found is None:
@@ -291,7 +291,7 @@ class _Search:
         """From when on a goal stays free [s]."""
         key = goal.tobytes()
         if key not in self._free_from:
-            self._free_from[key] = free_from(self._problem, goal)
+            self._free_from[key] = find_free_from(self._problem, goal)
         return self._free_from[key]
 
     def _earliest(self, motion: Trajectory, occupancy: Occupancy, rooms: Sequence[float]) -> list[Schedule]:
@@ -300,7 +300,7 @@ class _Search:
         found, by = [even], even.arrival if isinstance(even, Schedule) else np.inf
         found += [at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by]
         if isinstance(even, Stuck) and occupancy.free_at_rest and occupancy.leave_by == np.inf:
-            found.append(after(motion, problem.scene.end, step_of(problem.group)))
+            found.append(depart_after(motion, problem.scene.end, step_of(problem.group)))
         schedules = sorted((one for one in found if isinstance(one, Schedule)), key=lambda one: one.arrival)
         if not schedules:
             cell = max(one.cell for one in found if isinstance(one, Stuck))

@@ -69,18 +69,18 @@ def approach_in_time(
     while True:
         if (status := problem.deadline.status()) is not None:
             message = stopped_before(status, aim.plane.name, aim.distance(_tip(problem, path)))
-            return _given_up(status, message, problem, path, aim, index)
-        path, ended = _round(problem, path, aim, index, attempts)
+            return _give_up(status, message, problem, path, aim, index)
+        path, ended = _make_round(problem, path, aim, index, attempts)
         if ended is Round.ARRIVED:
             return path
         if ended is Round.BLOCKED:
-            path = _waiting(problem, path, aim, index, attempts[0])
+            path = _wait(problem, path, aim, index, attempts[0])
             if path.failure is not None:
                 return path
             problem.tell(Note(f"waits at {path.time:.2f} s"))
 
 
-def _round(
+def _make_round(
     problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempts: Sequence[Attempt]
 ) -> tuple[ScheduledPath, Round]:
     """The first round that is free of what moves, among the obstacles as they stand ahead of time, then as now.
@@ -88,7 +88,7 @@ def _round(
     While something moves, a round that is refused in time is waited for and not made in another way. Where an advance
     is blocked, another attempt of the same minimizer asks for the same one, or shorter ones that were tried.
     """
-    for seen in _seen(problem, path, (AHEAD, 0.0)):
+    for seen in _look_ahead(problem, path, (AHEAD, 0.0)):
         blocked: set[type] = set()
         for attempt in attempts:
             if type(attempt.minimizer) in blocked:
@@ -100,14 +100,14 @@ def _round(
             if ended is Round.BLOCKED:
                 blocked.add(type(attempt.minimizer))
                 continue
-            if (longer := _in_comfort(problem, path, guided) or _along(problem, path, guided)) is not None:
+            if (longer := _extend_in_comfort(problem, path, guided) or _extend(problem, path, guided)) is not None:
                 return longer, ended
             if path.time < problem.scene.end:
                 break
     return path, Round.BLOCKED
 
 
-def _waiting(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempt: Attempt) -> ScheduledPath:
+def _wait(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempt: Attempt) -> ScheduledPath:
     """The path with the robot waiting at its end, or giving way; failed where neither helps."""
     if path.time > problem.scene.end:
         distance = aim.distance(_tip(problem, path))
@@ -115,12 +115,12 @@ def _waiting(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attemp
             f"stuck {1000 * distance:.0f} mm before guide plane {aim.plane.name!r} after {path.time:.1f} s, when"
             " all obstacles had come to rest"
         )
-        return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
+        return _give_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
     waiting = path.until([path.z], [path.time + WAIT])
-    verdict = _judged(problem, waiting.trajectory(since=-2), MARGIN)
+    verdict = _judge(problem, waiting.trajectory(since=-2), MARGIN)
     if verdict.free:
         return waiting
-    if (gave_way := _giving_way(problem, path, index, attempt)) is not None:
+    if (gave_way := _give_way(problem, path, index, attempt)) is not None:
         return gave_way
     names = " and ".join(verdict.pair or ("a link", "an obstacle"))
     message = (
@@ -128,17 +128,17 @@ def _waiting(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attemp
         " found no way to give way"
     )
     pair = list(verdict.pair) if verdict.pair else None
-    return _given_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index, pair=pair)
+    return _give_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index, pair=pair)
 
 
-def _giving_way(problem: Problem, path: ScheduledPath, index: int, attempt: Attempt) -> ScheduledPath | None:
+def _give_way(problem: Problem, path: ScheduledPath, index: int, attempt: Attempt) -> ScheduledPath | None:
     """The path out of the way, if there is one: a descent among the obstacles as they will stand, tip in its plane."""
-    for seen in _seen(problem, path, (2.0 * WAIT, WAIT, 0.0)):
+    for seen in _look_ahead(problem, path, (2.0 * WAIT, WAIT, 0.0)):
         guided = seen.guided(path, index)
         for normal in np.eye(3):
             since = guided.q
             attempt.minimizer.settle(guided, guided.tip, normal, ANYWHERE)
-            if guided.q is not since and (longer := _along(problem, path, guided)) is not None:
+            if guided.q is not since and (longer := _extend(problem, path, guided)) is not None:
                 return longer
     return None
 
@@ -155,7 +155,7 @@ class _Seen(ReadOnly):
         return GuidedPath(self.problem, self.problem.group.from_chart(path.z), self.margin, index)
 
 
-def _seen(problem: Problem, path: ScheduledPath, ahead: Sequence[float]) -> Iterator[_Seen]:
+def _look_ahead(problem: Problem, path: ScheduledPath, ahead: Sequence[float]) -> Iterator[_Seen]:
     """The obstacles at each look ahead [s]; one look only once all rest."""
     q = problem.group.from_chart(path.z)
     for more in ahead if path.time < problem.scene.end else (0.0,):
@@ -163,21 +163,21 @@ def _seen(problem: Problem, path: ScheduledPath, ahead: Sequence[float]) -> Iter
         yield _Seen(held, margin_at(held, q))
 
 
-def _in_comfort(problem: Problem, path: ScheduledPath, guided: GuidedPath) -> ScheduledPath | None:
+def _extend_in_comfort(problem: Problem, path: ScheduledPath, guided: GuidedPath) -> ScheduledPath | None:
     """The path with a guided path's way after it, once that keeps `COMFORT`; None if it doesn't within `PATIENCE`."""
     before = path
     while path.time < problem.scene.end and path.time <= before.time + PATIENCE:
-        if (longer := _along(problem, path, guided, COMFORT)) is not None:
+        if (longer := _extend(problem, path, guided, COMFORT)) is not None:
             return longer
         waiting = path.until([path.z], [path.time + WAIT])
-        if not _judged(problem, waiting.trajectory(since=-2), MARGIN).free:
+        if not _judge(problem, waiting.trajectory(since=-2), MARGIN).free:
             return None
         path = waiting
         problem.tell(Note(f"waits at {path.time:.2f} s"))
     return None
 
 
-def _along(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: float = MARGIN) -> ScheduledPath | None:
+def _extend(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: float = MARGIN) -> ScheduledPath | None:
     """The path with a guided path's way after it, if that keeps a margin [m] from what moves."""
     points = problem.group.chart_path(guided.path, path.z)[1:]
     times, before = [], path.z
@@ -190,10 +190,10 @@ def _along(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: fl
     way = longer.trajectory(since=len(path.path) - 1)
     if not keeps_aside(problem, way, problem.min_clearance + margin):
         return None  # a certificate takes longer to refuse it
-    return longer if _judged(problem, way, margin).free else None
+    return longer if _judge(problem, way, margin).free else None
 
 
-def _judged(problem: Problem, way: Trajectory, margin: float) -> Verdict:
+def _judge(problem: Problem, way: Trajectory, margin: float) -> Verdict:
     """Return whether a way keeps a margin [m] from what moves, beyond what is asked for."""
     verdict = certify_moving(problem.world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
@@ -204,7 +204,7 @@ def _tip(problem: Problem, path: ScheduledPath) -> np.ndarray:
     return problem.kinematics.tip_position(problem.group.expand_from_chart(path.z))
 
 
-def _given_up(
+def _give_up(
     status: Status, message: str, problem: Problem, path: ScheduledPath, aim: Aim, index: int, **more: object
 ) -> ScheduledPath:
     """The path, failed before a guide plane."""

@@ -12,7 +12,7 @@ from guidefield.planner.connect.quickest import quickest_way
 from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.schedule.settings import WAYS
-from guidefield.planner.schedule.slices import Slices, held
+from guidefield.planner.schedule.slices import Slices, build_held_world
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
@@ -143,7 +143,7 @@ def _movers(problem: Problem) -> list[int]:
 def _among(problem: Problem, moments: dict[int, Sequence[float]]) -> Problem:
     """The problem among what rests, and some of the others, held at times."""
     at_rest = {index: (0.0,) for index, one in enumerate(problem.scene.obstacles) if one.motion is None}
-    world = held(problem, {**at_rest, **moments})
+    world = build_held_world(problem, {**at_rest, **moments})
     return dataclasses.replace(
         problem, scene=world.scene, world=world, robot_field=problem.robot_field.among(world.scene)
     )

@@ -76,13 +76,13 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
     with stages.entered("ends", "out of the start's velocities, into the goal's") as stage:
         _require_within(problem, _START, problem.start_rates, problem.start_acceleration)
         _require_within(problem, _GOAL, problem.end_rates, None)
-        stop = _stopped(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
+        stop = _stop_within_limits(problem, _START, problem.z_start, problem.start_rates, problem.start_acceleration)
         reached: list[tuple[ChartPoint, Trajectory]] = []
         failures: list[StageFailed] = []
         once_at_rest = problem.at(problem.scene.end)
         for goal in goals:
             try:
-                run = backwards(_stopped(once_at_rest, _GOAL, goal, -problem.end_rates, None))
+                run = backwards(_stop_within_limits(once_at_rest, _GOAL, goal, -problem.end_rates, None))
                 reached.append((goal, run))
             except StageFailed as failed:
                 failures.append(failed)
@@ -113,7 +113,7 @@ def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Fini
             found = connect_to_goal(resting, PathSoFar.at_start(resting), ends.inner_goals, stage, prove=prove)
         if found.failure is not None:
             return found_motion(problem, found, stages)
-        finished = _finished(problem, resting, ends, found, stages)
+        finished = _finish_between(problem, resting, ends, found, stages)
         if finished.verdict.free or problem.deadline.expired():
             break
     assert finished is not None, "it was connected"
@@ -126,7 +126,7 @@ def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
     return Trajectory(first.times, cast(ChartPoints, first.positions + 2.0 * np.pi * turns), first.velocities)
 
 
-def _finished(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
+def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
     """One motion that doesn't stop; else the one that was found, with the ends about it."""
     if problem.optimization_iterations != 0:
         first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
@@ -168,13 +168,15 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
     for j, name in enumerate(names):
         v, top = float(velocity[j]), float(group.velocity_limits[j])
         if abs(v) > top * (1.0 + TOLERANCE):
-            raise _refused(end, name, f"`{end.field}` has joint {name} at {v:.6g}, its limit is {top:.6g}", limit=top)
+            raise _make_refusal(
+                end, name, f"`{end.field}` has joint {name} at {v:.6g}, its limit is {top:.6g}", limit=top
+            )
         if acceleration is None:
             continue
         a, most = float(acceleration[j]), float(group.acceleration_limits[j])
         if abs(a) > most * (1.0 + TOLERANCE):
             told = f"`start_accelerations` has joint {name} at {a:.6g}, its limit is {most:.6g}"
-            raise _refused(end, name, told, limit=most)
+            raise _make_refusal(end, name, told, limit=most)
         jerk = np.inf if problem.jerk_limits is None else float(problem.jerk_limits[j])
         reached = abs(v) + a * a / (2.0 * jerk)
         if v * a > 0.0 and (reached > top * (1.0 + TOLERANCE) or (jerk == np.inf and abs(v) >= top)):
@@ -182,10 +184,10 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
                 f"joint {name} can't keep its velocity limit of {top:.6g}: with the acceleration at the start it"
                 f" reaches {reached:.6g} at least"
             )
-            raise _refused(end, name, told, limit=top, reached=reached)
+            raise _make_refusal(end, name, told, limit=top, reached=reached)
 
 
-def _stopped(
+def _stop_within_limits(
     problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
 ) -> Trajectory:
     """The motion to rest; at a goal that of time running backwards.
@@ -216,15 +218,15 @@ def _stopped(
             f" {abs(float(motion.positions[-1, j] - z[j])):.6g}, and its limit of {limit:.6g} is"
             f" {abs(limit - float(z[j])):.6g} away"
         )
-        raise _refused(end, fault.joint, told, limit=limit, pair=None)
+        raise _make_refusal(end, fault.joint, told, limit=limit, pair=None)
     slowest = int(np.argmax(np.abs(velocity) / group.acceleration_limits))
     name, pair = group.velocity_names[slowest], " and ".join(verdict.pair) if verdict.pair else "bodies"
     told = (
         f"the robot can't {end.verb} in time: {verdict.reason.value} between {pair} within the"
         f" {motion.duration:.3f} s that it takes, most of all joint {name}"
     )
-    raise _refused(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
+    raise _make_refusal(end, name, told, pair=list(verdict.pair) if verdict.pair else None, duration=motion.duration)
 
 
-def _refused(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:
+def _make_refusal(end: _EndWords, joint: str, message: str, **details: Any) -> StageFailed:
     return StageFailed(end.status, message, stage=end.stage, joint=joint, **details)

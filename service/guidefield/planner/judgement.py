@@ -71,7 +71,7 @@ def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None
         reason = Reason.STOPPED if conditions.deadline.expired() else Reason.CONTACT
         verdict = Verdict(reason, 1, piece, share, (0, 0.0), names, z)
         return Leaving(verdict, contacts, piece, share, leaves=False)
-    return Leaving(_judged(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
+    return Leaving(_judge_parts(conditions, contacts, pieces, piece, share), contacts, piece, share, leaves=True)
 
 
 def _way_out(
@@ -95,7 +95,7 @@ def _way_out(
     return len(pieces) - 1, 1.0, pairs[int(np.argmin(before))]
 
 
-def _judged(
+def _judge_parts(
     conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves, piece: int, share: float
 ) -> Verdict:
     """The verdict about a motion that has left its contacts at a share of a piece."""

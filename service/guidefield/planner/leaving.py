@@ -73,7 +73,7 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
         raise _refusal(contacts[0], "and no short motion leads out of it")
 
 
-def joined(problem: Problem, left: Left, rest: Finished) -> Finished:
+def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
     """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
 
     Args:
@@ -159,6 +159,6 @@ def _depth(contact: Contact) -> str:
     return "" if contact.depth is None else f", {1000 * contact.depth:.1f} mm deep"
 
 
-def after(problem: Problem, left: Left) -> Problem:
+def continue_after(problem: Problem, left: Left) -> Problem:
     """The problem from where the contact is left."""
     return dataclasses.replace(problem, q_start=problem.group.from_chart(left.end), leave_start_contact=False)

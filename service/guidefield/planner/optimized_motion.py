@@ -33,7 +33,7 @@ from guidefield.planner.optimize.settings import (
 )
 from guidefield.planner.optimize.worth import better
 from guidefield.planner.path_motion import limits_of
-from guidefield.planner.schedule.retimed import later
+from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.read_only import ReadOnly
@@ -168,7 +168,7 @@ def _of_optimized(
         within = _within_limits(problem, optimized.trajectory, arrive_from)
         candidates = (one for one in within if better(problem, one, begun, settings))
     for shaped in candidates:
-        whole = later(shaped)
+        whole = wait_until_begin(shaped)
         before = len(whole.times) - len(shaped.times)  # a knot, where it waits
         knots = {plane: before + at for plane, at in crossed.knots(optimized.trajectory, optimized.passed).items()}
         finished = replace(certify_motion(problem, whole, knots, stages, judged_by), warnings=warnings)

@@ -18,7 +18,7 @@ from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
 from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
-from guidefield.planner.leaving import after, joined, leave
+from guidefield.planner.leaving import continue_after, join_way_out, leave
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion_certificate import Finished, certify_motion
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
@@ -79,37 +79,37 @@ def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[A
         attempts: How each guide plane is tried.
     """
     stages = Stages(problem)
-    return _make_plan(problem, _out_of_contact(problem, planner, attempts, stages), stages)
+    return _make_plan(problem, _leave_contact(problem, planner, attempts, stages), stages)
 
 
-def refused(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
+def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
     stages = Stages(problem)
-    return _make_plan(problem, _not_begun(problem, Ending(status, message, details), stages), stages)
+    return _make_plan(problem, _refuse_start(problem, Ending(status, message, details), stages), stages)
 
 
-def _out_of_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+def _leave_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
     """A contact at the start is left first, if that is asked for; the rest is planned from there."""
     if not problem.leave_start_contact:
-        return _from_start(problem, planner, attempts, stages)
+        return _plan_from_start(problem, planner, attempts, stages)
     try:
         left = leave(problem, stages)
     except StageFailed as failed:
-        return _not_begun(problem, failed.ending, stages)
+        return _refuse_start(problem, failed.ending, stages)
     if left is None:
-        return _from_start(problem, planner, attempts, stages)
-    return joined(problem, left, _from_start(after(problem, left), planner, attempts, stages))
+        return _plan_from_start(problem, planner, attempts, stages)
+    return join_way_out(problem, left, _plan_from_start(continue_after(problem, left), planner, attempts, stages))
 
 
-def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
+def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
     """The stages in order: each goes on from the path of those before; what the last one leaves is finished."""
     try:
-        goals = _ends(problem, planner, stages)
+        goals = _find_ends(problem, planner, stages)
     except StageFailed as failed:
-        return _not_begun(problem, failed.ending, stages)
+        return _refuse_start(problem, failed.ending, stages)
     if problem.in_motion:
         assert goals is not None, "planes are no goals then"
-        return _in_motion(problem, goals, stages)
+        return _plan_in_motion(problem, goals, stages)
     found = PathSoFar.at_start(problem)
     if planner is not Planner.TREE and problem.guide_planes:
         found = cross_planes(problem, stages, attempts, connects=planner is Planner.AUTO)
@@ -122,12 +122,12 @@ def _from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt],
     return _reach_goal(problem, found, goals, stages)
 
 
-def _in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
+def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
     """From a start in motion, or to an end in motion; among obstacles that move the robot stops first."""
     try:
         ends = moving_ends(problem, goals, stages)
     except StageFailed as failed:
-        return _not_begun(problem, failed.ending, stages)
+        return _refuse_start(problem, failed.ending, stages)
     if not problem.scene.moves:
         return finish_in_motion(problem, ends, stages)
 
@@ -178,7 +178,7 @@ def _continue(
     return replace(judged, path=path, warnings=rest.warnings)
 
 
-def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
+def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
     """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes.
 
     Raises:
@@ -190,7 +190,7 @@ def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | N
             goals = goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
             if problem.scene.moves:
-                raise _once_all_rest(problem, failed) from None
+                raise _tell_when_all_rest(problem, failed) from None
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
@@ -204,7 +204,7 @@ def _ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | N
     return goals
 
 
-def _once_all_rest(problem: Problem, failed: StageFailed) -> StageFailed:
+def _tell_when_all_rest(problem: Problem, failed: StageFailed) -> StageFailed:
     """Why a goal is none among obstacles that move: it is judged as they stand once they have come to rest."""
     end, ending = problem.scene.end, failed.ending
     message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
@@ -227,14 +227,14 @@ def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: 
     return finish(problem, connected, stages)
 
 
-def _not_begun(problem: Problem, failure: Ending, stages: Stages) -> Finished:
+def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished:
     """Nothing but the start."""
     return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
 
 
 def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     """The plan: how it ended, with what."""
-    ended = finished.failure or _judgement(problem, finished.verdict)
+    ended = finished.failure or _make_ending(problem, finished.verdict)
     return Plan(
         status=ended.status,
         message=ended.message,
@@ -250,7 +250,7 @@ def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
     )
 
 
-def _judgement(problem: Problem, verdict: Verdict) -> Ending:
+def _make_ending(problem: Problem, verdict: Verdict) -> Ending:
     """How a plan ended that has a trajectory, by the verdict about that."""
     if not verdict.free:
         return refusal(problem, verdict)

@@ -1,4 +1,4 @@
-"""How good a motion is: its distance from everything along the way, its length and its smoothness."""
+"""Figures of a motion: its distance from everything along the way, its length and its smoothness."""
 
 from __future__ import annotations
 

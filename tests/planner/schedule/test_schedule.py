@@ -15,7 +15,7 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.planner.path_motion import motion_along, soonest_along
-from guidefield.planner.schedule.retimed import retimed
+from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
     Schedule,
@@ -26,8 +26,8 @@ from guidefield.planner.schedule.schedule import (
     step_of,
 )
 from guidefield.planner.schedule.settings import SCHEDULE
-from guidefield.planner.schedule.slices import Slices, held
-from guidefield.planner.schedule.standing import free_from, met
+from guidefield.planner.schedule.slices import Slices, build_held_world
+from guidefield.planner.schedule.standing import find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import group, rest
@@ -109,7 +109,7 @@ def test_what_may_touch_an_obstacle_may_touch_it_wherever_it_is_held() -> None:
     scene = scene_of(ball(0.3, trajectory=flight([0.0, 1.0], (0.3, 0.0, 0.5), (0.3, 0.0, 0.6))))
     made = dataclasses.replace(problem(PANDA, scene, planes=()), world=World.build(PANDA, scene, allowed))
     assert contacts_at(asked(*scene.message.obstacles).at(0.0).world, PANDA.expand_from_chart(START))
-    assert not contacts_at(held(made, {0: (0.0, 0.5, 1.0)}), PANDA.expand_from_chart(START))
+    assert not contacts_at(build_held_world(made, {0: (0.0, 0.5, 1.0)}), PANDA.expand_from_chart(START))
     assert not Slices(made, 0.05).touching(0, START[None])[0]
 
 
@@ -121,13 +121,16 @@ def test_until_when_and_from_when_on_a_place_is_free_is_what_dense_times_say() -
     times = np.arange(1.0, 2.2, 0.01)
     touching = [bool(contacts_at(World.build(PANDA, made.scene.at(t)), PANDA.expand_from_chart(START))) for t in times]
     first, last = times[touching][0], times[touching][-1]
-    until, refusal = met(made, START)
+    until, refusal = find_meeting(made, START)
     assert first - 0.04 <= until <= first
     assert refusal is not None
     assert refusal.pair[1] == "ball"
-    assert last <= free_from(made, START) <= last + 0.04
+    assert last <= find_free_from(made, START) <= last + 0.04
     away = moved(2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert met(asked(ball(trajectory=flight([0.0, 1.0], (2.0, 0.0, 0.5), (2.0, 1.0, 0.5)))), away) == (np.inf, None)
+    assert find_meeting(asked(ball(trajectory=flight([0.0, 1.0], (2.0, 0.0, 0.5), (2.0, 1.0, 0.5)))), away) == (
+        np.inf,
+        None,
+    )
 
 
 # ---- schedules
@@ -138,7 +141,7 @@ def test_a_schedule_at_one_rate_is_the_motion_later() -> None:
     motion = swing(made)
     schedule = at_one_rate(made, motion, occupancy(made, motion, *_ends(made, motion)))
     assert isinstance(schedule, Schedule)
-    found = retimed(made, schedule)
+    found = retime(made, schedule)
     assert found is not None
     rate = schedule.rates[0]
     times = np.linspace(0.0, schedule.duration, 300)
@@ -150,7 +153,7 @@ def test_a_schedule_at_one_rate_is_the_motion_later() -> None:
 
 
 def _ends(made: Problem, motion: Any) -> tuple[float, float]:
-    return met(made, motion.positions[0])[0], free_from(made, motion.positions[-1])
+    return find_meeting(made, motion.positions[0])[0], find_free_from(made, motion.positions[-1])
 
 
 def touches(made: Problem, motion: Trajectory) -> bool:
@@ -195,7 +198,7 @@ def test_where_the_start_must_be_left_and_the_middle_is_closed_it_slows_down_wit
 
     gate = Gate(motion, 50, closed, length)
     rooms = [at_any_rate(made, motion, room, gate) for room in SCHEDULE.rooms]
-    found = [retimed(made, one) for one in rooms if isinstance(one, Schedule)]
+    found = [retime(made, one) for one in rooms if isinstance(one, Schedule)]
     kept = [one for one in found if one is not None]
     assert kept, "some room is enough"
     for one in kept:

@@ -123,7 +123,7 @@ def _gradient(mover: Any, subspaces: Floats, wrenches: Floats, carried: Floats, 
 
 
 @inlined
-def _divided(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) -> None:
+def _divide(mover: Any, factors: Any, right: Floats, room: Any, out: Floats) -> None:
     """M^-1 of a row of the group (nv,): followers share what acts on their leader, and answer in its place."""
     for r in range(mover.leaders.shape[0]):
         k = mover.leaders[r]
@@ -157,11 +157,11 @@ def _project(mover: Any, factors: Any, room: Any) -> None:
     for k in range(nv):
         room.tangent[k] = 0.0 if room.blocked[k] == 1 else room.gradient[k]
     y = room.products[0]
-    _divided(mover, factors, room.tangent, room, y)
+    _divide(mover, factors, room.tangent, room, y)
     for a in range(kind):
         for k in range(nv):
             room.tangent[k] = 0.0 if room.blocked[k] == 1 else room.rows[a, k]
-        _divided(mover, factors, room.tangent, room, room.products[1 + a])
+        _divide(mover, factors, room.tangent, room, room.products[1 + a])
     for a in range(kind):
         for b in range(kind):
             value = 0.0
@@ -310,7 +310,7 @@ def _retracted(
 
 
 @inlined
-def _taken(
+def _take(
     mover: Any, robot: Any, tables: Any, swept: Any, bodies: Any, guard: Any, settings: Any, z0: Floats, z1: Floats,
     U: float, alpha: float, slope: float, there: Any, counts_out: Any,
 ) -> tuple[int, float]:  # fmt: skip
@@ -399,7 +399,7 @@ def descend(
         verdict, reached = _REFUSED, 0.0
         while verdict == _REFUSED and alpha > 0.5**_TRIALS:
             if _retracted(mover, constraint, settings, tables.origin, here.q, alpha, room, there):
-                verdict, reached = _taken(
+                verdict, reached = _take(
                     mover, robot, tables, swept, bodies, guard, settings, z0, z1, U, alpha, slope, there, counts_out
                 )
             alpha *= 0.5

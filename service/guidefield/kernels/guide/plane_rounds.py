@@ -175,7 +175,7 @@ def _way_keeps(
 
 
 @inlined
-def _straightened(
+def _straighten(
     swept: Any, bodies: Any, settings: Any, rounds: Any, q: Floats, steps: Floats, kept: Any, record: Any
 ) -> None:
     """Leave out steps of a round where the way without them keeps as wide a margin: as `GuidedPath.straighten`."""
@@ -270,7 +270,7 @@ def approach(
         row += counts[STEPS]
         for counted in (EVALUATIONS, JUDGED, STEPS):
             total[counted] += counts[counted]
-        _straightened(
+        _straighten(
             swept, bodies, settings, rounds, here, record_out.steps[first:row], record_out.kept[first:row], record_out
         )
         here[:] = record_out.steps[row - 1]

@@ -292,7 +292,7 @@ def _by_times(model: ClearanceModel, points: Floats, step: float, begin: float) 
 
 
 @uncounted
-def _bent(model: ClearanceModel, s: int, move: Floats, slope: Floats, total: float) -> float:
+def _bend(model: ClearanceModel, s: int, move: Floats, slope: Floats, total: float) -> float:
     """A value with what a sample's Hessian adds to it for a move (nv,) of its coordinates; out: slope, shape (nv,)."""
     nv = move.shape[0]
     for p in range(nv):
@@ -314,7 +314,7 @@ def expanded_value(model: ClearanceModel, points: Floats, step: float, begin: fl
             total += model.gradient[i, p] * (points[i, p] - model.points[i, p])
     for s in range(model.places):
         _moved_at(model, s, points, move)
-        total = _bent(model, s, move, slope, total)
+        total = _bend(model, s, move, slope, total)
     return total + _by_times(model, points, step, begin)[0]
 
 
@@ -341,7 +341,7 @@ def expanded(
     move, slope = scratch[:nv], scratch[nv : 2 * nv]
     for s in range(model.places):
         _moved_at(model, s, points, move)
-        total = _bent(model, s, move, slope, total)
+        total = _bend(model, s, move, slope, total)
         add_gradient(model.pieces[s], model.basis[s], 1.0, slope, gradient_out)
     of_times, by_u, by_begin = _by_times(model, points, step, begin)
     return total + of_times, by_u, by_begin

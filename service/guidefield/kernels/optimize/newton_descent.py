@@ -124,7 +124,7 @@ def _largest(values: Floats) -> float:
 
 
 @uncounted
-def _moved(points: Floats, ends: MotionEnds, move: Floats, stride: float, step: float, points_out: Floats) -> None:
+def _move(points: Floats, ends: MotionEnds, move: Floats, stride: float, step: float, points_out: Floats) -> None:
     """Control points after a share of a step, the ends' for pieces of a length [s]."""
     n, nv = points.shape
     for i in range(ENDS, n - ENDS):
@@ -241,7 +241,7 @@ def newton_descent(
         length, departure = step, begin
         for _ in range(rules.tries):
             length, departure = _times(step, begin, move, stride, free, longest_step)
-            _moved(points_out, ends, move, stride, length, trial)
+            _move(points_out, ends, move, stride, length, trial)
             lower = objective_value(
                 model, limits, times, kept, trial, length, departure, first_step, limit_weight, scratch
             )
@@ -252,7 +252,7 @@ def newton_descent(
                 )  # fmt: skip
                 solve_factorized(factor, inner.shape[0], -gradient, back)
                 further, since = _times(length, departure, back, 1.0, free, longest_step)
-                _moved(trial, ends, back, 1.0, further, corrected)
+                _move(trial, ends, back, 1.0, further, corrected)
                 then = objective_value(
                     model, limits, times, kept, corrected, further, since, first_step, limit_weight, scratch
                 )

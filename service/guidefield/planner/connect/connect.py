@@ -201,7 +201,7 @@ def connect(
             return quickest
     for goal in near[np.argsort(np.linalg.norm((near - z_start) / problem.group.units, axis=1))]:
         way = np.array([z_start, goal])
-        if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certified(problem, way)):
+        if lanes.free_until(way, TREE.resolution, clearance) and (not prove or _certify_path(problem, way)):
             return Connection(Status.SUCCESS, "the straight motion is free", way, prove)
     blocked = no_way(lanes, z_start, near, TREE.resolution, clearance)
     if blocked is not None:
@@ -210,7 +210,7 @@ def connect(
     resolution, refused = TREE.resolution, 0
 
     def accepted(path: ChartPoints) -> bool:
-        return not prove or _certified(problem, path)
+        return not prove or _certify_path(problem, path)
 
     for _ in range(TREE.attempts):
         found = tree_search.grow(lanes, z_start[None], roots, resolution, clearance, rng, problem.deadline)
@@ -230,7 +230,7 @@ def connect(
                 problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found by the tree"))
             return Connection(Status.SUCCESS, message, path, prove)
         resolution, refused = resolution * TREE.finer, refused + 1
-    return _unconnected(problem, z_start, found, len(goals), refused)
+    return _make_unconnected(problem, z_start, found, len(goals), refused)
 
 
 def _quickest(
@@ -239,7 +239,7 @@ def _quickest(
     """To the goal (m, nv) that is estimated to be reached soonest; None where none is, or the certificate refuses."""
 
     def accepted(path: ChartPoints) -> bool:
-        return not prove or _certified(problem, path)
+        return not prove or _certify_path(problem, path)
 
     way = quickest_way(problem, z_start, goals, rng)
     if way is None or not accepted(way.path):
@@ -257,7 +257,7 @@ def _quickest(
     return Connection(Status.SUCCESS, message, path, prove, way.others)
 
 
-def _unconnected(
+def _make_unconnected(
     problem: Problem, z_start: ChartPoint, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
     """A connection that was not found, and why; how many paths the certificate refused before."""
@@ -272,7 +272,7 @@ def _unconnected(
     return Connection(status, message, z_start[None])
 
 
-def _certified(problem: Problem, path: ChartPoints) -> bool:
+def _certify_path(problem: Problem, path: ChartPoints) -> bool:
     """Return whether the straight motions along a path (n, nv) are proven to be free."""
     for z0, z1 in pairwise(path):
         verdict = motion_free(problem.world, z0, z1, problem.min_clearance)

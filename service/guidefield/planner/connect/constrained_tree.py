@@ -69,13 +69,13 @@ def connect_constrained(
         status = problem.deadline.status()
         message = why_not(found, len(goals), in_time=status is not None)
         return Connection(status or Status.PLANNING_FAILED, f"within the path constraints {message}", z_start[None])
-    path = _shortened(problem, keeper, found.path, rng)
+    path = _shorten(problem, keeper, found.path, rng)
     for z in path[1:]:
         problem.tell(Step(StepKind.TREE, problem.group.from_chart(z), "found within the path constraints"))
     return Connection(Status.SUCCESS, f"found within the path constraints in {found.iterations} iterations", path)
 
 
-def _shortened(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
+def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
     """The path with detours between random waypoints left out where a walk leads straight across."""
     units = problem.group.units
     for _ in range(CONSTRAINED.shortcuts):

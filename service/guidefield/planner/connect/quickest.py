@@ -1,4 +1,4 @@
-"""Which of several goals is reached soonest: a straight motion or a tree for each in turn, scored by estimated time.
+"""Ways to the goal that is reached soonest: a straight motion or a tree for each in turn, scored by estimated time.
 
 A straight motion along d takes at least max_j |d_j| / V_j, with the velocity limits V. A way of several straight pieces
 is scored between what it takes where all joints have to wait for the slowest on each piece, and where none has to.

@@ -1,4 +1,4 @@
-"""Where the tip heads for, and where it may be: a guide plane's polygon, inset."""
+"""The polygon of a guide plane, inset: the tip heads for it, and guards say where it may be."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
         point: On the plane, shape (3,) [m, world].
         normal: Its unit normal, shape (3,), in the world.
     """
-    return TipConstraint(ON_PLANE, _held(point), _held(normal), _NONE)
+    return TipConstraint(ON_PLANE, _hold(point), _hold(normal), _NONE)
 
 
 def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipConstraint:
@@ -146,12 +146,12 @@ def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipC
         normal: Its unit normal, shape (3,), in the world.
         rotation: Of the tip in the world, shape (3, 3).
     """
-    return TipConstraint(SLIDING, _held(point), _held(normal), _held(rotation))
+    return TipConstraint(SLIDING, _hold(point), _hold(normal), _hold(rotation))
 
 
 def reorienting(point: np.ndarray) -> TipConstraint:
     """The tip stays where it is, at a point (3,) [m, world]: the thesis' reorient."""
-    return TipConstraint(HELD, _held(point), _held(np.zeros(3)), _NONE)
+    return TipConstraint(HELD, _hold(point), _hold(np.zeros(3)), _NONE)
 
 
 def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
@@ -170,7 +170,7 @@ def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration)
     return error, rows
 
 
-def _held(values: np.ndarray) -> np.ndarray:
+def _hold(values: np.ndarray) -> np.ndarray:
     return np.array(values, dtype=np.float64, order="C")
 
 

@@ -1,4 +1,4 @@
-"""How much of its limits a motion uses at most, and where: the exact extrema of each cubic piece, no samples."""
+"""The largest shares of its limits that a motion uses: the exact extrema of each cubic piece, no samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How joints come to rest: each as soon as its limits of acceleration and jerk allow, in pieces of constant jerk.
+"""Motions to rest: each joint as soon as its limits of acceleration and jerk allow, in pieces of constant jerk.
 
 A velocity v with an acceleration a ends at v + a |a| / (2 J) where the acceleration is taken to 0 with the jerk J. What
 is left is taken away by an acceleration that rises with J to a peak p, at most A, stays there, and falls with J: seen

@@ -1,4 +1,4 @@
-"""Where an optimisation begins: the time-optimal motion along a path, as a uniform B-spline within limits."""
+"""The first motion of an optimisation: the time-optimal one along a path, as a uniform B-spline within limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What motions among obstacles that move are worth, splines or not: when they arrive, and how far away they keep."""
+"""Comparison of motions among obstacles that move, splines or not: by arrival, and by the distance that they keep."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""When to be where along a path among obstacles that move: slices of time, the search, the motion that comes of it."""
+"""Schedules along a path among obstacles that move: slices of time, the search, the motion that keeps a schedule."""

@@ -16,7 +16,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 
-def smooth(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
+def fit_smooth_spline(times: np.ndarray, positions: ChartPoints) -> tuple[ChartPoints, ChartRates]:
     """Positions and velocities (n, nv) of the C² cubic through points at even times, at rest at both ends.
 
     No acceleration at an end takes away the freedom of the point next to it, which moves a little. With step h and
@@ -56,7 +56,7 @@ KNOTS = 8
 Knots = tuple[np.ndarray, ChartPoints, ChartRates]
 
 
-def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
+def retime(problem: Problem, schedule: Schedule) -> Trajectory | None:
     """The motion of a schedule, from time 0 on; None where its changes of rate exceed a limit.
 
     Where the rate never changes it is the schedule's motion later, and perhaps slower, bit for bit the same curve.
@@ -71,7 +71,7 @@ def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
     if schedule.constant:
         rate = float(schedule.rates[0])
         times = (motion.times - motion.times[0]) / rate
-        return later(Trajectory(schedule.departure + times, motion.positions, motion.velocities * rate))
+        return wait_until_begin(Trajectory(schedule.departure + times, motion.positions, motion.velocities * rate))
     knots = (
         _through_samples(problem, schedule) if problem.jerk_limits is not None else _through_knots(problem, schedule)
     )
@@ -80,10 +80,10 @@ def retimed(problem: Problem, schedule: Schedule) -> Trajectory | None:
     if limit_load(*knots, group.velocity_limits, group.acceleration_limits, jerks) > 1.0 + TOLERANCE:
         return None
     times, positions, velocities = knots
-    return later(Trajectory(schedule.departure + times, positions, velocities))
+    return wait_until_begin(Trajectory(schedule.departure + times, positions, velocities))
 
 
-def _sampled(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
+def _sample(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
     """Chart points and velocities at times since the departure, shape (n, nv) each."""
     motion = schedule.motion
     own, rates = schedule.at(times, schedule.step)
@@ -105,7 +105,7 @@ def _through_knots(problem: Problem, schedule: Schedule) -> Knots:
     times = times[kept]
     if len(times) > 2 and times[-1] - times[-2] <= TIMING.shortest_piece:
         times = np.delete(times, -2)
-    positions, velocities = _sampled(schedule, times)
+    positions, velocities = _sample(schedule, times)
     velocities[[0, -1]] = 0.0
     lower, upper = problem.group.lower, problem.group.upper
     changed = leaving(times, positions, velocities, lower, upper)
@@ -120,7 +120,7 @@ def _through_samples(problem: Problem, schedule: Schedule) -> Knots:
     """The cubic spline through even samples that is twice continuously differentiable, at rest at both ends."""
     count = max(8, math.ceil(KNOTS * schedule.duration / schedule.step))
     times = np.linspace(0.0, schedule.duration, count + 1)
-    positions, velocities = smooth(times, _sampled(schedule, times)[0])
+    positions, velocities = fit_smooth_spline(times, _sample(schedule, times)[0])
     lower, upper = problem.group.lower, problem.group.upper
     changed = leaving(times, positions, velocities, lower, upper)
     if changed.any():
@@ -130,7 +130,7 @@ def _through_samples(problem: Problem, schedule: Schedule) -> Knots:
     return times, positions, velocities
 
 
-def later(motion: Trajectory) -> Trajectory:
+def wait_until_begin(motion: Trajectory) -> Trajectory:
     """The motion from time 0 on: until its own begins the robot waits at its start."""
     if motion.times[0] <= 0.0:
         return motion

@@ -1,4 +1,4 @@
-"""When to be where along a path: the earliest schedule that meets nothing that moves and keeps the limits of rates."""
+"""The earliest schedule along a path that meets nothing that moves and keeps the limits of rates."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> S
     """
     places = _places(motion, step_of(problem.group))
     none = np.zeros((places, SCHEDULE.rates + 1), np.int64)
-    return _searched(problem, motion, occupancy, none, none)
+    return _search(problem, motion, occupancy, none, none)
 
 
 def at_any_rate(
@@ -213,10 +213,10 @@ def at_any_rate(
         by: A schedule that arrives later is of no use [s].
     """
     slower = Trajectory(motion.times / room, motion.positions, motion.velocities * room)
-    return _searched(problem, slower, occupancy, *_changes(problem, slower), room, by)
+    return _search(problem, slower, occupancy, *_changes(problem, slower), room, by)
 
 
-def after(motion: Trajectory, departure: float, step: float) -> Schedule:
+def depart_after(motion: Trajectory, departure: float, step: float) -> Schedule:
     """The schedule that waits until a departure [s], and then goes as the motion goes; a step is so long [s]."""
     return Schedule(motion, departure, motion.duration, step, np.ones(math.ceil(motion.duration / step) + 1))
 
@@ -259,7 +259,7 @@ def _changes(problem: Problem, motion: Trajectory) -> tuple[np.ndarray, np.ndarr
     return changes[0], changes[1]
 
 
-def _searched(
+def _search(
     problem: Problem,
     motion: Trajectory,
     occupancy: Occupancy,
@@ -301,13 +301,13 @@ def _searched(
         )
         if arrival[0] >= 0:
             steps, place, rate = begin + int(arrival[0]), int(arrival[1]), int(arrival[2])
-            return _traced(motion, step, steps, place, rate, np.concatenate(parents))
+            return _trace(motion, step, steps, place, rate, np.concatenate(parents))
         if not (costs < kernel.UNREACHED).any():
             break
     return Stuck(int(cells[arrival[3]]))
 
 
-def _traced(motion: Trajectory, step: float, steps: int, place: int, rate: int, parents: np.ndarray) -> Schedule:
+def _trace(motion: Trajectory, step: float, steps: int, place: int, rate: int, parents: np.ndarray) -> Schedule:
     """The schedule that arrives in a step from a place at a rate, traced back to where it departs."""
     last = (motion.duration / _spacing(step) - place) / (2.0 * rate)
     rates = [rate, rate]

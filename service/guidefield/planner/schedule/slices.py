@@ -31,7 +31,7 @@ Moments = Mapping[int, Sequence[float]]
 """At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
 
 
-def held(problem: Problem, moments: Moments) -> World:
+def build_held_world(problem: Problem, moments: Moments) -> World:
     """The robot among some obstacles of its scene, each standing where it is at one or more times.
 
     What may touch an obstacle may touch all of these.
@@ -51,7 +51,7 @@ def _world(problem: Problem, moments: Moments, own: np.ndarray) -> World:
         standing += [one] if one.motion is None else [_standing(one, time) for time in times]
         of += [index] * (1 if one.motion is None else len(times))
     names = _distinct([one.name for one in standing])
-    standing = [_named(one, name) for one, name in zip(standing, names, strict=True)]
+    standing = [_rename(one, name) for one, name in zip(standing, names, strict=True)]
     message = msgspec.structs.replace(problem.scene.message, obstacles=[one.message for one in standing])
     scene = dataclasses.replace(problem.scene, message=message, obstacles=tuple(standing), warnings=())
     return World(
@@ -59,7 +59,7 @@ def _world(problem: Problem, moments: Moments, own: np.ndarray) -> World:
     )
 
 
-def _named(one: Obstacle, name: str) -> Obstacle:
+def _rename(one: Obstacle, name: str) -> Obstacle:
     """The obstacle by a name; itself if it has it, with all that is known about it."""
     if one.name == name:
         return one

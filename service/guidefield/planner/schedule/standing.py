@@ -1,4 +1,4 @@
-"""Until when a robot that stands meets nothing that moves, and from when on: by the certificate of motions in time."""
+"""Times at which a robot that stands is free of what moves, by the certificate of motions in time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ KNOWN_TO = 0.01
 """How exactly it is found until when, and from when on, a place is free [s]."""
 
 
-def met(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
+def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
     """Until when a robot may stand at a chart point (nv,) from time 0 on [s]; infinite if always.
 
     Returns:
@@ -37,7 +37,7 @@ def met(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:
     return first, verdict
 
 
-def free_from(problem: Problem, z: ChartPoint) -> float:
+def find_free_from(problem: Problem, z: ChartPoint) -> float:
     """From when on a robot may stand at a chart point (nv,) for good [s].
 
     It is free once all obstacles have come to rest.

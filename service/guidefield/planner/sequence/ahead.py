@@ -1,4 +1,4 @@
-"""Which configurations at the end of a step leave the later steps possible.
+"""The configurations at the end of a step that leave the later steps possible.
 
 Ends are looked at, not the ways between them: each later step has to have a configuration that is free there, and a
 straight way has to be one that the robot can follow, from some configuration that the steps before it leave.
@@ -17,10 +17,10 @@ import numpy as np
 from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
-from guidefield.planner.ends import goal_points, unreached
+from guidefield.planner.ends import explain_unreached, goal_points
 from guidefield.planner.sequence.composed import whole_configuration
 from guidefield.planner.sequence.course import Course, S, StepMotion
-from guidefield.planner.sequence.straight_motion import followed
+from guidefield.planner.sequence.straight_motion import follow_way
 from guidefield.planner.sequence.straight_stop import stop_ending
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.ending import Ending
@@ -100,7 +100,7 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
         except StageFailed as failed:
             return Refused(index, failed.ending)
         assert goals is not None, "a plane is no choice"
-        kept = _kept(course, index, at, problem, goals, search)
+        kept = _keep_possible(course, index, at, problem, goals, search)
         if kept:
             chosen = ConfigurationGoal(tuple(problem.group.from_chart(z) for z in kept))
             return dataclasses.replace(problem, goal=chosen)
@@ -117,7 +117,7 @@ def _is_choice(problem: Problem) -> bool:
     return isinstance(problem.goal, TipGoal) or len(problem.goal.configurations) > 1
 
 
-def _kept(
+def _keep_possible(
     course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _Search
 ) -> list[ChartPoint]:
     """Those of some goals that leave the later steps possible, the nearest first."""
@@ -168,7 +168,7 @@ def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] |
     if motion.way is not None:
         found = _straight_end(problem, motion.way)
     elif isinstance(problem.goal, TipGoal):
-        found = _reached(problem, problem.goal.target)
+        found = _find_reached(problem, problem.goal.target)
     else:
         assert isinstance(problem.goal, ConfigurationGoal), "no plane is the goal"
         found = _free_of(problem, problem.goal)
@@ -180,7 +180,7 @@ def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] |
 
 def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
     """Where a straight way leads, if the robot can follow it and touches nothing at its places."""
-    path, stop = followed(problem, way)
+    path, stop = follow_way(problem, way)
     if stop is not None:
         return stop_ending(problem, way, stop)
     touching = next((z for z, touches in zip(path, _touch(problem, path), strict=True) if touches), None)
@@ -191,7 +191,7 @@ def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Endi
     return Ending(Status.INVALID_MOTION_PLAN, message, {"stage": "goal", "pair": list(pair)})
 
 
-def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
+def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
     """A few free configurations at a pose, found with less trouble than where the step itself is planned."""
     found = solve(
         problem.group,
@@ -206,7 +206,7 @@ def _reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
         return list(found.solutions)
     expanded = [problem.group.expand_from_chart(z) for z in found.rejected]
     met = blocking_pairs(problem.world, expanded, problem.min_clearance)
-    return Ending(*unreached(found, met), {"stage": "goal", **found.details, **met.details()})
+    return Ending(*explain_unreached(found, met), {"stage": "goal", **found.details, **met.details()})
 
 
 def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:

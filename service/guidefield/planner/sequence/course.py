@@ -1,4 +1,4 @@
-"""What a sequence asks for, step by step: who plans it knows motions and configurations, not what is picked up."""
+"""The steps of a sequence as its planner sees them: motions and configurations, not what is picked up."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, in
     return PassedAt(first + entered, first + nearest, first + left, float(away[nearest]))
 
 
-def refused(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None:
+def find_refused_part(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None:
     """The first part that isn't certified, or doesn't pass its goal, and the certificate's verdict of it; None: all do.
 
     Of a part that is free, but doesn't pass its goal, the verdict says that it is free.
@@ -103,14 +103,14 @@ def refused(parts: Sequence[Part], joined: Joined) -> tuple[int, Verdict] | None
     marks = [0, *(one.nearest for one in passages), len(motion.times) - 1]
     kept = [0, *(one.left for one in passages)], [*(one.entered for one in passages), len(motion.times) - 1]
     for k, one in enumerate(parts):
-        verdict = _judged(one, motion, (marks[k], marks[k + 1]), (kept[0][k], kept[1][k]))
+        verdict = _judge_part(one, motion, (marks[k], marks[k + 1]), (kept[0][k], kept[1][k]))
         one.problem.counters.collision_checks += verdict.evaluations
         if not verdict.free or (one.goal is not None and passages[k].distance > one.goal.radius):
             return k, verdict
     return None
 
 
-def _judged(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
+def _judge_part(one: Part, motion: Trajectory, all_of: tuple[int, int], straight: tuple[int, int]) -> Verdict:
     """Return whether a part is free between two knots, and keeps to its way between two others."""
     problem = one.problem
     verdict = judge(problem, _between(motion, *all_of))

@@ -1,4 +1,4 @@
-"""How near the robot is to a step's goal, by what the goal is about: the tip where it is a pose, else the joints."""
+"""The robot's distance from a step's goal: that of the tip where the goal is a pose, else that of the joints."""
 
 from __future__ import annotations
 

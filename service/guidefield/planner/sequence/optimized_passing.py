@@ -26,7 +26,7 @@ from guidefield.planner.optimize.settings import (
     closer,
     constrained,
 )
-from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
+from guidefield.planner.sequence.joined import Joined, Part, PassedAt, find_refused_part, passed_about, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.problem import Problem
@@ -65,7 +65,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
         first: A motion past the goals with which it begins, whatever its jerk.
         stages: Where time is counted.
     """
-    problem = _hurried(slowest(parts))
+    problem = _limit_time(slowest(parts))
     if not _may_be(parts) or problem.deadline.expired():
         return None
     goals = [one.goal for one in parts if one.goal is not None]
@@ -77,10 +77,10 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
         with stages.entered("relax", f"past the goals, shape and time together, {problem.objective.value}") as stage:
             optimized = optimize(problem, first.motion, settings, (), passages, sections)
             stage.outcome = optimized.outcome.value
-        joined = None if optimized.outcome is Outcome.NOT_PASSING else _joined(optimized, parts)
+        joined = None if optimized.outcome is Outcome.NOT_PASSING else _join(optimized, parts)
         if joined is not None:
             with stages.entered("certify", "between the goals and past them, between samples too") as stage:
-                fault = refused(parts, joined)
+                fault = find_refused_part(parts, joined)
                 stage.outcome = "free" if fault is None else fault[1].reason.value
             if fault is None:
                 return joined
@@ -91,7 +91,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
     return None
 
 
-def _hurried(problem: Problem) -> Problem:
+def _limit_time(problem: Problem) -> Problem:
     """With a share of the time that is left: later steps need some, too."""
     return dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
 
@@ -162,7 +162,7 @@ def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> Op
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))
 
 
-def _joined(optimized: Optimized, parts: Sequence[Part]) -> Joined:
+def _join(optimized: Optimized, parts: Sequence[Part]) -> Joined:
     """An optimised motion, and where it passes the goals."""
     motion = optimized.trajectory
     bounds = [0, *optimized.passed, len(motion.times) - 1]

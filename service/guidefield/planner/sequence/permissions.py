@@ -1,4 +1,4 @@
-"""When a held object may touch what it is picked up from and put down on.
+"""Times at which a held object may touch what it is picked up from and put down on.
 
 It may from when it is picked up until it is first away, and again from when it is last away until it is put down.
 Whichever times these are, the certificate judges the pair between them, and the reply tells them.
@@ -80,7 +80,7 @@ def holdings(
                 steps = []
 
 
-def allowed(holding: Holding, trajectory: Trajectory, min_clearance: float) -> list[Allowed]:
+def find_allowed_times(holding: Holding, trajectory: Trajectory, min_clearance: float) -> list[Allowed]:
     """When a held object may touch an obstacle.
 
     Args:

@@ -25,7 +25,7 @@ import numpy as np
 
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.path_motion import motion_along, soonest_along
-from guidefield.planner.sequence.joined import Joined, Part, PassedAt, passed_about, refused, slowest
+from guidefield.planner.sequence.joined import Joined, Part, PassedAt, find_refused_part, passed_about, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
 from guidefield.planner.sequence.optimized_passing import optimized_past
 from guidefield.planner.task.stages import Stages
@@ -93,7 +93,9 @@ class Rounded(ReadOnly):
     corners: tuple[tuple[int, int], ...]
 
 
-def rounded(curves: Sequence[Curve], goals: Sequence[PassedGoal], radii: Sequence[float], spacing: float) -> Rounded:
+def round_corners(
+    curves: Sequence[Curve], goals: Sequence[PassedGoal], radii: Sequence[float], spacing: float
+) -> Rounded:
     """A path along curves, each of which begins where the one before ends.
 
     Args:
@@ -191,12 +193,12 @@ def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Round
     problem = slowest(parts)
     for _ in range(ROUNDING.tries):
         with stages.entered("parameterize", "past the goals, as fast as the limits allow") as stage:
-            path = rounded(curves, goals, radii, ROUNDING.spacing / density)
+            path = round_corners(curves, goals, radii, ROUNDING.spacing / density)
             motion = motion_along(problem, path.path, density)
             joined = Joined(motion, passages_of(motion, path, goals))
             stage.outcome = f"{motion.duration:.3f} s"
         with stages.entered("certify", "between the goals and past them, between samples too") as stage:
-            fault = refused(parts, joined)
+            fault = find_refused_part(parts, joined)
             stage.outcome = "free" if fault is None else fault[1].reason.value
         if fault is None:
             return joined, path

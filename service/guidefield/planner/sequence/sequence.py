@@ -24,7 +24,7 @@ from guidefield.planner.sequence.composed import Composition, Embedding, whole_c
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.joined import Part
 from guidefield.planner.sequence.nearness import PassedGoal
-from guidefield.planner.sequence.permissions import Allowed, allowed, holdings
+from guidefield.planner.sequence.permissions import Allowed, find_allowed_times, holdings
 from guidefield.planner.sequence.rounding import join
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
@@ -285,7 +285,7 @@ class _Planning(Generic[S]):
             [leg.span for leg in legs],
             [leg.conditions for leg in legs],
         ):
-            permissions += allowed(holding, trajectory, legs[0].conditions.min_clearance)
+            permissions += find_allowed_times(holding, trajectory, legs[0].conditions.min_clearance)
         permissions = [
             dataclasses.replace(
                 one, begin=_snapped(one.begin, trajectory.times), end=_snapped(one.end, trajectory.times)

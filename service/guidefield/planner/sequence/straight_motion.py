@@ -42,19 +42,21 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
             check_start(problem.at(0.0))
             stage.outcome = "the start is free"
     except StageFailed as failed:
-        return _failed(problem.at(0.0), problem.z_start[None], failed.ending, stages)
+        return _make_failed_plan(problem.at(0.0), problem.z_start[None], failed.ending, stages)
     places = _places(way)
     for attempt in range(STRAIGHT.denser + 1):
         with stages.entered("connect", "along the straight way") as stage:
-            path, stop = followed(problem, way, places)
+            path, stop = follow_way(problem, way, places)
             stage.outcome = "reached" if stop is None else f"stopped at {floored(100.0 * stop.share, 0.1)} % of the way"
         if stop is not None:
-            return _failed(still, path, _stopped(problem, stage.outcome) or stop_ending(problem, way, stop), stages)
+            return _make_failed_plan(
+                still, path, _find_stop_ending(problem, stage.outcome) or stop_ending(problem, way, stop), stages
+            )
         with stages.entered("parameterize", "as fast as the limits allow") as stage:
             trajectory = motion_along(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
-            verdict = _judged(still, way, trajectory.bezier())
+            verdict = _judge(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.deadline.expired()
@@ -65,7 +67,7 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     if verdict.free and problem.scene.moves:
         made = keep_schedule(problem, made, stages, lambda motion: _kept_straight(problem, way, motion.bezier()))
     if made.failure is not None:
-        return _failed(problem.at(0.0), problem.z_start[None], made.failure, stages)
+        return _make_failed_plan(problem.at(0.0), problem.z_start[None], made.failure, stages)
     ended = Ending(Status.SUCCESS, "found a straight motion and certified it over its whole length")
     if not made.verdict.free:
         ended = refusal(problem, made.verdict)
@@ -81,7 +83,9 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
     )
 
 
-def followed(problem: Problem, way: StraightWay, places: int | None = None) -> tuple[ChartPoints, StraightStop | None]:
+def follow_way(
+    problem: Problem, way: StraightWay, places: int | None = None
+) -> tuple[ChartPoints, StraightStop | None]:
     """Chart points along which the tip is at places of the way, evenly spaced, and closer where the joints move much.
 
     Args:
@@ -118,7 +122,7 @@ def _places(way: StraightWay) -> int:
     return min(math.ceil(wanted), STRAIGHT.most)
 
 
-def _judged(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
+def _judge(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
     """Return whether a motion is free, keeps the path constraints and keeps to the way."""
     inside = enclosed_start(problem, pieces[0, 0])
     verdict = inside or certify(problem.world, pieces, problem.min_clearance, deadline=problem.deadline)
@@ -135,7 +139,7 @@ def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> V
     return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
-def _stopped(problem: Problem, where: str) -> Ending | None:
+def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
     """The ending of a way along which time was up, or the run was cancelled; None where there is time."""
     status = problem.deadline.status()
     if status is None:
@@ -143,7 +147,7 @@ def _stopped(problem: Problem, where: str) -> Ending | None:
     return Ending(status, f"{end_reason(status)} along the straight way: {where}", {"stage": "connect"})
 
 
-def _failed(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:
+def _make_failed_plan(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:
     """The plan of a way that was not followed to its end, its path judged as far as it goes."""
     pieces = np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else np.repeat(path[None], 2, axis=1)
     verdict = enclosed_start(problem, path[0]) or certify(problem.world, pieces, problem.min_clearance)

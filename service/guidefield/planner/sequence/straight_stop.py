@@ -107,13 +107,11 @@ def bring(
         error = np.concatenate([target.translation - placed.translation, pin.log3(target.rotation @ placed.rotation.T)])
         if np.abs(error).max() <= reached:
             return z
-        z = _stepped(z, kinematics.tip_jacobian(q), error, lower, upper)
+        z = _step(z, kinematics.tip_jacobian(q), error, lower, upper)
     return None
 
 
-def _stepped(
-    z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> ChartPoint:
+def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ChartPoint:
     """One step towards the placement, shape (nv,)."""
     free = np.ones(len(z), bool)
     step = np.zeros(len(z))

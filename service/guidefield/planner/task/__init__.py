@@ -1,1 +1,1 @@
-"""What is to be planned, what the planner tells meanwhile, and why a plan is refused."""
+"""The problem of a plan, the events of planning, and the endings of plans."""

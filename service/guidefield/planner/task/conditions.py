@@ -1,4 +1,4 @@
-"""What a motion is judged by: the robot among obstacles, what it has to keep, and the time there is to tell."""
+"""The conditions that a motion is judged by: the robot among obstacles, what it has to keep, and the deadline."""
 
 from __future__ import annotations
 

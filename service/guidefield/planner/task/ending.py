@@ -1,4 +1,4 @@
-"""How a plan, or a stage of it, ended."""
+"""The ending of a plan, or of a stage of it."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class EventLog:
     def add(self, event: Event) -> None:
         """Keep an event; costs next to nothing, trees some microseconds."""
         if len(self.events) < MAX_EVENTS:
-            self.events.append(_logged(event))
+            self.events.append(_log_event(event))
             self.seconds.append(time.perf_counter() - self.began)
         else:
             self.dropped += 1
@@ -149,7 +149,7 @@ class EventLog:
         """
         arrays = iter(packed.arrays)
         events = [
-            _unpacked(_KINDS[kind], row, lambda: next(arrays).array())
+            _unpack(_KINDS[kind], row, lambda: next(arrays).array())
             for kind, row in zip(packed.kinds, packed.rows, strict=True)
         ]
         return cls(events, packed.seconds.array().tolist(), packed.dropped)
@@ -160,7 +160,7 @@ def evenly(count: int, most: int) -> np.ndarray:
     return np.unique(np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int))
 
 
-def _logged(event: Event) -> LoggedEvent:
+def _log_event(event: Event) -> LoggedEvent:
     """An event that stays as it is: trees lie in memory that is used again."""
     if not isinstance(event, TreeGrown):
         return event
@@ -169,7 +169,7 @@ def _logged(event: Event) -> LoggedEvent:
     return LoggedTrees(tuple(len(points) for points, _ in trees), first)
 
 
-def _unpacked(kind: type[LoggedEvent], row: Any, array: Callable[[], np.ndarray]) -> LoggedEvent:
+def _unpack(kind: type[LoggedEvent], row: Any, array: Callable[[], np.ndarray]) -> LoggedEvent:
     if kind is Step:
         step, message, potential, plane = row
         return Step(StepKind(step), cast(Any, array()), message, potential, plane)

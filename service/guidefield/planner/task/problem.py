@@ -1,4 +1,4 @@
-"""What is to be planned: what a motion is judged by, and start, goal and guide planes."""
+"""The problem of a plan: the conditions of its motion, and start, goal and guide planes."""
 
 from __future__ import annotations
 

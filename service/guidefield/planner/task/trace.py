@@ -1,4 +1,4 @@
-"""What the planner tells an observer while it works, and what the observer may ask of it; silent by default."""
+"""Events that the planner tells an observer while it works; the observer is silent by default."""
 
 from __future__ import annotations
 
