@@ -14,8 +14,16 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner import ends
-from guidefield.planner.ends import _about, _soonest, check_start, goal_points, tip_points
-from guidefield.planner.settings import GOALS
+from guidefield.planner.ends import (
+    CANDIDATES,
+    GRAZING_DISTANCE,
+    SOLUTIONS,
+    _about,
+    _soonest,
+    check_start,
+    goal_points,
+    tip_points,
+)
 from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
 from guidefield.planner.task.stages import StageFailed
@@ -43,7 +51,7 @@ def refused(made) -> Ending:
 def test_a_pose_has_free_configurations_far_from_each_other() -> None:
     made = problem("panda", "table", pose())
     goals = goal_points(made)
-    assert GOALS.solutions <= len(goals) <= 2 * GOALS.solutions
+    assert SOLUTIONS <= len(goals) <= 2 * SOLUTIONS
     soonest = (np.abs(goals - made.z_start) / made.group.velocity_limits).max(axis=1)
     assert soonest[0] == soonest.min()
     for z in goals:
@@ -87,10 +95,10 @@ def test_a_pose_at_which_the_hand_all_but_touches_is_reached() -> None:
     far = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
     near = clearance_at(far.world, far.group.expand_from_chart(goal_points(far)[0]))
     hand, other = near.witness
-    place += (hand - other) * (1.0 - 0.5 * GOALS.grazing / near.obstacle_distance)
+    place += (hand - other) * (1.0 - 0.5 * GRAZING_DISTANCE / near.obstacle_distance)
     made = problem("panda", scene_of(ball(0.05, *place.tolist())), pose())
     for z in goal_points(made):
-        assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GOALS.grazing
+        assert 0.0 < clearance_at(made.world, made.group.expand_from_chart(z)).obstacle_distance < GRAZING_DISTANCE
 
 
 def test_a_search_that_is_stopped_says_so() -> None:
@@ -122,7 +130,7 @@ def test_those_that_are_chosen_are_the_same_if_all_were_looked_at(half: float) -
     shell = msgspec.structs.replace(closed_shell(half), position=(-0.3 - half, 0.0, 0.6))
     made = problem("panda", scene_of(shell), pose(), planes=())
     goals = goal_points(made)
-    each = tip_points(made, made.goal.target, _about(made), GOALS.candidates)
+    each = tip_points(made, made.goal.target, _about(made), CANDIDATES)
     assert len(each) > len(goals)
     assert np.array_equal(goals, _soonest(made, each))
 
@@ -140,7 +148,7 @@ def test_where_one_that_is_wanted_is_inside_of_something_others_are(monkeypatch:
     monkeypatch.setattr(ends, "enclosed_each", but_the_first)
     goals = goal_points(made)
     assert first.tolist() not in goals.tolist()
-    each = tip_points(made, made.goal.target, _about(made), GOALS.candidates)
+    each = tip_points(made, made.goal.target, _about(made), CANDIDATES)
     assert np.array_equal(goals, _soonest(made, each))
 
 

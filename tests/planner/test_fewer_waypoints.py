@@ -6,9 +6,8 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.planner.finish import fewer_waypoints
+from guidefield.planner.finish import STRAIGHT_MARGIN, fewer_waypoints
 from guidefield.planner.motion.waypoints import length_of, subdivided
-from guidefield.planner.settings import STRAIGHT_WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.path_constraints import plane
 from tests.planner.problems import problem, scene_of
@@ -42,7 +41,7 @@ def test_straight_ways_keep_their_distance_from_a_wall() -> None:
     assert len(fewer) < len(path)
     assert length_of(fewer) < length_of(path)
     kept = least_distance(made, fewer)
-    assert kept > min(least_distance(made, path), STRAIGHT_WAYS.margin) - 1e-3, "between samples a little may be lost"
+    assert kept > min(least_distance(made, path), STRAIGHT_MARGIN) - 1e-3, "between samples a little may be lost"
     assert least_distance(made, path[[0, -1]]) < kept, "the straight way from end to end is nearer"
 
 

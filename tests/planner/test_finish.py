@@ -215,7 +215,7 @@ def test_what_is_refused_round_corners_is_drawn_closer_and_stops_at_them_in_the_
         closeness.append(asked_for[-1])
         return through_the_wall(made, path), {}
 
-    monkeypatch.setattr(module, "_rounded", refused)
+    monkeypatch.setattr(module, "_round_corners", refused)
     finished = finish(asked, PathSoFar(path, crossings), Stages(asked))
     assert closeness == [2**k for k in range(REPAIRS + 1)]
     assert finished.verdict.free

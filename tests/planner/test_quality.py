@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import inspect
 import time
 
@@ -19,8 +18,7 @@ from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
 from guidefield.planner import quality
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.quality import FEW_SAMPLES, clearance, clearance_profile, figures
-from guidefield.planner.settings import MEASURING
+from guidefield.planner.quality import END_LENGTH, FEW_SAMPLES, clearance, clearance_profile, figures
 from guidefield.potential import RobotField
 from guidefield.prove.search import TOLERANCE
 from guidefield.robot.group.kinematics import Kinematics
@@ -139,7 +137,7 @@ def test_the_inner_way_leaves_out_the_ends() -> None:
     made = problem(grouped(carriage(10.0)), scene_of(post(0.1)), q_start=np.zeros(1))
     measured = clearance(run(10.0), made)
     assert measured.obstacle.distance == pytest.approx(APART, abs=TOLERANCE)
-    beside = np.hypot(MEASURING.end_stretch - 0.1 - 0.01, APART + 1e-3) - 1e-3
+    beside = np.hypot(END_LENGTH - 0.1 - 0.01, APART + 1e-3) - 1e-3
     assert measured.inner is not None
     assert measured.inner.distance == pytest.approx(beside, abs=2 * TOLERANCE)
     short = clearance(run(0.5), made)
@@ -148,7 +146,7 @@ def test_the_inner_way_leaves_out_the_ends() -> None:
 
 def test_where_time_is_up_what_is_kept_at_least_is_told_with_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is told as the smallest that may not be; the certificate's clearance is what is certain."""
-    monkeypatch.setattr(quality, "MEASURING", dataclasses.replace(MEASURING, last=0.0))
+    monkeypatch.setattr(quality, "LAST_SEARCH_S", 0.0)
     ready = {f"panda_joint{i}": v for i, v in enumerate((0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785), 1)}
     message = codec.decode_request(
         {

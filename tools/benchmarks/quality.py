@@ -4,7 +4,7 @@ Usage: tools/bench quality <folder> [--robots panda,ur5,fetch,baxter] [--every N
 
 The folder is described in problems.py. Every trajectory is judged on the exact collision geometry, whoever made it:
 the smallest distances are exact along it, whether it hits is sampled `JUDGED_STEP` apart. *inner* leaves out
-`MEASURING.end_stretch` at each end; *at the ends* is the share of problems whose minimum over the whole motion is the
+`END_LENGTH` at each end; *at the ends* is the share of problems whose minimum over the whole motion is the
 ends' own, less a millimetre; length is a multiple of VAMP's simplified path, from its rows in the folder. Times are
 CPU times of one thread, the best of `REPEATS` [ms]; *whole* is connect to certify, the world, its tables and the checks
 of the ends apart: those stand under *ends* and *load*.
@@ -32,8 +32,7 @@ from guidefield.deadline import Deadline
 from guidefield.errors import Status
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.quality import figures
-from guidefield.planner.settings import MEASURING
+from guidefield.planner.quality import END_LENGTH, figures
 from guidefield.planner.task.problem import ConfigurationGoal, Problem
 from guidefield.planner.task.trace import Event, StageEntered, StageLeft
 from guidefield.prove.curve import Curve
@@ -188,8 +187,8 @@ def judged(world: World, curve: Curve) -> Judged:
     samples = np.column_stack([np.interp(places, lengths, column) for column in points.T])
     start, end = float(fine[0]), float(fine[-1])
     spans = [(start, end)]
-    if lengths[-1] > 2.0 * MEASURING.end_stretch:
-        since, until = np.interp([MEASURING.end_stretch, lengths[-1] - MEASURING.end_stretch], lengths, fine).tolist()
+    if lengths[-1] > 2.0 * END_LENGTH:
+        since, until = np.interp([END_LENGTH, lengths[-1] - END_LENGTH], lengths, fine).tolist()
         spans.append((since, until))
     minimum, *inner = smallest_along(world, curve, spans)
     ends = [clearance_at(world, world.group.expand_from_chart(z)).obstacle_distance for z in samples[[0, -1]]]

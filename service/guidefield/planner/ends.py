@@ -21,7 +21,7 @@ from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.constrained_pose import PoseKeeper
-from guidefield.planner.settings import GOALS, LEAVING
+from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import IkResult, solve
@@ -65,6 +65,32 @@ def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> Bloc
     return BlockingPairs(1, dict.fromkeys(ordered, 1), depths[ordered[0]])
 
 
+SOLUTIONS = 8
+"""Configurations at a pose for which a connection looks at once. Unrecorded."""
+
+CANDIDATES = 64
+"""Configurations from which those next to the start in time are chosen. With them motions of a Panda to poses are a
+tenth faster. The number is unrecorded."""
+
+STARTS = 128
+"""Descents that begin about the problem's start, for these. Unrecorded."""
+
+START_SPREAD = 0.7
+"""Their distance from it, as a standard deviation [rad, or the group's unit of length]. Unrecorded."""
+
+LEAST_DIFFERENCE = 0.3
+"""Chosen ones differ by this at least in some coordinate [rad, or the unit of length]. Unrecorded."""
+
+GRAZING_DISTANCE = 1e-3
+"""Distance that they keep from obstacles beyond the clearance asked for, if there are such [m]: a certificate isn't
+stopped by grazing then. Unrecorded."""
+
+MAX_STARTS = 8192
+"""Starts from which a configuration that is free is looked for. Unrecorded."""
+
+GOALS_AT_ONCE = 100
+"""Of configurations that are given, the number judged before the deadline is asked: it takes some milliseconds."""
+
 UNREACHED = (Status.NO_IK_SOLUTION, Status.GOAL_IN_COLLISION, Status.CLEARANCE_BELOW_MINIMUM)
 """Endings of a search for a goal pose that found no free configuration: guide planes may still lead to one."""
 
@@ -80,7 +106,7 @@ def check_start(problem: Problem) -> None:
         if (fault := end_fault(problem, z_start)) is not None:
             message, details = fault
             depth = details["depth"]
-            slight = not problem.leave_start_contact and depth is not None and depth <= LEAVING.slight
+            slight = not problem.leave_start_contact and depth is not None and depth <= SLIGHT_DEPTH
             hint = "; `leave_start_contact` would leave so slight a contact first" if slight else ""
             if any(list(one.pair) == details["pair"] for one in problem.world.held_contacts):
                 hint = "; `touch_links` names links that a held object may touch"
@@ -109,7 +135,7 @@ def goal_points(problem: Problem) -> ChartPoints | None:
             return standing
         if problem.guide_planes:  # the way there begins where they lead
             return _kept_goals(problem, tip_points(problem, target))
-        return _kept_goals(problem, tip_points(problem, target, _about(problem), GOALS.candidates, _soonest))
+        return _kept_goals(problem, tip_points(problem, target, _about(problem), CANDIDATES, _soonest))
     return None
 
 
@@ -125,7 +151,7 @@ def _stands_at(problem: Problem, target: PoseTarget) -> ChartPoints | None:
 def _about(problem: Problem) -> ChartPoints:
     """Chart points (k, nv) about the start, within limits, from which configurations next to it are found."""
     group = problem.group
-    aside = np.random.default_rng([problem.seed, 4]).normal(scale=GOALS.spread, size=(GOALS.starts, group.nv))
+    aside = np.random.default_rng([problem.seed, 4]).normal(scale=START_SPREAD, size=(STARTS, group.nv))
     about: ChartPoints = np.clip(problem.z_start + aside * group.units, group.lower, group.upper)
     return about
 
@@ -141,7 +167,7 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
     chosen: list[int] = []
     for candidates in (order, range(len(zs))):
-        most = len(chosen) + GOALS.solutions
+        most = len(chosen) + SOLUTIONS
         for index in candidates:
             if len(chosen) < most and not _like_any(ways[index] / group.units, ways[chosen] / group.units):
                 chosen.append(index)
@@ -150,7 +176,7 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
 
 def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
     """Return whether a difference (nv,) is nearly one of some others (k, nv)."""
-    return bool((np.abs(ways - way).max(axis=1) < GOALS.apart).any())
+    return bool((np.abs(ways - way).max(axis=1) < LEAST_DIFFERENCE).any())
 
 
 def _all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
@@ -162,7 +188,7 @@ def tip_points(
     problem: Problem,
     target: PoseTarget,
     starts: Sequence[ChartPoint] | ChartPoints = (),
-    count: int = GOALS.solutions,
+    count: int = SOLUTIONS,
     chosen: Callable[[Problem, ChartPoints], ChartPoints] = _all,
 ) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
@@ -191,7 +217,7 @@ def tip_points(
             **tip.blocked.details(),
         )
     if not result.solutions and result.rejected and not _hopeless(problem, result):
-        result = _solve(problem, target, starts, count, _touch_nothing, GOALS.most_starts)
+        result = _solve(problem, target, starts, count, _touch_nothing, MAX_STARTS)
     if (found := _chosen_in_the_open(problem, result.solutions, chosen)) is not None:
         return found
     if result.solutions:  # all that were found are inside of something: look for others
@@ -310,7 +336,7 @@ def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
-    return _touch_nothing(problem, zs, GOALS.grazing)
+    return _touch_nothing(problem, zs, GRAZING_DISTANCE)
 
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:
@@ -383,7 +409,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
         return free
     faults: list[tuple[str, dict[str, Any]] | None] = []
     for z in zs:
-        if len(faults) >= GOALS.at_once and (status := problem.deadline.status()) is not None:
+        if len(faults) >= GOALS_AT_ONCE and (status := problem.deadline.status()) is not None:
             message = f"of {len(zs)} goals {len(faults)} were looked at in time, and all of these are blocked"
             raise StageFailed(status, message, stage="goal", goals=len(zs))
         faults.append(end_fault(problem, z))
@@ -403,10 +429,10 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
 def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, ChartPoints], np.ndarray]) -> np.ndarray:
     """Which chart points (n, nv) are free, some judged at a time: (n,), bool. None is that there was no time for."""
     found = np.zeros(len(zs), bool)
-    for begin in range(0, len(zs), GOALS.at_once):
+    for begin in range(0, len(zs), GOALS_AT_ONCE):
         if begin and problem.deadline.expired():
             break
-        found[begin : begin + GOALS.at_once] = free(problem, zs[begin : begin + GOALS.at_once])
+        found[begin : begin + GOALS_AT_ONCE] = free(problem, zs[begin : begin + GOALS_AT_ONCE])
     return found
 
 

@@ -25,7 +25,6 @@ from guidefield.planner.optimized_motion import Crossed, optimize_motion
 from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
 from guidefield.planner.schedule.standing import find_free_from, find_meeting, stays_free
-from guidefield.planner.settings import STRAIGHT_WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
 from guidefield.prove.settings import LIMITS
@@ -34,6 +33,10 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 REPAIRS = 4
 """How often a motion round corners is drawn closer to the path, to half its distance each time, where it is refused."""
+
+STRAIGHT_MARGIN = 0.03
+"""Distance that straight paths which take the place of steps between guide planes keep from obstacles, beyond the
+clearance asked for [m]. A choice: less than what the optimiser keeps, so that it has to push little."""
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
@@ -210,6 +213,6 @@ def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int,
     if problem.path_constraints:  # which a straight way would leave
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
-    margin = problem.min_clearance + STRAIGHT_WAYS.margin
+    margin = problem.min_clearance + STRAIGHT_MARGIN
     ways = [problem.lanes.shortened(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
     return np.concatenate([path[:1], *(way[1:] for way in ways)])

@@ -18,12 +18,11 @@ import numpy as np
 from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
-from guidefield.planner.leaving import distances_of, touching_pairs
+from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.limit_shares import Uses
 from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.quality import certify_and_measure
-from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.bezier import restricted
 from guidefield.prove.certificate import certify
@@ -56,14 +55,14 @@ class Leaving:
 
 
 def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None:
-    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `LEAVING.slight`.
+    """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`.
 
     Args:
         conditions: What it is judged by, among obstacles that rest.
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
     """
     contacts = tuple(contacts_at(conditions.world, conditions.group.expand_from_chart(pieces[0, 0])))
-    if not contacts or any(one.depth is not None and one.depth > LEAVING.slight for one in contacts):
+    if not contacts or any(one.depth is not None and one.depth > SLIGHT_DEPTH for one in contacts):
         return None
     piece, share, closer = _way_out(conditions, contacts, pieces)
     if closer is not None:
@@ -80,14 +79,14 @@ def _way_out(
     """Piece and share of it where what touches has been left; or where, and which pair, comes closer before that."""
     world = conditions.world
     pairs = touching_pairs(world, contacts)
-    distances, enough = distances_of(world, pairs), max(LEAVING.apart, conditions.min_clearance)
+    distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
     before = distances(pieces[0, 0])
     for piece, controls in enumerate(pieces):
         length = float(np.linalg.norm(np.diff(controls, axis=0), axis=1).sum())
         count = max(1, math.ceil(length / SPACING))
         for share in (k / count for k in range(1, count + 1)):
             now = distances(_part(controls, share, share)[0])
-            if (now < before - LEAVING.closer).any() or conditions.deadline.expired():
+            if (now < before - DISTANCE_ERROR).any() or conditions.deadline.expired():
                 return piece, share, pairs[int(np.argmin(now - before))]
             if (now >= enough).all():
                 return piece, share, None

@@ -16,12 +16,29 @@ from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.path_motion import motion_along
-from guidefield.planner.settings import LEAVING
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
+
+SLIGHT_DEPTH = 0.01
+"""A contact deeper than this is not slight [m]: what the page about the certificate promises."""
+
+LEFT_DISTANCE = 1e-3
+"""Distance that what touched keeps in the end, at least [m]. Unrecorded."""
+
+WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""Of the motions that are tried, short ones first [rad or m]. Unrecorded."""
+
+DIRECTIONS = 48
+"""Directions that are tried with each length. Unrecorded."""
+
+DISTANCE_ERROR = 1e-6
+"""A distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers."""
+
+WAY_OUT_SAMPLES = 24
+"""Places on the motion where what touches is measured. Unrecorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +73,13 @@ def leave(problem: Problem, stages: Stages) -> Left | None:
         return None
     with stages.entered("ends", "out of the contact at the start") as stage:
         for one in contacts:
-            if one.depth is not None and one.depth > LEAVING.slight:
-                raise _refusal(one, f"deeper than the {1000 * LEAVING.slight:.0f} mm that can be planned away from")
+            if one.depth is not None and one.depth > SLIGHT_DEPTH:
+                raise _refusal(one, f"deeper than the {1000 * SLIGHT_DEPTH:.0f} mm that can be planned away from")
         start, group = problem.z_start, problem.group
         rng = np.random.default_rng([problem.seed, 3])
         leads_out = _judge(problem, contacts, start)
-        for length in LEAVING.lengths:
-            for direction in rng.normal(size=(LEAVING.directions, group.nv)):
+        for length in WAY_OUT_LENGTHS:
+            for direction in rng.normal(size=(DIRECTIONS, group.nv)):
                 way = length * direction / np.linalg.norm(direction)
                 end = np.clip(start + way, group.lower, group.upper)
                 if leads_out(end):
@@ -108,7 +125,7 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
     allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(group, problem.scene, allowed)
     distances = distances_of(world, touching_pairs(world, contacts))
-    enough = max(LEAVING.apart, problem.min_clearance)
+    enough = max(LEFT_DISTANCE, problem.min_clearance)
 
     def leads_out(end: ChartPoint) -> bool:
         q = group.expand_from_chart(end)
@@ -116,8 +133,8 @@ def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -
             return False
         if problem.min_clearance > 0.0 and clearance_at(world, q).obstacle_distance < problem.min_clearance:
             return False
-        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, LEAVING.samples)])
-        if (np.diff(along, axis=0) < -LEAVING.closer).any():
+        along = np.array([distances(start + t * (end - start)) for t in np.linspace(0.0, 1.0, WAY_OUT_SAMPLES)])
+        if (np.diff(along, axis=0) < -DISTANCE_ERROR).any():
             return False
         return motion_free(others, start, end).free
 

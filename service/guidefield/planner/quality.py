@@ -17,7 +17,6 @@ from guidefield.kernels.timing.travel import squared_turns, travelled, when_trav
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.settings import MEASURING
 from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.certificate import certify_curve
 from guidefield.prove.closest import ClosestPairs
@@ -30,6 +29,46 @@ from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
 from guidefield.scene.scene import Scene
+
+LENGTH_STEPS = 100
+"""Chords by which the length of a path is measured, at least. Unrecorded."""
+
+LENGTH_SHARE = 5e-5
+"""Pieces are divided on where their lengths by chords and by chords twice as long differ by more, all together, than
+this share of the whole. The messages promise lengths to a share of 1e-4; of the public problems' motions they were off
+by 3e-7 at most."""
+
+LENGTH_LEVELS = 10
+"""Divisions at most: a piece is 1000 times shorter by then, and so is what is missing."""
+
+SAMPLE_SPACING = 0.05
+"""Joint distance between samples of the clearance [rad or m]: a choice, as the next five, that decides what a figure
+means."""
+
+MAX_SAMPLES = 100
+"""Samples at most."""
+
+SAMPLE_RATE_HZ = 10.0
+"""Least rate of samples among obstacles that move, within the most."""
+
+COARSE_STRIDE = 3
+"""The mean is over one sample of this number; the search of the smallest distances begins there."""
+
+END_LENGTH = 0.3
+"""Joint distance at each end that the inner clearance leaves out [rad or m]."""
+
+TIMES_A_KNOT = 20
+"""Times at which the travelled length is computed, for each knot. Unrecorded."""
+
+MAX_TIMES = 100_000
+"""Such times at most. Unrecorded."""
+
+TIMES_BETWEEN = 100
+"""Times between two close ones, to find when exactly a length has been travelled. Unrecorded."""
+
+LAST_SEARCH_S = 0.01
+"""Time for the smallest distances when time is up or the run is ended. An answer may come 50 ms late: a certificate,
+the layout of what is measured and the reply need the rest."""
 
 FEW_SAMPLES = 40
 """Of more samples the potential is evaluated at every second."""
@@ -84,7 +123,7 @@ class Clearance(ReadOnly):
 
     Attributes:
         obstacle: Of the moving links from obstacles, as they stand at the time.
-        inner: The same less `MEASURING.end_stretch` of the way at each end; None if nothing is left.
+        inner: The same less `END_LENGTH` of the way at each end; None if nothing is left.
         own: Of the robot from itself.
         times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
@@ -172,12 +211,12 @@ def clearances(motions: Sequence[tuple[MotionInTime, Conditions]]) -> list[Clear
 def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
     """Measure a trajectory, among the obstacles as they stand meanwhile.
 
-    The smallest distances are looked for until the deadline, and for `MEASURING.last` at least: see `Closest.exact`.
+    The smallest distances are looked for until the deadline, and for `LAST_SEARCH_S` at least: see `Closest.exact`.
 
     Raises:
         DeadlineExpired: if the deadline passed before any were found.
     """
-    deadline = problem.deadline.at_least(MEASURING.last)
+    deadline = problem.deadline.at_least(LAST_SEARCH_S)
     asked = _asked_along(trajectory, problem)
     times, lengths, coarse, spans, curve, world = *asked, problem.world
     known = _SEARCHED.of(trajectory, None)
@@ -284,7 +323,7 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
 
 def _coarse(times: np.ndarray) -> np.ndarray:
     """Every third of some times (k,) [s], the last of them among these."""
-    coarse = times[:: MEASURING.fewer].copy()
+    coarse = times[::COARSE_STRIDE].copy()
     return coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
 
 
@@ -318,8 +357,8 @@ def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
 
 def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
     """Lengths of a trajectory in the chart [rad or m] and of the tip's way [m], shape (WAYS,)."""
-    steps = 4 * math.ceil(max(1.0, 0.25 * MEASURING.length_steps / max(1, len(trajectory.times) - 1)))
-    share, levels, lengths = MEASURING.length_share, MEASURING.length_levels, np.empty(WAYS)
+    steps = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1)))
+    share, levels, lengths = LENGTH_SHARE, LENGTH_LEVELS, np.empty(WAYS)
     way_lengths(*trajectory.tables, kinematics.tip, steps, share, levels, lengths)
     return lengths
 
@@ -353,12 +392,12 @@ class TravelledWay(NamedTuple):
 def travelled_way(trajectory: MotionInTime) -> TravelledWay:
     """Lay out a motion by how far it has travelled, once: of many rows it takes a tenth of a second."""
     pieces, begins = np.ascontiguousarray(trajectory.bezier(), float), np.array(trajectory.piece_times(), float)
-    many = min(MEASURING.many * len(trajectory.times) + 2, MEASURING.most_many)
+    many = min(TIMES_A_KNOT * len(trajectory.times) + 2, MAX_TIMES)
     times = np.linspace(trajectory.times[0], trajectory.times[-1], many)
     lengths = np.empty(many)
     travelled(pieces, begins, times, lengths)
     length = float(lengths[-1])
-    count = min(max(math.ceil(length / MEASURING.spacing) + 1, 2), MEASURING.most_samples)
+    count = min(max(math.ceil(length / SAMPLE_SPACING) + 1, 2), MAX_SAMPLES)
     evenly = np.linspace(0.0, length, count)
     way = TravelledWay(
         cast(ChartCurves, pieces), begins, times, lengths, float(evenly[1]), np.interp(evenly, lengths, times)
@@ -377,14 +416,14 @@ def _samples(
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
     """Times of samples, the distances travelled by then, and between which times the inner way is, if there is one."""
     way, inside = travelled_way(trajectory), None
-    if way.length > 2.0 * MEASURING.end_stretch:
-        ends = np.array([MEASURING.end_stretch, way.length - MEASURING.end_stretch])
-        when_travelled(way.pieces, way.begins, way.times, way.lengths, MEASURING.finer, ends)
+    if way.length > 2.0 * END_LENGTH:
+        ends = np.array([END_LENGTH, way.length - END_LENGTH])
+        when_travelled(way.pieces, way.begins, way.times, way.lengths, TIMES_BETWEEN, ends)
         inside = (float(ends[0]), float(ends[1]))
     times = way.evenly.copy()
     if problem.scene.moves or way.length <= 0.0:
-        count = max(len(times), int(np.ceil(trajectory.duration * MEASURING.samples_a_second)) + 1)
-        times = np.linspace(way.times[0], way.times[-1], min(count, MEASURING.most_samples))
+        count = max(len(times), int(np.ceil(trajectory.duration * SAMPLE_RATE_HZ)) + 1)
+        times = np.linspace(way.times[0], way.times[-1], min(count, MAX_SAMPLES))
     times[[0, -1]] = way.times[[0, -1]]
     times = _ascending(times)
     return times, np.interp(times, way.times, way.lengths), inside
