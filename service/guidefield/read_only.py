@@ -22,7 +22,8 @@ class ReadOnly:
 
     def __post_init__(self) -> None:
         for value in vars(self).values():
-            if type(value) is np.ndarray:  # most values are no arrays, which this check finds fastest
+            kind = type(value)
+            if kind is np.ndarray:  # most values are no arrays, which this check finds fastest
                 value.setflags(write=False)
-            elif isinstance(value, tuple | np.ndarray):
+            elif kind is tuple or isinstance(value, np.ndarray):
                 read_only(value)
