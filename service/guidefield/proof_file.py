@@ -68,7 +68,7 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
         for name in [name for name, value in one.items() if value == told[0][name]]:
             del one[name]
     arrays["cases"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
-    return packed(arrays)
+    return pack_arrays(arrays)
 
 
 def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
@@ -76,7 +76,7 @@ def arrays_of(proof: Proof) -> dict[str, np.ndarray]:
     return {field.name: getattr(proof, field.name) for field in fields(proof)}
 
 
-def packed(arrays: Mapping[str, np.ndarray]) -> bytes:
+def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
     """The content of a file of arrays of any shape, with a digest of them all."""
     content = io.BytesIO()
     named: dict[str, Any] = {"format": np.array(FORMAT), "digest": np.array(digest(arrays)), **arrays}

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield import case_file
-from guidefield.proof_file import arrays_of, curve_of, packed, write_proof
+from guidefield.proof_file import arrays_of, curve_of, pack_arrays, write_proof
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
 from guidefield.referee import motion_bounds, slabs
@@ -244,7 +244,7 @@ def test_a_file_in_which_a_bit_is_another_is_refused(tmp_path: Path, capsys: Any
             np.savez(file, **{**arrays, name: other})
             with pytest.raises(UnusableFile, match="has been changed"):
                 load_proofs(file)
-    file.write_bytes(packed({"cases": arrays["cases"]}))
+    file.write_bytes(pack_arrays({"cases": arrays["cases"]}))
     assert main() == 2
     assert "is no proof" in capsys.readouterr().err
 

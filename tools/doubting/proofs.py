@@ -23,7 +23,7 @@ from doubting.compare import OFF, Disagreement, Kind
 from doubting.loaded import Loaded
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest
-from guidefield.proof_file import packed
+from guidefield.proof_file import pack_arrays
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of
 from guidefield.referee.replay import replay_file
@@ -142,7 +142,7 @@ def _doubt_digest(rng: np.random.Generator, file: Path, arrays: Arrays) -> list[
 
 def _replayed(file: Path, arrays: Arrays) -> tuple[str, Verdict | None, str]:
     """Replay a proof that is sealed: what comes of it in a word, the verdict where it holds, else why it doesn't."""
-    file.write_bytes(packed(arrays))
+    file.write_bytes(pack_arrays(arrays))
     try:
         (verdict,) = replay_file(file, SECONDS)
     except UnusableFile as error:

@@ -20,13 +20,18 @@ from rich.text import Text
 
 from guidefield.batch.results import CannotWork
 from guidefield.cli import demonstration, ending, serving
-from guidefield.cli.certifying import make_certify_request, make_robot_reference, read_scene_reference
+from guidefield.cli.certifying import (
+    make_certify_request,
+    make_robot_reference,
+    read_scene_reference,
+    replay_proofs,
+    run_referee,
+)
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import require_writable
 from guidefield.cli.found_run import Data, Service, StreamName, recording_file
 from guidefield.cli.kept_runs import runs_app
 from guidefield.cli.recording import fetch_files
-from guidefield.cli.refereeing import replay_proofs, run_referee
 from guidefield.cli.replaying import replay
 from guidefield.cli.robot_tables import robot_table, robots_table
 from guidefield.cli.serving import read_quotas

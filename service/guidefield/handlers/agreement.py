@@ -47,14 +47,14 @@ def keep_contradictions(answer: _Answer) -> _Answer:
         except ContradictionError as error:
             if error.motion is None:
                 raise
-            kept = _keep(run_id, functools.partial(_judged, request, *error.motion))
+            kept = _keep(run_id, functools.partial(_make_motion, request, *error.motion))
             raise ContradictionError(f"{error}; {kept}") from error
 
     return cast(_Answer, answer_or_keep)
 
 
-def _judged(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
-    """A motion that was judged for a request, for the referee: cubic where its pieces are, else of straight lines.
+def _make_motion(request: MotionRequest, world: World, curve: Curve, min_clearance: float) -> Motion:
+    """Make the referee's motion of what was judged for a request: cubic where its pieces are, else of straight lines.
 
     Its rates don't matter.
     """

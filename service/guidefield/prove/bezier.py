@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from guidefield.kernels.prove.halves import find_halves, find_ranges
+from guidefield.kernels.prove.bezier import find_halves, find_ranges
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 

@@ -1,4 +1,4 @@
-"""How far a motion is beyond the joints' position limits: exactly, between its samples too.
+"""The exact excess of a motion beyond the joints' position limits, between its samples too.
 
 A Bezier curve lies between the least and the largest of its control points. Where these are beyond a limit the curve is
 halved: its ends are on it, and what its control points are off it falls to a quarter each time.

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, load
-from guidefield.referee.printing import lines
 from guidefield.referee.proof import is_proof
 from guidefield.referee.replay import replay_file
-from guidefield.referee.verdict import Answer
+from guidefield.referee.verdict import Answer, lines
 
 
 def main() -> int:

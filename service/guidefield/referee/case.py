@@ -1,4 +1,4 @@
-"""What the referee judges: a robot's model, bodies, a motion, its limits, and what has to be kept."""
+"""The case that the referee judges: a robot's model, bodies, a motion, its limits, and what has to be kept."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
-from guidefield.referee.solid import closed, distinct, winding
+from guidefield.referee.solid import distinct, is_closed, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
 SLACK = FLOOR = 1e-6  # of constraints, rates, Coal's distances (2e-6 more a metre); what moves less is undecided
@@ -41,7 +41,7 @@ def judge(case: Case, extra: float = 0.0, own_extra: float = 0.0, seconds: float
     if case.unknown:
         return Verdict(Finding(Answer.NOT_JUDGED, tuple(case.unknown)))
     along = Along(case, extra, own_extra, time.monotonic() + seconds)
-    found = false_part(case) or beyond_limit(case) or along.inside() or along.judged()
+    found = false_part(case) or beyond_limit(case) or along.inside() or along.bisect()
     return Verdict(found, along.kept, len(along.pairs), tuple(along.left_out), along.evaluations)
 
 
@@ -54,7 +54,7 @@ def false_part(case: Case) -> Finding | None:
             gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in corners[first]]
             within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK + ROUNDING).all(axis=1)
         told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
-        whole = {t for t in told[0] if len(t) == 3} <= told[1] and closed(body.shell)
+        whole = {t for t in told[0] if len(t) == 3} <= told[1] and is_closed(body.shell)
         if (body.parts and not within.all()) or (len(body.shell) and not whole):
             return Finding(Answer.FALSE_PART, (body.name,))
     return None
@@ -127,11 +127,11 @@ class Along:
             points = b.points @ seen.rotation.T + seen.translation
             near = points[((points >= a.corners.min(axis=0)) & (points <= a.corners.max(axis=0))).all(axis=1)]
             shell = a.shell if len(a.shell) else a.triangles
-            if len(near) and closed(shell) and any(abs(winding(point, shell)) > 0.5 for point in near):
+            if len(near) and is_closed(shell) and any(abs(winding(point, shell)) > 0.5 for point in near):
                 return Finding(Answer.INSIDE, (a.name, b.name), start)
         return None
 
-    def judged(self) -> Finding:
+    def bisect(self) -> Finding:
         """Halve the motion until everything is told apart, or something is broken."""
         unsure, n = None, len(self.pairs)
         every = list(range(len(self.names)))

@@ -57,7 +57,7 @@ def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:
     kept = math.inf
     if found is None:
         try:
-            found, kept = Finding(Answer.FREE), _Replay(case, proof, along).kept()
+            found, kept = Finding(Answer.FREE), _Replay(case, proof, along).check()
         except Refused as refused:
             found = Finding(Answer.NOT_PROVED, (str(refused),))
     return Verdict(found, kept, len(along.pairs), tuple(along.left_out), len(proof.slab_segments))
@@ -67,7 +67,7 @@ def _broken_constraint(case: Case, seconds: float) -> Finding | None:
     """A path constraint that isn't kept, or of which it can't be told."""
     if not case.constraints:
         return None
-    found = Along(replace(case, bodies=()), 0.0, 0.0, time.monotonic() + seconds).judged()
+    found = Along(replace(case, bodies=()), 0.0, 0.0, time.monotonic() + seconds).bisect()
     return None if found.answer is Answer.FREE else found
 
 
@@ -87,13 +87,13 @@ class _Replay:
         self._slabs = Slabs(proof, self._told, self._bounds, obstacles)
         self._boxes = self._boxes_about()
 
-    def kept(self) -> float:
-        """What all pairs keep at least beyond what is required [m].
+    def check(self) -> float:
+        """Return what all pairs keep at least beyond what is required [m].
 
         Raises:
             Refused: if the proof doesn't hold.
         """
-        begins, children = self._divided()
+        begins, children = self._divide()
         by_slabs, kept, count = self._by_slabs(), math.inf, len(self._required)
         segment, pair = np.repeat(begins, count), np.tile(np.arange(count), len(begins))
         while len(segment):
@@ -156,7 +156,7 @@ class _Replay:
                 there[:, k] = box_about(self._bounds.declared(k), *(some[k] for some in self._bounds.begins))
         return own, there
 
-    def _divided(self) -> tuple[list[int], list[list[int]]]:
+    def _divide(self) -> tuple[list[int], list[list[int]]]:
         """The segments that together are the whole motion, and those that each is divided into, without a gap.
 
         Raises:
@@ -234,7 +234,7 @@ class _Replay:
             for side, bound in enumerate(self._of_pair(k)):
                 twists[mine, side] = bound.twist[segment[mine]]
                 lost[mine] += bound.bent[segment[mine]]
-        kept, need = self._slabs.kept(twists) - lost, self._need(segment, pair)
+        kept, need = self._slabs.find_distances(twists) - lost, self._need(segment, pair)
         if (kept < need).any():
             k = int(np.argmin(kept - need))
             raise Refused(f"a slab between {self._names(int(pair[k]))} isn't true from {self._span(int(segment[k]))}")

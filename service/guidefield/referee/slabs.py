@@ -56,7 +56,7 @@ class Slabs:
                 children = np.where(below >= 0, np.searchsorted(mine, below), -1)
                 self.standing_out[k] = standing_out(bounds.declared(k), self._shapes, children, of[mine])
 
-    def kept(self, twists: np.ndarray) -> np.ndarray:
+    def find_distances(self, twists: np.ndarray) -> np.ndarray:
         """Return what nodes keep across the slabs while their bodies go by their twists (k, 2, 6), shape (k,) [m].
 
         It is minus infinity where a slab has no direction, or a node no shape.

@@ -18,7 +18,7 @@ def distinct(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order[is_new], place
 
 
-def closed(triangles: np.ndarray) -> bool:
+def is_closed(triangles: np.ndarray) -> bool:
     """Whether every edge of triangles (t, 3, 3) is run through as often in one direction as in the other."""
     index = distinct(triangles.reshape(-1, 3))[1].reshape(-1, 3)
     edges = np.column_stack([index.ravel(), np.roll(index, -1, axis=1).ravel()])

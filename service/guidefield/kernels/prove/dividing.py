@@ -1,4 +1,4 @@
-"""Which of two nodes is divided where both together don't tell."""
+"""The choice of the node that is divided where two together can't be told apart."""
 
 from __future__ import annotations
 
