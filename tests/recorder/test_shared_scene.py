@@ -12,7 +12,7 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.recorder.reading import read_recording
-from guidefield.recorder.stored import FOLDER, Place
+from guidefield.recorder.stored import FOLDER, Place, shared_scene
 from guidefield.recorder.whole import LEFT_OUT, LINK, self_contained
 from guidefield.scene.scene import build
 from guidefield.stores.recordings import SCENE_LINK
@@ -98,3 +98,12 @@ def test_a_small_scene_is_in_the_recording(tmp_path: Path) -> None:
     small = made_up("panda")
     assert Recording(record(small, tmp_path, "one")).entities > {*OBSTACLES, LEFT_OUT}
     assert not (tmp_path / FOLDER).exists()
+
+
+def test_a_small_scene_is_drawn_once_for_the_same_colours() -> None:
+    made = made_up("panda")
+    first, again = (shared_scene(made.scene, made.request, (), ()) for _ in range(2))
+    hit = shared_scene(made.scene, made.request, (), [made.scene.obstacles[0].name])
+    assert not first.is_large
+    assert first.chunks() is again.chunks()
+    assert [chunk.entity_path for chunk in hit.chunks()] != [chunk.entity_path for chunk in first.chunks()]

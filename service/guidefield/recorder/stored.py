@@ -11,6 +11,7 @@ import functools
 import hashlib
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -96,13 +97,20 @@ def shared_scene(
     for part in (content, b"" if message is None else encoded(message), names):
         digest.update(hashlib.sha256(part).digest())
 
-    def chunks() -> list[Chunk]:
+    def draw_large() -> list[Chunk]:
         drawn = list(scene_entities.obstacles(scene.obstacles, seen, hit))
         if message is not None:
             drawn.append(still(SCENE, rr.AnyValues(**{MESSAGE_COMPONENT: packed(message)})))
         return drawn
 
-    return SharedScene(digest.hexdigest()[:32], message is not None or size >= LARGE_BYTES, chunks)
+    is_large = message is not None or size >= LARGE_BYTES
+    draw = draw_large if is_large else partial(_draw_small, scene, seen, hit)
+    return SharedScene(digest.hexdigest()[:32], is_large, draw)
+
+
+@memoized
+def _draw_small(scene: Scene, see_through: frozenset[str], at_fault: frozenset[str]) -> tuple[Chunk, ...]:
+    return tuple(scene_entities.obstacles(scene.obstacles, see_through, at_fault))
 
 
 @memoized
