@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
+from guidefield.deadline import Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
@@ -18,7 +19,7 @@ from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 LAST_JUDGEMENT = 0.03
 """For how long a motion may still be judged when time is up or the run is ended [s]: one that is proven is worth it."""
@@ -50,16 +51,12 @@ class Finished(ReadOnly):
 def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     """Judge whether a motion from a free start is free of what rests and what moves, and keeps the path constraints."""
     deadline = problem.deadline.at_least(LAST_JUDGEMENT)
+    pieces, times = trajectory.bezier(), trajectory.piece_times()
     if problem.scene.moves:  # a better one may follow, so that only the last is measured
-        pieces, times = trajectory.bezier(), trajectory.piece_times()
         verdict = certify(problem.world, pieces, problem.min_clearance, deadline=deadline, times=times)
     else:
         verdict = certify_and_measure(trajectory, problem, deadline)
-    if not (verdict.free and problem.path_constraints):
-        return verdict
-    turns = problem.world.bodies.turns
-    kept = certify_constraints(problem.constrained_frames, turns, trajectory.bezier(), deadline)
-    return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
+    return _with_constraints(problem, verdict, pieces, deadline)
 
 
 Judge = Callable[[Problem, Trajectory], Verdict]
@@ -101,6 +98,23 @@ def certify_as_far_as_found(problem: Problem, found: PathSoFar, stages: Stages) 
         )
         stage.outcome = verdict.reason.value
     return Finished(verdict, found.path, found.crossings, failure=found.failure)
+
+
+def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Deadline) -> Verdict:
+    """Judge a motion from its start on, which need not be free, and the path constraints."""
+    pieces, times = motion.bezier(), motion.piece_times()
+    verdict = enclosed_start(conditions, pieces[0, 0], float(times[0])) or certify(
+        conditions.world, pieces, conditions.min_clearance, deadline=deadline, times=times
+    )
+    return _with_constraints(conditions, verdict, pieces, deadline)
+
+
+def _with_constraints(conditions: Conditions, verdict: Verdict, pieces: ChartCurves, deadline: Deadline) -> Verdict:
+    """A verdict about a motion, and if it is free about the path constraints."""
+    if not (verdict.free and conditions.path_constraints):
+        return verdict
+    kept = certify_constraints(conditions.constrained_frames, conditions.world.bodies.turns, pieces, deadline)
+    return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
 
 def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:

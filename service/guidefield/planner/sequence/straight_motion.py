@@ -14,7 +14,7 @@ from guidefield.errors import Status
 from guidefield.planner.ends import check_start
 from guidefield.planner.goal_among_movers import keep_schedule
 from guidefield.planner.held_paths import among_what_rests
-from guidefield.planner.motion_certificate import Finished, enclosed_start
+from guidefield.planner.motion_certificate import Finished, certify_from_start, enclosed_start
 from guidefield.planner.path_motion import motion_along
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_certificate import certify_straight
@@ -24,7 +24,6 @@ from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
@@ -56,7 +55,9 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
             trajectory = motion_along(problem, path, 2**attempt)
             stage.outcome = f"{trajectory.duration:.3f} s"
         with stages.entered("certify", "on the exact geometry and on the straight way, between samples too") as stage:
-            verdict = _judge(still, way, trajectory.bezier())
+            verdict = certify_from_start(still, trajectory, problem.deadline)
+            if verdict.free:
+                verdict = _kept_straight(still, way, trajectory.bezier())
             problem.counters.collision_checks += verdict.evaluations
             stage.outcome = verdict.reason.value
         last = attempt == STRAIGHT.denser or 2 * places > STRAIGHT.most or problem.deadline.expired()
@@ -120,18 +121,6 @@ def _places(way: StraightWay) -> int:
     """Places beyond the start that are solved for."""
     wanted = max(way.length / STRAIGHT.spacing, way.angle / STRAIGHT.turning, 2.0)
     return min(math.ceil(wanted), STRAIGHT.most)
-
-
-def _judge(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
-    """Return whether a motion is free, keeps the path constraints and keeps to the way."""
-    inside = enclosed_start(problem, pieces[0, 0])
-    verdict = inside or certify(problem.world, pieces, problem.min_clearance, deadline=problem.deadline)
-    turns = problem.world.bodies.turns
-    if verdict.free:
-        verdict = _kept_straight(problem, way, pieces)
-    if verdict.free and problem.path_constraints:
-        verdict = certify_constraints(problem.constrained_frames, turns, pieces, problem.deadline)
-    return verdict
 
 
 def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:

@@ -14,14 +14,12 @@ from itertools import pairwise
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion_certificate import enclosed_start
+from guidefield.planner.motion_certificate import certify_from_start
 from guidefield.planner.sequence.composed import part
 from guidefield.planner.sequence.permissions import Allowed
 from guidefield.planner.sequence.straight_certificate import certify_straight
 from guidefield.planner.sequence.straight_way import StraightWay
 from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Verdict
 
 
@@ -86,16 +84,9 @@ def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict
         stretch: The part of the trajectory.
         deadline: Ends the judgement.
     """
-    pieces, times = stretch.motion.bezier(), stretch.motion.piece_times()
-    verdict = enclosed_start(stretch, pieces[0, 0], float(times[0]))
-    if verdict is None:
-        in_time = times if stretch.scene.moves else None
-        verdict = certify(stretch.world, pieces, stretch.min_clearance, deadline=deadline, times=in_time)
-    evaluations, turns = verdict.evaluations, stretch.world.bodies.turns
-    if verdict.free and stretch.path_constraints:
-        verdict = certify_constraints(stretch.constrained_frames, turns, pieces, deadline)
-        evaluations += verdict.evaluations
-    if verdict.free and stretch.way is not None:
-        verdict = certify_straight(stretch.way, stretch.group, turns, pieces, deadline)
-        evaluations += verdict.evaluations
-    return dataclasses.replace(verdict, evaluations=evaluations)
+    verdict = certify_from_start(stretch, stretch.motion, deadline)
+    if not verdict.free or stretch.way is None:
+        return verdict
+    turns, pieces = stretch.world.bodies.turns, stretch.motion.bezier()
+    kept = certify_straight(stretch.way, stretch.group, turns, pieces, deadline)
+    return dataclasses.replace(kept, evaluations=verdict.evaluations + kept.evaluations)
