@@ -12,10 +12,10 @@ from guidefield.messages.frozen_scenes import freeze
 from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 from guidefield.scene.built import BuiltScenes
-from guidefield.scene.carried import MANY
 from guidefield.scene.crop import MANY_MOVING, Ball, has_many, nearest_obstacles
+from guidefield.scene.incremental import MANY
 from guidefield.scene.scene import Scene, build
-from tests.scene.test_carried import OTHERS, PLACED
+from tests.scene.test_incremental import OTHERS, PLACED
 
 
 def scattered(seed: int, count: int, odd: float) -> messages.Scene:

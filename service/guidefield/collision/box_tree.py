@@ -9,7 +9,7 @@ import numpy as np
 from guidefield.geometry.curve_order import Along, along_curve, changed_along
 from guidefield.kernels.distance.bvh import boxes_above, overlaps_in_tree
 from guidefield.read_only import ReadOnly
-from guidefield.scene.carried import Rows
+from guidefield.scene.incremental import Rows
 
 CHILDREN = 16
 """Boxes behind one box of the next level."""

@@ -11,7 +11,7 @@ import numpy as np
 from guidefield.collision.box_tree import BoxTree
 from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
 from guidefield.read_only import ReadOnly
-from guidefield.scene.carried import Rows, carried
+from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, rows_of
 
@@ -134,7 +134,7 @@ def _over(known: ObstacleBoxes, rows: Rows, scene: Scene) -> ObstacleBoxes | Non
     return known.changed(rows, own_boxes([scene.obstacles[index] for index in rows.fresh]))
 
 
-@carried(_over)
+@incremental(_over)
 def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
     """The boxes about a scene's obstacles; made once for each scene."""
     return ObstacleBoxes.of(own_boxes(scene.obstacles))

@@ -26,7 +26,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
-from guidefield.scene.carried import Rows, carried
+from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.movers import movers
 from guidefield.scene.points import points_in
 from guidefield.scene.scene import Scene, build
@@ -179,7 +179,7 @@ def _over(known: np.ndarray, changed: Rows, scene: Scene) -> np.ndarray:
     return changed.carry(known, _as_rows(obstacle_boxes(scene).axes[changed.fresh]))
 
 
-@carried(_over)
+@incremental(_over)
 def _axis_rows(scene: Scene) -> np.ndarray:
     return _as_rows(obstacle_boxes(scene).axes)
 

@@ -23,10 +23,10 @@ from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
 from guidefield.kernels.collide.primitive_boxes import gaps_from_ball
 from guidefield.memo import memoized_by
-from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.cropped_surface import crop_surface, nearest_parts
 from guidefield.scene.facets import Facets
+from guidefield.scene.incremental import MANY, Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, declared_with, rows_of, with_others
 from guidefield.scene.swept import gaps_from_boxes, moving_ball, swept
@@ -148,7 +148,7 @@ def _of(scene: Scene, chosen: np.ndarray) -> Scene | None:
     return None if len(chosen) == len(scene.obstacles) else scene.of(chosen.tolist())
 
 
-@carried(_over)
+@incremental(_over)
 def nearest_obstacles(scene: Scene, ball: Ball, named: frozenset[str] = NOBODY) -> NearestObstacles:
     """Find the obstacles that may be nearest at some time, and all at rest that are no primitives; see `crop`.
 

@@ -37,8 +37,8 @@ from guidefield.kernels.collide.primitive_boxes import primitive_bodies
 from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud_tables import cloud_tables
+from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, is_other, placed_rows, rows_of, unplaced
 
@@ -100,7 +100,7 @@ def _carried_zeros(rows: Rows, values: np.ndarray) -> np.ndarray:
     return rows.carry(values, np.zeros((rows.count, *values.shape[1:]), values.dtype))
 
 
-@carried(_over)
+@incremental(_over)
 def _standing(scene: Scene) -> _Standing:
     bodies, owners = _in_order(scene)
     endless, inside = _split(bodies.kinds == HALF_SPACE)

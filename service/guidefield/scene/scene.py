@@ -19,9 +19,9 @@ from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.memo import memoized_by
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
-from guidefield.scene.carried import Rows, carried, note
 from guidefield.scene.content import Content
 from guidefield.scene.guide_plane import GuidePlane
+from guidefield.scene.incremental import Rows, incremental, note_change
 from guidefield.scene.motion import ObstacleMotion, posed
 from guidefield.scene.obstacle import Obstacle
 
@@ -198,7 +198,7 @@ def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: m
     vars(scene)["names"] = names.union(new) if new else names
     others = [index for index, one in zip(rows.fresh, fresh, strict=True) if is_other(one)]
     vars(scene)["others"] = tuple(sorted([*rows.stayed(before.others), *others]))
-    note(scene, before, rows)
+    note_change(scene, before, rows)
     return scene
 
 
@@ -270,7 +270,7 @@ def _over(known: np.ndarray, rows: Rows, scene: Scene) -> np.ndarray:
     return placed
 
 
-@carried(_over)
+@incremental(_over)
 def placed_rows(scene: Scene) -> np.ndarray:
     """`PLACED` of each obstacle of a scene, shape (n, 12), read-only; made once."""
     return rows_of(scene.obstacles)

@@ -29,9 +29,9 @@ from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
-from guidefield.scene.carried import Rows, carried
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
+from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
 
@@ -115,7 +115,7 @@ def _put(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Pa
     return True
 
 
-@carried(_over)
+@incremental(_over)
 def lane_scene(scene: Scene) -> LaneScene:
     """Build the tables of a scene's obstacles: primitives by a kernel, of the others those that are known by obstacle.
 

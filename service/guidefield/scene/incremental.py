@@ -1,7 +1,7 @@
 """Update tables of a scene incrementally: after a change only rows of other obstacles are made anew.
 
-A table that is carried over is the very one, to the last bit, that would be made of the changed scene alone. That of
-the scene before stays as it is.
+An updated table is the same, to the last bit, as one that is made of the changed scene alone. The table of the scene
+before stays as it is.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Concatenate, Generic, NamedTuple, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class Rows:
                 at, others = moved[others] + 1, others + 1
             runs.append((begin + at - place, end - at))
             place = end
-        return cls(_joined([*runs, (-1, count - place)]), before)
+        return cls(_merge_runs([*runs, (-1, count - place)]), before)
 
     @cached_property
     def count(self) -> int:
@@ -130,7 +130,7 @@ class Rows:
 
     @property
     def are_few(self) -> bool:
-        """True if so few are others that tables are worth to be carried over."""
+        """True if so few are others that an update pays."""
         return len(self.fresh) <= FEW * self.count
 
     def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -204,7 +204,7 @@ class Rows:
                 taken = min(end, ends[which]) - at
                 runs.append((first if first < 0 else first + many - (ends[which] - at), taken))
                 at, which = at + taken, which + 1
-        return Rows(_joined(runs), earlier.before)
+        return Rows(_merge_runs(runs), earlier.before)
 
 
 def _between(some: Iterable[int], count: int) -> Iterator[Run]:
@@ -218,8 +218,8 @@ def _between(some: Iterable[int], count: int) -> Iterator[Run]:
         yield begin, count - begin
 
 
-def _joined(runs: Iterable[Run]) -> list[Run]:
-    """Runs without empty ones, and those as one that go on where the one before ends, or are both of others."""
+def _merge_runs(runs: Iterable[Run]) -> list[Run]:
+    """Return the runs without empty ones; runs that continue the one before, or are both of others, are one."""
     joined = list[Run]()
     for begin, count in runs:
         if not count:
@@ -232,68 +232,64 @@ def _joined(runs: Iterable[Run]) -> list[Run]:
     return joined
 
 
-def note(scene: Any, before: Any, rows: Rows) -> None:
-    """Note what a scene was before a change: its obstacles are the same objects as there, where rows say so."""
+def note_change(scene: Any, before: Any, rows: Rows) -> None:
+    """Note the scene before a change; obstacles that stayed are the same objects, as the rows say."""
     vars(scene)[_BEFORE] = weakref.ref(before), rows
 
 
 _BEFORE = "_before"
-"""Where a scene has what it was changed from, which goes with its last user."""
+"""The attribute of a scene that refers to the scene before its change, which it doesn't keep alive."""
 
 
-def carried(
-    over: Callable[Concatenate[Table, Rows, Any, Rest], Table | None],
+def incremental(
+    update: Callable[Concatenate[Table, Rows, Any, Rest], Table | None],
 ) -> Callable[[Callable[Concatenate[Any, Rest], Table]], Callable[Concatenate[Any, Rest], Table]]:
-    """Make what a function makes of a scene once, as `memoized` does; if the scene is a changed one, by `over`.
+    """Memoize a function of a scene, and update its result when the scene is a changed one.
 
     Args:
-        over: Makes it of that of the scene before, given this, the rows, the scene and what else the function takes;
+        update: Makes the result from that of the scene before, the rows, the scene and the function's other arguments;
             None where it is sooner made anew.
     """
 
-    def decorated(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:
+    def decorate(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:
         known = Answers[Table]()
 
         @functools.wraps(make)
-        def made(scene: Any, /, *rest: Rest.args, **options: Rest.kwargs) -> Table:
+        def find(scene: Any, /, *rest: Rest.args, **options: Rest.kwargs) -> Table:
             asked = (rest, *options.items())
             table = known.of(scene, asked)
             if table is not MISSING:
                 return table
-            found = _before(scene, known, asked) if len(scene.obstacles) >= MANY else None
-            over_it = None if found is None else over(found.table, found.rows, scene, *rest, **options)
-            if found is not None:
-                found.forget_earlier(known, asked)
-            return known.keep(scene, asked, make(scene, *rest, **options) if over_it is None else over_it)
+            updated = None
+            if len(scene.obstacles) >= MANY and (found := _find_before(scene, known, asked)) is not None:
+                before, table, rows = found
+                updated = update(table, rows, scene, *rest, **options)
+                earlier = _read_before(before)[0]
+                if earlier is not None:
+                    known.forget(earlier, asked)  # tables of two scenes are kept, not of all
+            return known.keep(scene, asked, make(scene, *rest, **options) if updated is None else updated)
 
-        return made
+        return find
 
-    return decorated
-
-
-class _Found(NamedTuple, Generic[Table]):
-    """The table of the last scene before of which there is one, and the rows from there to here."""
-
-    scene: Any
-    table: Table
-    rows: Rows
-
-    def forget_earlier(self, known: Answers[Table], asked: object) -> None:
-        """Forget the table of what this scene was before: those of two scenes are at hand, not those of all."""
-        before = vars(self.scene).get(_BEFORE)
-        earlier = None if before is None else before[0]()
-        if earlier is not None:
-            known.forget(earlier, asked)
+    return decorate
 
 
-def _before(scene: Any, known: Answers[Table], asked: object) -> _Found[Table] | None:
+def _read_before(scene: Any) -> tuple[Any, Rows | None]:
+    """Return the scene before a change and the rows from there; None where there is none, or it is gone."""
+    before, rows = vars(scene).get(_BEFORE, (None, None))
+    return before and before(), rows
+
+
+def _find_before(scene: Any, known: Answers[Table], asked: object) -> tuple[Any, Table, Rows] | None:
+    """Return the last scene before that has a table, the table, and the rows from there to here."""
     rows: Rows | None = None
-    while _BEFORE in vars(scene):
-        before, step = vars(scene)[_BEFORE]
-        scene, rows = before(), step if rows is None else rows.after(step)
-        if scene is None or not rows.are_few:
+    while True:
+        scene, step = _read_before(scene)
+        if scene is None or step is None:
+            return None
+        rows = step if rows is None else rows.after(step)
+        if not rows.are_few:
             return None
         table = known.of(scene, asked)
         if table is not MISSING:
-            return _Found(scene, table, rows)
-    return None
+            return scene, table, rows

@@ -1,4 +1,4 @@
-"""What is carried over to a changed scene is, to the last bit, what is made of the same scene alone."""
+"""A table that is updated for a changed scene is, to the last bit, the one that is made of that scene alone."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from guidefield.messages.frozen_scenes import freeze
 from guidefield.messages.scene_changes import SceneDiff, apply_change
 from guidefield.messages.values import Placement
 from guidefield.prove.tables import obstacle_bodies
-from guidefield.scene import carried as room, content, distance_tables as of_distances, obstacle
+from guidefield.scene import content, distance_tables as of_distances, incremental as room, obstacle
 from guidefield.scene.built import BuiltScenes
-from guidefield.scene.carried import MANY, Rows, carried
 from guidefield.scene.crop import Ball, nearest_obstacles
 from guidefield.scene.distance_tables import distance_tables, moving_tables
+from guidefield.scene.incremental import MANY, Rows, incremental
 from guidefield.scene.scene import Scene, build, placed_rows
 from tests.scene.solids import l_prism
 
@@ -271,7 +271,7 @@ def test_a_table_is_carried_over_from_the_last_scene_that_has_it_and_made_anew_w
         calls.append(f"over {len(rows.fresh)}")
         return known
 
-    @carried(over)
+    @incremental(over)
     def table(scene: Scene) -> list[str]:
         calls.append("made")
         return []
@@ -327,7 +327,7 @@ def test_an_obstacle_that_leaves_the_box_about_all_is_carried_over_alike() -> No
 def test_tables_of_two_versions_are_at_hand_and_those_of_an_earlier_one_are_made_again() -> None:
     made: list[Scene] = []
 
-    @carried(lambda known, rows, scene: [*known])
+    @incremental(lambda known, rows, scene: [*known])
     def table(scene: Scene) -> list[str]:
         made.append(scene)
         return []
