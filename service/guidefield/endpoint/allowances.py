@@ -1,4 +1,4 @@
-"""What is left to each user of its quota: a query beyond it is refused at once."""
+"""The rest of each user's quota: a query beyond it is refused at once."""
 
 from __future__ import annotations
 

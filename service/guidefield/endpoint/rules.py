@@ -1,4 +1,4 @@
-"""What a service keeps to: its limits, with their values, and the rules by which queries are answered."""
+"""The limits of a service, with their values, and the rules by which it answers queries."""
 
 from __future__ import annotations
 

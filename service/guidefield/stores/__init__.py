@@ -1,1 +1,1 @@
-"""What outlives a request on disk: runs with their recordings, and scenes that clients stored."""
+"""Stores on disk: runs with their recordings, and the scenes and robots that clients stored."""

@@ -1,4 +1,4 @@
-"""What is known of robot and scene now: one snapshot, which any thread reads and one after the other replaces."""
+"""The current snapshot of robot and scene: any thread reads it, and one after the other replaces it."""
 
 from __future__ import annotations
 

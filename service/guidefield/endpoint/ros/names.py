@@ -1,4 +1,4 @@
-"""What things of ROS are called on Zenoh: data keys, and the liveliness tokens of which ROS makes its graph.
+"""Names of ROS entities on Zenoh: data keys, and the liveliness tokens of which ROS makes its graph.
 
 After the design document of rmw_zenoh: a service or topic has the key ``<domain>/<name>/<type>/<hash>``, and each node,
 publisher, subscription and service declares a token below ``@ros2_lv``. In tokens a slash of a name is a percent sign.

@@ -1,4 +1,4 @@
-"""How the service is offered to ROS 2 nodes."""
+"""Settings of the offer to ROS 2 nodes."""
 
 from __future__ import annotations
 

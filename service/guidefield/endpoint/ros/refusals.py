@@ -1,4 +1,4 @@
-"""What is refused over ROS: MoveIt's error codes, and a sentence that names the field."""
+"""Refusals over ROS: MoveIt's error codes, and a sentence that names the field."""
 
 from __future__ import annotations
 

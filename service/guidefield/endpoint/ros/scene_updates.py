@@ -1,4 +1,4 @@
-"""What a moveit_msgs/PlanningScene changes, with MoveIt's meanings: objects, what is held, who may touch whom."""
+"""Changes by a moveit_msgs/PlanningScene, with MoveIt's meanings: objects, held objects, allowed collisions."""
 
 from __future__ import annotations
 

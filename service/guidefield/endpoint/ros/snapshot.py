@@ -1,4 +1,4 @@
-"""What is known of robot and scene at one moment; a value that is replaced, never changed."""
+"""Robot and scene as ROS nodes described them at one moment; a value that is replaced, never changed."""
 
 from __future__ import annotations
 
