@@ -49,3 +49,27 @@ def touching(world: World, q: np.ndarray) -> list[int]:
     scratch = scratch_space(geometry)
     pin.computeCollisions(world.model, data, geometry, scratch, q, False)
     return [index for index, result in enumerate(scratch.collisionResults) if result.isCollision()]
+
+
+def part_separations(world: World, placements: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Lower bounds of the distances of pairs by balls about parts of bodies; minus infinity where balls overlap.
+
+    Joints stand at placements, shape (njoints, 3, 4) [m].
+    """
+    about = world.bodies
+    first, second = world.pairs.bodies(pairs).T
+    own, found = pairs < world.pairs.n_self, np.empty(len(pairs))
+
+    def centres(of: np.ndarray) -> np.ndarray:
+        carriers = placements[about.joints[of]]
+        placed: np.ndarray = about.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
+        return placed
+
+    between = centres(first[own])[:, :, None] - centres(second[own])[:, None]
+    radii = about.part_radii
+    found[own] = (
+        np.linalg.norm(between, axis=3).min(axis=(1, 2), initial=np.inf) - radii[first[own]] - radii[second[own]]
+    )
+    gaps = world.boxes.gaps(centres(first[~own]), second[~own] - world.pairs.links).min(axis=1)
+    found[~own] = gaps - radii[first[~own]]
+    return np.where(found > 0.0, found, -np.inf)

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from guidefield.collision.bodies import bounding_ball, joint_placements, parts_of
+from guidefield.collision.clearance import separations
 from guidefield.geometry.bvh import bvh
-from tests.collision.listed import are_signed
+from tests.collision.listed import are_signed, part_separations
 from tests.collision.scenery import panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances
 from tests.robots import group, random_configuration
@@ -28,7 +29,7 @@ def test_separations_are_lower_bounds_of_signed_distances(name, seed):
     world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
     q = random_configuration(world.group, seed)
     pairs = np.arange(len(world.pairs))
-    bounds = world.near_pairs.separations(centres(world, q)[None], np.zeros(len(pairs), int), pairs)
+    bounds = separations(world, centres(world, q), pairs)
     distances = pair_distances(world, q)
     distances[~are_signed(world)] = np.maximum(distances[~are_signed(world)], 0.0)
     assert (bounds <= distances + 2e-6).all()
@@ -42,18 +43,13 @@ def test_separations_of_parts_are_lower_bounds_and_many_are_closer(name, seed):
     world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
     pairs = np.arange(len(world.pairs))
     qs = [random_configuration(world.group, seed + k) for k in range(2)]
-    by_balls, placements = [], []
     for q in qs:
-        at = np.zeros(len(pairs), int)
-        by_balls.append(world.near_pairs.separations(centres(world, q)[None], at, pairs))
-        placements.append(world.joint_placements.copy())
-    which = np.repeat([0, 1], len(pairs))
-    bounds = world.near_pairs.closer_separations(np.array(placements), which, np.tile(pairs, 2))
-    for k, q in enumerate(qs):
+        by_balls = separations(world, centres(world, q), pairs)
+        bounds = part_separations(world, world.joint_placements, pairs)
         distances = pair_distances(world, q)
         distances[~are_signed(world)] = np.maximum(distances[~are_signed(world)], 0.0)
-        assert (bounds[which == k] <= distances + 2e-6).all()
-        assert (bounds[which == k] > np.maximum(by_balls[k], 0.0) + 5e-3).mean() > 0.05
+        assert (bounds <= distances + 2e-6).all()
+        assert (bounds > np.maximum(by_balls, 0.0) + 5e-3).mean() > 0.05
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova"])

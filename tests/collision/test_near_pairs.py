@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.box_tree import CHILDREN, BoxTree
-from guidefield.collision.clearance import clearance_at
+from guidefield.collision.clearance import clearance_at, separations
 from guidefield.collision.obstacle_boxes import boxes_along_axes, obstacle_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import ROOM, TOUCHING
 from guidefield.messages import scene as messages
 from guidefield.prove.certificate import certify
 from guidefield.scene.scene import build
-from tests.collision.listed import touching
+from tests.collision.listed import part_separations, touching
 from tests.collision.scenery import box, scattered, world_of
 from tests.collision.test_world import pair_distances
 from tests.robots import group, rest
@@ -145,10 +145,10 @@ def test_near_pairs_are_those_that_bounds_of_all_pairs_leave(name):
     pairs, margin = np.arange(len(world.pairs)), np.full(len(world.pairs), TOUCHING)
     for q, near in zip(qs, world.near_each(qs), strict=True):
         world.place(q)
-        placements = world.joint_placements[None].copy()
-        centres, at = world.bodies.centres_in_world(placements), np.zeros(len(pairs), np.int64)
-        bounds = world.near_pairs.separations(centres, at, pairs)
-        close = np.maximum(bounds, world.near_pairs.closer_separations(placements, at, pairs)) <= margin
+        placements = world.joint_placements.copy()
+        centres = world.bodies.centres_in_world(placements)
+        bounds = separations(world, centres, pairs)
+        close = np.maximum(bounds, part_separations(world, placements, pairs)) <= margin
         assert near == np.flatnonzero(close).tolist() == world.near(q)
         assert 0 < len(near) < len(pairs)
 

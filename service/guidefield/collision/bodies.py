@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from guidefield.kernels.collide.near_pairs import BodyBalls
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
@@ -91,6 +93,11 @@ class Bodies:
     moved_by: np.ndarray
     turns: np.ndarray
 
+    @cached_property
+    def balls(self) -> BodyBalls:
+        """The balls as kernels read them."""
+        return BodyBalls(self.joints, self.centres, self.radii, self.part_centres, self.part_radii)
+
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
         """Centres of the balls in the world.
 
@@ -104,21 +111,6 @@ class Bodies:
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres
 
-    def part_centres_in_world(self, placements: np.ndarray, which: np.ndarray, of: np.ndarray) -> np.ndarray:
-        """Centres of the balls about parts of robot bodies in the world.
-
-        Args:
-            placements: As in `centres_in_world`, of s configurations, shape (s, njoints, 3, 4) [m].
-            which: Configuration for each body that is asked for, shape (m,).
-            of: The bodies, shape (m,).
-
-        Returns:
-            Shape (m, `PARTS`, 3) [m, world].
-        """
-        carriers = placements[which, self.joints[of]]
-        centres: np.ndarray = self.part_centres[of] @ carriers[..., :3].swapaxes(1, 2) + carriers[:, None, :, 3]
-        return centres
-
 
 @memoized_for_alike
 def bodies(group: PlanningGroup) -> Bodies:
@@ -126,7 +118,7 @@ def bodies(group: PlanningGroup) -> Bodies:
     model, shapes = group.model, list(group.geometry.geometryObjects)
     balls = [bounding_ball(shape.geometry) for shape in shapes]
     parts = [parts_of(shape.geometry) for shape in shapes]
-    joints = np.array([shape.parentJoint for shape in shapes], int)
+    joints = np.array([shape.parentJoint for shape in shapes], np.int64)
     moved_by = np.zeros((len(shapes), model.nv), bool)
     turns = np.zeros(model.nv, bool)
     for index in range(1, model.njoints):
@@ -139,15 +131,17 @@ def bodies(group: PlanningGroup) -> Bodies:
         moved_by[:, columns] = np.array([index in model.supports[carrier] for carrier in joints.tolist()])[:, None]
     arrays = {
         "joints": joints,
-        "centres": np.array([shape.placement.act(ball[0]) for shape, ball in zip(shapes, balls, strict=True)]),
-        "radii": np.array([radius for _, radius in balls]),
+        "centres": np.array(
+            [shape.placement.act(ball[0]) for shape, ball in zip(shapes, balls, strict=True)], float
+        ).reshape(-1, 3),
+        "radii": np.array([radius for _, radius in balls], float),
         "part_centres": np.array(
             [
                 part[0] @ shape.placement.rotation.T + shape.placement.translation
                 for shape, part in zip(shapes, parts, strict=True)
             ]
         ).reshape(-1, PARTS, 3),
-        "part_radii": np.array([radius for _, radius in parts]),
+        "part_radii": np.array([radius for _, radius in parts], float),
         "moved_by": moved_by,
         "turns": turns,
     }

@@ -24,6 +24,9 @@ HULL_ACCURACY = 1e-6
 """How far off Coal's distance of two hulls may be [m]."""
 
 
+BOX_MARGIN = 1e-9
+"""What boxes about balls are wider by, of a metre and of each metre that they are from the origin, for rounding [m]."""
+
 _Closest = tuple[float, int, ClosestPoints]
 """Distance [m], index and closest points of a pair."""
 
@@ -78,7 +81,7 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
     """
     inside = enclosed_pairs(world, q)
     world.place(q)
-    centres = world.bodies.centres_in_world(world.joint_placements)[None]
+    centres = world.bodies.centres_in_world(world.joint_placements)
     own, obstacle = _closest(world, centres, np.arange(world.pairs.n_self)), _closest_obstacle(world, centres)
     for pair in inside:
         if pair < world.pairs.n_self:
@@ -139,21 +142,54 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
 
     Args:
         world: Robot and obstacles; the robot is placed.
-        centres: Of the balls about its bodies, shape (1, r, 3) [m, world].
+        centres: Of the balls about its bodies, shape (r, 3) [m, world].
     """
     reach, count = FIRST_REACH, len(world.pairs) - world.pairs.n_self
     while True:
-        pairs = world.near_pairs.by_place(centres, np.full((1, world.pairs.links), reach))[1]
+        pairs = _pairs_within(world, centres, reach)
         closest = _closest(world, centres, pairs)
         if len(pairs) == count or (closest is not None and closest[0] <= reach):
             return closest
         reach = 2.0 * reach if closest is None else closest[0]
 
 
+def separations(world: World, centres: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """Lower bounds of the signed distances of chosen pairs, by one ball about each of the robot's bodies.
+
+    A ball that overlaps another, or a box from outside, bounds the depth too; a centre inside a box bounds nothing:
+    minus infinity.
+
+    Args:
+        world: Robot and obstacles.
+        centres: Of the balls, shape (r, 3) [m, world].
+        pairs: Indices of the pairs, shape (m,).
+
+    Returns:
+        Shape (m,) [m].
+    """
+    first, second = world.pairs.bodies(pairs).T
+    own, radii, found = pairs < world.pairs.n_self, world.bodies.radii, np.empty(len(pairs))
+    a, b = first[own], second[own]
+    between = centres[a] - centres[b]
+    found[own] = np.sqrt(np.einsum("mi,mi->m", between, between)) - radii[a] - radii[b]
+    body, obstacle = first[~own], second[~own] - world.pairs.links
+    gaps = world.boxes.gaps(centres[body][:, None], obstacle)[:, 0]
+    found[~own] = np.where(gaps > 0.0, gaps - radii[body], -np.inf)
+    return found
+
+
+def _pairs_within(world: World, centres: np.ndarray, margin: float) -> np.ndarray:
+    """Find the pairs with obstacles whose boxes are within a margin of those about balls: no others are as near."""
+    moving = world.pairs.moving
+    middle = centres[moving]
+    reach = (world.bodies.radii[moving] + margin)[:, None] + BOX_MARGIN * (1.0 + np.abs(middle))
+    return world.pairs.with_obstacles(*world.boxes.overlapping(middle - reach, middle + reach))[1]
+
+
 def _closest(world: World, centres: np.ndarray, pairs: np.ndarray) -> _Closest | None:
     """Distance, index and closest points of the closest of some pairs (k,)."""
     closest = None
-    bounds = world.near_pairs.separations(centres, np.zeros(len(pairs), int), pairs)
+    bounds = separations(world, centres, pairs)
     waiting = [(bound, pair, False) for bound, pair in zip(bounds.tolist(), pairs.tolist(), strict=True)]
     heapq.heapify(waiting)
     while waiting and (closest is None or waiting[0][0] <= closest[0]):

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from guidefield.collision.box_tree import BoxTree
+from guidefield.collision.box_tree import CHILDREN, BoxTree
+from guidefield.kernels.collide.near_pairs import BoxedObstacles
 from guidefield.kernels.collide.primitive_boxes import along_both, primitive_boxes
-from guidefield.read_only import ReadOnly
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, rows_of
@@ -112,6 +114,23 @@ class ObstacleBoxes(ReadOnly):
         outside = np.maximum(np.abs(along) - halves[obstacles, None], 0.0)
         found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
         return found
+
+    @cached_property
+    def tables(self) -> BoxedObstacles:
+        """The boxes as kernels read them."""
+        order = self.tree.order
+        made = BoxedObstacles(
+            axes=self.axes,
+            centres=self.centres,
+            halves=self.halves,
+            nodes=self.tree.nodes,
+            levels=self.tree.firsts,
+            children=CHILDREN,
+            order=self.bounded[order] if len(self.endless) else order,
+            apart=self.endless,
+        )
+        read_only(*made)
+        return made
 
     @property
     def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from guidefield.kernels.collide.near_pairs import PairTable
 from guidefield.read_only import ReadOnly
 
 PairNames = tuple[str, str]
@@ -37,6 +38,11 @@ class Pairs(ReadOnly):
     def __len__(self) -> int:
         """How many there are."""
         return len(self.own) + len(self.moving) * self.obstacles - len(self.left_out)
+
+    @cached_property
+    def table(self) -> PairTable:
+        """The pairs as kernels read them."""
+        return PairTable(self.own, self.moving, self.left_out)
 
     @cached_property
     def n_self(self) -> int:

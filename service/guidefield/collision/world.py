@@ -18,12 +18,11 @@ from guidefield.collision.coal_transforms import CoalTransforms
 from guidefield.collision.hulls import link_hulls, obstacle_hull
 from guidefield.collision.motion_bound import MotionBound, motion_bound
 from guidefield.collision.narrow_phase import NarrowPhase
-from guidefield.collision.near_pairs import NearPairs, balled_robot, boxed_obstacles
 from guidefield.collision.obstacle_boxes import ObstacleBoxes, obstacle_boxes
 from guidefield.collision.pairs import PairNames, Pairs
 from guidefield.collision.penetration_depth import ClosestPoints
 from guidefield.errors import SceneInvalid
-from guidefield.kernels.collide.near_pairs import BalledRobot, BoxedObstacles, find_near_pairs
+from guidefield.kernels.collide.near_pairs import find_near_pairs
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
@@ -142,11 +141,6 @@ class World:
     def bodies(self) -> Bodies:
         """Balls about the robot's bodies."""
         return bodies(self.group)
-
-    @cached_property
-    def near_pairs(self) -> NearPairs:
-        """Which pairs may be near each other."""
-        return NearPairs(self.pairs, self.bodies, self.boxes)
 
     @cached_property
     def motion_bound(self) -> MotionBound:
@@ -276,7 +270,8 @@ class World:
         if of is not None:
             own = own[of[self.pairs.own].any(axis=1)]
             moving = moving[of[self.pairs.moving]] if self.scene.convex else moving
-        given = *self._near_tables, placements.reshape(*placements.shape[:2], 12), TOUCHING, own, moving
+        tables = self.bodies.balls, self.boxes.tables, self.pairs.table
+        given = *tables, placements.reshape(*placements.shape[:2], 12), TOUCHING, own, moving
         count, found = ROOM, np.empty((0, 2), np.int64)
         while count > len(found):
             found = np.empty((count, 2), np.int64)
@@ -285,11 +280,6 @@ class World:
         for at, pair in sorted(found[:count].tolist()):
             near[at].append(pair)
         return near
-
-    @cached_property
-    def _near_tables(self) -> tuple[BalledRobot, BoxedObstacles]:
-        """The robot and the obstacles as `find_near_pairs` reads them."""
-        return balled_robot(self.group, self.pairs), boxed_obstacles(self.scene, self.pairs)
 
     def in_collision_each(
         self, qs: Sequence[ModelConfiguration], near: Sequence[list[int]] | None = None

@@ -10,9 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import bodies, joint_placements
-from guidefield.collision.box_tree import CHILDREN
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lanes.scene_tables import primitive_parts, surface_parts
+from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.robot_ball import robot_ball
@@ -26,10 +25,9 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
-from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.movers import movers
 from guidefield.scene.points import points_in
-from guidefield.scene.scene import Scene, build
+from guidefield.scene.scene import Scene, build, unplaced
 from guidefield.scene.swept import motion_of
 
 ROUNDED = 1e-5
@@ -141,9 +139,9 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
         centred=np.ascontiguousarray(bound.centred, float),
         turns=bound.turns.astype(float),
         doubled=bound.doubled,
-        carriers=about.joints.astype(np.int64),
-        centres=np.ascontiguousarray(about.centres, float).reshape(-1, 3),
-        radii=np.array(about.radii, float),
+        carriers=about.joints,
+        centres=about.centres,
+        radii=about.radii,
         moved_by=_choose(about.moved_by, np.arange(group.model.nv), group.model.nv),
         moves=np.where(about.moved_by, 1.0, -1.0),
         roots=roots,
@@ -157,36 +155,17 @@ def _alike_bodies(group: PlanningGroup, own_pairs: bytes) -> RobotBodies:
 @memoized
 def obstacle_bodies(scene: Scene, *, timed: bool) -> ObstacleBodies:
     """The obstacles of a scene where they are first; those that move apart from the others where time counts."""
-    boxes, (roots, parts, anchor) = obstacle_boxes(scene), _obstacle_parts(scene)
-    axes, apart = _axis_rows(scene), boxes.endless
-    movers_of, resting, order = np.full(len(roots), -1), boxes, boxes.tree.order
-    order = boxes.bounded[order] if len(boxes.endless) else order
+    boxes, (roots, parts, anchor) = obstacle_boxes(scene).tables, _obstacle_parts(scene)
+    movers_of = np.full(len(roots), -1)
     if timed and scene.moves:
         moving = movers(scene).indices
         movers_of[moving] = np.arange(len(moving))
-        rest, resting = np.flatnonzero(movers_of < 0), obstacle_boxes(scene.resting)
-        order = rest[resting.bounded[resting.tree.order]]
-        apart = np.union1d(rest[resting.endless], moving)
-    tables = ObstacleBodies(
-        axes, boxes.centres, boxes.halves, roots, parts, anchor, resting.tree.nodes, resting.tree.firsts, CHILDREN,
-        order, apart, movers_of,
-    )  # fmt: skip
-    read_only(axes, order, apart, movers_of, tables.nodes, tables.levels)
-    return tables
-
-
-def _over(known: np.ndarray, changed: Rows, scene: Scene) -> np.ndarray:
-    return changed.carry(known, _as_rows(obstacle_boxes(scene).axes[changed.fresh]))
-
-
-@incremental(_over)
-def _axis_rows(scene: Scene) -> np.ndarray:
-    return _as_rows(obstacle_boxes(scene).axes)
-
-
-def _as_rows(axes: np.ndarray) -> np.ndarray:
-    """Axes one after the other, shape (o, 9), of axes as columns, row by row."""
-    return np.ascontiguousarray(axes.reshape(-1, 3, 3).transpose(0, 2, 1)).reshape(-1, 9)
+        rest, resting = np.flatnonzero(movers_of < 0), obstacle_boxes(scene.resting).tables
+        order, apart = rest[resting.order], np.union1d(rest[resting.apart], moving)
+        read_only(order, apart)
+        boxes = boxes._replace(nodes=resting.nodes, levels=resting.levels, order=order, apart=apart)
+    read_only(movers_of)
+    return ObstacleBodies(boxes, roots, parts, anchor, movers_of)
 
 
 @memoized
@@ -235,13 +214,7 @@ read_only(*NOTHING_MOVES)
 
 def body_pairs(world: World) -> BodyPairs:
     """The pairs of a world."""
-    own = world.pairs.own
-    pairs = BodyPairs(
-        np.ascontiguousarray(own.reshape(-1, 2)), world.pairs.moving, world.pairs.left_out,
-        *_seen_between(world.group, own.tobytes()),
-    )  # fmt: skip
-    read_only(*pairs)
-    return pairs
+    return BodyPairs(*world.pairs.table, *_seen_between(world.group, world.pairs.own.tobytes()))
 
 
 def index_of_pair(world: World, pair: int) -> int:
@@ -316,8 +289,9 @@ def robot_parts(group: PlanningGroup) -> BodyParts:
         placement = pin.SE3(shape.placement.rotation, shape.placement.translation - shift)
         add = table.add_surface if isinstance(shape.geometry, coal.BVHModelBase) else table.add_shape
         roots.append(add(shape.geometry, placement))
-    read_only(anchor)
-    return BodyParts(_freeze(roots), table.tables(), anchor)
+    made = BodyParts(np.array(roots, np.int64), table.tables(), anchor)
+    read_only(*made)
+    return made
 
 
 @memoized
@@ -335,18 +309,16 @@ def _obstacle_parts(scene: Scene) -> BodyParts:
 
 
 def _parts_in_world(scene: Scene) -> BodyParts:
-    table, (primitive_roots, primitives) = PartsTable(), primitive_parts(scene)
-    first = table.add_parts(primitives)
-    of_primitives = iter((first + primitive_roots).tolist())
-    roots = [
-        next(of_primitives)
-        if obstacle.placed
-        else table.add_parts(surface_parts(obstacle))
-        if obstacle.facets is not None
-        else table.add_shape(obstacle.shape, obstacle.placement)
-        for obstacle in scene.obstacles
-    ]
-    return BodyParts(_freeze(roots), table.tables(), _ORIGIN)
+    known = lane_scene(scene)
+    roots, parts = known.roots, known.tables[1]
+    clouds = [index for index in unplaced(scene) if scene.obstacles[index].cloud is not None]
+    if clouds:
+        table, roots = PartsTable(), roots.copy()
+        table.add_parts(parts)
+        roots[clouds] = [table.add_parts(balls_of_cloud(scene.obstacles[index])) for index in clouds]
+        parts = table.tables()
+        read_only(roots)
+    return BodyParts(roots, parts, _ORIGIN)
 
 
 def _shift(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
@@ -364,9 +336,3 @@ def _shift(message: messages.Obstacle, anchor: np.ndarray) -> messages.Obstacle:
 
 _ORIGIN = np.zeros(3)
 read_only(_ORIGIN)
-
-
-def _freeze(roots: list[int]) -> np.ndarray:
-    array = np.array(roots, np.int64)
-    read_only(array)
-    return array

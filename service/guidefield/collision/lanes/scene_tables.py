@@ -19,9 +19,8 @@ from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, clou
 from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_tree import mesh_tree
-from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
-from guidefield.kernels.collide.parts import FIRST_BLOCK, LINK, SHAPE, Parts
+from guidefield.kernels.collide.parts import FIRST_BLOCK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
 from guidefield.kernels.collide.primitives_layout import LINE, SCENE_WORDS, primitive_tables
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
@@ -29,6 +28,7 @@ from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
+from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
 from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.incremental import Rows, incremental
@@ -40,23 +40,17 @@ class _Tables(NamedTuple):
     """Tables of some obstacles, as if there were no other.
 
     Attributes:
-        sizes: How many stand-ins, nodes, parts and blocks of vertices there are.
         places: Kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words
             of what is a cloud, else 0, shape (k, 4).
         primitives: Their numbers, shape (k, PRIMITIVE), float32.
         boxes: Their boxes along the world's axes, the least x, y, z, then the largest, shape (k, 6), float32.
-        balls, links, shapes, numbers, vertices: Those of its parts, row by row.
+        parts: Its parts.
     """
 
-    sizes: tuple[int, int, int, int]
     places: np.ndarray
     primitives: np.ndarray
     boxes: np.ndarray
-    balls: np.ndarray
-    links: np.ndarray
-    shapes: np.ndarray
-    numbers: np.ndarray
-    vertices: np.ndarray
+    parts: Parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +59,14 @@ class LaneScene:
 
     Attributes:
         owners: Which obstacle of the scene each of them stands for, shape (n,).
+        roots: Root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin.
         words: As the kernels know them, obstacles and parts, packed: true as long as this is held.
         made: Makes the same as arrays; holds their memory.
         memory: That memory, and where in it the first array is [bytes]; None where there are others than primitives.
     """
 
     owners: np.ndarray
+    roots: np.ndarray
     words: Words
     made: Callable[[], tuple[LaneObstacles, Parts]]
     memory: tuple[np.ndarray, int] | None = None
@@ -126,21 +122,16 @@ def lane_scene(scene: Scene) -> LaneScene:
     owners = np.arange(len(placed))
     if not others:
         return _primitives(placed, owners)
-    tables = [_tables(scene.obstacles[index]) for index in others]
-    owners = np.delete(owners, others)
-    owners = np.concatenate([owners, np.repeat(others, [table.sizes[0] for table in tables])])
-    obstacles, parts = made = _with(*_primitives(np.delete(placed, others, axis=0), owners).tables, tables)
-    for array in (*obstacles[1:], *parts):
-        array.setflags(write=False)
-    return LaneScene(owners, packed(made), lambda: made)
-
-
-def primitive_parts(scene: Scene) -> tuple[np.ndarray, Parts]:
-    """The parts of those obstacles of a scene that are primitives, in the world, and the root of each, shape (k,)."""
-    placed = np.delete(placed_rows(scene), others := unplaced(scene), axis=0)
-    made = _primitives(placed, np.arange(len(placed))) if others else lane_scene(scene)
-    obstacles, parts = made.tables
-    return obstacles.roots, parts
+    tables, kept = [_tables(scene.obstacles[index]) for index in others], np.delete(owners, others)
+    owners = np.concatenate([kept, np.repeat(others, [len(table.places) for table in tables])])
+    (obstacles, parts), table = _primitives(np.delete(placed, others, axis=0), owners).tables, PartsTable()
+    if len(kept):  # else the parts of one mesh, which may be large, are not copied
+        table.add_parts(parts)
+    roots = np.empty(len(placed), np.int64)
+    roots[kept], roots[others] = obstacles.roots, [table.add_parts(one.parts) for one in tables]
+    made = _behind(obstacles, tables, roots[others]), table.tables()
+    read_only(roots, *made[0][1:])
+    return LaneScene(owners, roots, packed(made), lambda: made)
 
 
 def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
@@ -160,27 +151,18 @@ def _in_memory(owners: np.ndarray, words: Words, layout: LaneMemory, memory: np.
         obstacles = LaneObstacles(len(owners), *(views[name] for name in LaneObstacles._fields[1:]))
         return obstacles, Parts(**{name: views[name] for name in Parts._fields})
 
-    return LaneScene(owners, words, made, (memory, begins))
+    read_only(owners)
+    return LaneScene(owners, owners, words, made, (memory, begins))
 
 
-def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tuple[LaneObstacles, Parts]:
-    """Tables of primitives with those of other obstacles behind them."""
+def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) -> LaneObstacles:
+    """Tables of primitives with those of other obstacles behind them, whose parts begin at some nodes, shape (k,)."""
     n = len(obstacles.kinds)
-    sizes = np.array([(n, n, n, len(parts.vertices) // BLOCK), *(table.sizes for table in tables)])
-    first = (np.cumsum(sizes, axis=0) - sizes)[1:].tolist()
-    places = np.concatenate([table.places for table in tables])
-    places[:, 2] += np.repeat([nodes for _, nodes, _, _ in first], sizes[1:, 0])
-    links = [
-        (table.links + np.where(table.links >= 0, [nodes, nodes, shapes], 0) if nodes else table.links).ravel()
-        for table, (_, nodes, shapes, _) in zip(tables, first, strict=True)
-    ]
-    shapes = [
-        (table.shapes + np.array([0, block, 0]) if block else table.shapes).ravel()
-        for table, (_, _, _, block) in zip(tables, first, strict=True)
-    ]
+    places = np.concatenate([one.places for one in tables])
+    places[:, 2] += np.repeat(roots, [len(one.places) for one in tables])
     index = np.arange(n, n + len(places))
     all_boxes = obstacles.boxes.copy()
-    boxes = np.concatenate([table.boxes for table in tables])
+    boxes = np.concatenate([one.boxes for one in tables])
     all_boxes.reshape(-1, 6, LANES)[index // LANES, :, index % LANES] = boxes
     return LaneObstacles(
         size=obstacles.size,
@@ -188,21 +170,10 @@ def _with(obstacles: LaneObstacles, parts: Parts, tables: list[_Tables]) -> tupl
         whole=np.concatenate([obstacles.whole, places[:, 1]]),
         roots=np.concatenate([obstacles.roots, places[:, 2]]),
         may_touch=obstacles.may_touch,
-        primitives=np.concatenate([obstacles.primitives, *(table.primitives.ravel() for table in tables)]),
+        primitives=np.concatenate([obstacles.primitives, *(one.primitives.ravel() for one in tables)]),
         boxes=all_boxes,
         clouds=np.concatenate([obstacles.clouds, places[:, 3]]),
-    ), Parts(
-        balls=_behind(parts.balls, [table.balls for table in tables]),
-        links=_behind(parts.links, links),
-        shapes=_behind(parts.shapes, shapes),
-        numbers=_behind(parts.numbers, [table.numbers for table in tables]),
-        vertices=_behind(parts.vertices, [table.vertices for table in tables]),
     )
-
-
-def _behind(first: np.ndarray, others: list[np.ndarray]) -> np.ndarray:
-    """Arrays one behind the other; one that is alone isn't copied: of a million triangles it is large."""
-    return others[0] if len(others) == 1 and not len(first) else np.concatenate([first, *others])
 
 
 def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None) -> None:
@@ -263,7 +234,7 @@ def _make_flat(obstacles: Sequence[Obstacle]) -> list[_Tables]:
     begin, kept = 0, []
     for obstacle, flat in zip(obstacles, made, strict=True):
         own = slice(begin, begin + len(flat.nodes))
-        kept.append(_MADE.keep(obstacle, None, _tables_with(flat.parts, places[own], numbers[own], boxes[own])))
+        kept.append(_MADE.keep(obstacle, None, _Tables(places[own], numbers[own], boxes[own], flat.parts)))
         begin = own.stop
     return kept
 
@@ -272,40 +243,19 @@ def _tables_of(obstacle: Obstacle) -> _Tables:
     if obstacle.cloud is None and obstacle.faces > MOST_TRIANGLES:
         made = large_surface(obstacle)
         parts = Parts(**{name: made[name] for name in Parts._fields})
-        return _tables_with(parts, _places_of(made["nodes"]), made["primitives"], made["boxes"])
+        return _Tables(_places_of(made["nodes"]), made["primitives"], made["boxes"], parts)
     if _is_flat(obstacle):
         return _make_flat([obstacle])[0]
     table = PartsTable()
     places, rows = _stand_ins(obstacle, table)
     address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
     places = np.column_stack([places, np.full(len(places), address)])
-    return _tables_with(table.tables(), places, rows.astype(np.float32), boxes_about(rows).astype(np.float32))
-
-
-def _tables_with(parts: Parts, places: np.ndarray, primitives: np.ndarray, boxes: np.ndarray) -> _Tables:
-    return _Tables(
-        (len(places), len(parts.balls) // BALL_ROW, len(parts.shapes) // SHAPE, len(parts.vertices) // BLOCK),
-        places,
-        primitives,
-        boxes,
-        parts.balls,
-        parts.links.reshape(-1, LINK),
-        parts.shapes.reshape(-1, SHAPE),
-        parts.numbers,
-        parts.vertices,
-    )
-
-
-def surface_parts(obstacle: Obstacle) -> Parts:
-    """The parts of an obstacle that isn't convex, in the world: the first node is about all of it."""
-    if obstacle.cloud is not None:
-        return _cloud_parts(obstacle)
-    made = _tables(obstacle)
-    return Parts(made.balls, made.links.ravel(), made.shapes.ravel(), made.numbers, made.vertices)
+    return _Tables(places, rows.astype(np.float32), boxes_about(rows).astype(np.float32), table.tables())
 
 
 @memoized
-def _cloud_parts(obstacle: Obstacle) -> Parts:
+def balls_of_cloud(obstacle: Obstacle) -> Parts:
+    """The balls of a cloud as parts, in the world: the first node is about all of them."""
     assert obstacle.cloud is not None, "only clouds are asked for"
     return cloud_parts(obstacle, obstacle.cloud)
 

@@ -25,8 +25,8 @@ WIDER = 1e-9
 """Margin of boxes about balls, for rounding, of a metre and of each metre that they are from the origin [m]."""
 
 
-class BalledRobot(NamedTuple):
-    """Balls about a robot's r bodies, and its own p pairs.
+class BodyBalls(NamedTuple):
+    """Balls about a robot's r bodies.
 
     Attributes:
         carriers: The joint that carries each body, shape (r,).
@@ -34,8 +34,6 @@ class BalledRobot(NamedTuple):
         radii: Their radii, shape (r,) [m].
         part_centres: Centres of balls that together hold a body, in the same frame, shape (r, parts, 3) [m].
         part_radii: Their radii, shape (r,) [m].
-        own: Bodies of the robot's own pairs, shape (p, 2).
-        moving: The bodies that are tested against obstacles, ascending, shape (m,).
     """
 
     carriers: Indices
@@ -43,8 +41,6 @@ class BalledRobot(NamedTuple):
     radii: Row
     part_centres: Blocks
     part_radii: Row
-    own: IndexRows
-    moving: Indices
 
 
 class BoxedObstacles(NamedTuple):
@@ -52,27 +48,38 @@ class BoxedObstacles(NamedTuple):
 
     Attributes:
         axes: The axes of their own boxes as columns, row by row, shape (o, 9).
-        middles: Centres along these, shape (o, 3) [m].
+        centres: Centres along these, shape (o, 3) [m].
         halves: Half extents, shape (o, 3) [m]; infinite for those without an end.
-        nodes, levels: Of the tree, as `collision.box_tree.BoxTree` has them, shapes (k, 6) [m, world], (levels + 1,).
-        children: Of how many of its boxes one of the next level is made.
+        nodes: Lower and upper corners of the tree's boxes, shape (k, 6) [m, world]: those about obstacles, then those
+            about every `children` of the level before.
+        levels: Begin of each level among them, and the number of all, shape (levels + 1,).
+        children: Boxes below one box of the next level.
         order: The obstacle of each box of the first level.
-        endless: The obstacles that are in no box, shape (e,).
-        left_out: Pairs with obstacles that may touch; see `collision.pairs.Pairs`.
+        apart: The obstacles that are in no box, as they have no end, or move, shape (e,).
     """
 
     axes: Rows
-    middles: Rows
+    centres: Rows
     halves: Rows
     nodes: Rows
     levels: Indices
     children: int
     order: Indices
-    endless: Indices
+    apart: Indices
+
+
+class PairTable(NamedTuple):
+    """Pairs that must stay apart: p of the robot's own, then each of m bodies with each of o obstacles, row by row.
+
+    Attributes:
+        own: Bodies of each own pair, shape (p, 2).
+        moving: The bodies that are tested against obstacles, ascending, shape (m,).
+        left_out: Of the m * o pairs with obstacles those that may touch, ascending, shape (k,).
+    """
+
+    own: IndexRows
+    moving: Indices
     left_out: Indices
-
-
-ROBOT, OBSTACLES = map(numba_type, (BalledRobot, BoxedObstacles))
 
 
 @lane_uncounted
@@ -84,7 +91,7 @@ def _place(place: Floats, point: Floats, found: Floats) -> None:
 
 
 @lane_uncounted
-def _place_parts(robot: BalledRobot, b: int, placements: Floats, parts: Floats) -> None:
+def _place_parts(robot: BodyBalls, b: int, placements: Floats, parts: Floats) -> None:
     """Place the balls about parts of a body, shape (parts, 3)."""
     for k in range(robot.part_centres.shape[1]):
         _place(placements[robot.carriers[b]], robot.part_centres[b, k], parts[k])
@@ -98,19 +105,25 @@ def _distance(a: Floats, b: Floats) -> float:
 
 
 @lane_uncounted
-def _gap(obstacles: BoxedObstacles, o: int, point: Floats) -> float:
-    """Distance of a point (3,) from the box about an obstacle along its own axes: 0 inside [m]."""
+def squared_gap_to_box(obstacles: BoxedObstacles, o: int, x: float, y: float, z: float) -> float:
+    """Return the squared distance of a point from the box about an obstacle along its own axes: 0 inside [m^2]."""
     axes, square = obstacles.axes[o], 0.0
-    for i in range(3):
-        along = point[0] * axes[i] + point[1] * axes[3 + i] + point[2] * axes[6 + i]
-        beyond = max(abs(along - obstacles.middles[o, i]) - obstacles.halves[o, i], 0.0)
+    for k in range(3):
+        along = axes[k] * x + axes[3 + k] * y + axes[6 + k] * z
+        beyond = max(abs(along - obstacles.centres[o, k]) - obstacles.halves[o, k], 0.0)
         square += beyond * beyond
-    return math.sqrt(square)
+    return square
+
+
+@lane_uncounted
+def _gap(obstacles: BoxedObstacles, o: int, point: Floats) -> float:
+    """Distance of a point (3,) from the box about an obstacle along its own axes [m]."""
+    return math.sqrt(squared_gap_to_box(obstacles, o, point[0], point[1], point[2]))
 
 
 @lane_uncounted
 def _are_own_near(
-    robot: BalledRobot, a: int, b: int, margin: float, placements: Floats, centres: Floats, parts: Floats
+    robot: BodyBalls, a: int, b: int, margin: float, placements: Floats, centres: Floats, parts: Floats
 ) -> bool:
     """Tell if balls can't tell two of the robot's bodies to be farther apart than a margin."""
     if _distance(centres[a], centres[b]) - robot.radii[a] - robot.radii[b] > margin:
@@ -127,7 +140,7 @@ def _are_own_near(
 
 @lane_uncounted
 def _is_near(
-    robot: BalledRobot,
+    robot: BodyBalls,
     obstacles: BoxedObstacles,
     b: int,
     o: int,
@@ -147,9 +160,8 @@ def _is_near(
 
 
 @lane_uncounted
-def _pair(robot: BalledRobot, obstacles: BoxedObstacles, row: int, o: int) -> int:
-    """The index of the pair of a moving body, by its row, and an obstacle; -1 where it is left out."""
-    mixed, left_out = row * obstacles.axes.shape[0] + o, obstacles.left_out
+def count_left_out(left_out: Integers, mixed: int) -> int:
+    """Return how many pairs that may touch, shape (k,), are before one with an obstacle: a binary search."""
     low, high = 0, left_out.shape[0]
     while low < high:
         middle = (low + high) // 2
@@ -157,7 +169,14 @@ def _pair(robot: BalledRobot, obstacles: BoxedObstacles, row: int, o: int) -> in
             low = middle + 1
         else:
             high = middle
-    return -1 if low < left_out.shape[0] and left_out[low] == mixed else robot.own.shape[0] + mixed - low
+    return low
+
+
+@lane_uncounted
+def is_left_out(left_out: Integers, mixed: int) -> bool:
+    """Return whether a pair with an obstacle, by its number among those, is one of those that may touch, shape (k,)."""
+    before = count_left_out(left_out, mixed)
+    return bool(before < left_out.shape[0] and left_out[before] == mixed)
 
 
 @lane_uncounted
@@ -169,29 +188,36 @@ def _note(found: Integers, count: int, s: int, pair: int) -> int:
 
 
 @lane_uncounted
-def _obstacles_met(
-    obstacles: BoxedObstacles, centre: Floats, reach: float, box: Floats, stack: Integers, met: Integers
+def find_boxes_near(
+    obstacles: BoxedObstacles, centre: Floats, reach: float, box: Floats, stack: Integers, met_out: Integers
 ) -> int:
-    """Find the obstacles whose boxes meet the one about a ball that reaches so far, shape (o,); how many there are.
+    """Find the obstacles of the tree whose boxes meet the one about a ball that reaches so far; return their number.
 
-    `box`, shape (2, 3), is scratch for the corners of that one, which is a hair wider.
+    Args:
+        obstacles: The boxes.
+        centre: Of the ball, shape (3,) [m].
+        reach: Its radius [m].
+        box: Scratch for the corners of the box about it, which is a hair wider, shape (2, 3).
+        stack: Scratch, shape (children * levels, 2) at least.
+        met_out: Gets the obstacles, shape (o,).
     """
-    for i in range(3):
-        wide = reach + WIDER * (1.0 + abs(centre[i]))
-        box[0, i], box[1, i] = centre[i] - wide, centre[i] + wide
-    count = boxes_met(obstacles.nodes, obstacles.levels, obstacles.children, box[0], box[1], stack, met)
+    for k in range(3):
+        wide = reach + WIDER * (1.0 + abs(centre[k]))
+        box[0, k], box[1, k] = centre[k] - wide, centre[k] + wide
+    count = boxes_met(obstacles.nodes, obstacles.levels, obstacles.children, box[0], box[1], stack, met_out)
     for k in range(count):
-        met[k] = obstacles.order[met[k]]
-    for k in range(obstacles.endless.shape[0]):
-        met[count] = obstacles.endless[k]
-        count += 1
+        met_out[k] = obstacles.order[met_out[k]]
     return count
 
 
-@lane_kernel(int64(ROBOT, OBSTACLES, BLOCKS, SCALAR, INDICES, INDICES, INDEX_MATRIX_OUT))
+BALLS, OBSTACLES, PAIRS = map(numba_type, (BodyBalls, BoxedObstacles, PairTable))
+
+
+@lane_kernel(int64(BALLS, OBSTACLES, PAIRS, BLOCKS, SCALAR, INDICES, INDICES, INDEX_MATRIX_OUT))
 def find_near_pairs(
-    robot: BalledRobot,
+    robot: BodyBalls,
     obstacles: BoxedObstacles,
+    pairs: PairTable,
     placements: Floats,
     margin: float,
     own: Integers,
@@ -203,6 +229,7 @@ def find_near_pairs(
     Args:
         robot: The robot.
         obstacles: The obstacles.
+        pairs: The pairs.
         placements: ``T_world_joint`` of every joint, shape (s, joints, 12) [m].
         margin: At least 0 [m].
         own: Which of the robot's own pairs are asked about, ascending, shape (k,).
@@ -219,12 +246,16 @@ def find_near_pairs(
         for b in range(centres.shape[0]):
             _place(placements[s, robot.carriers[b]], robot.centres[b], centres[b])
         for k in own:
-            if _are_own_near(robot, robot.own[k, 0], robot.own[k, 1], margin, placements[s], centres, parts):
+            if _are_own_near(robot, pairs.own[k, 0], pairs.own[k, 1], margin, placements[s], centres, parts):
                 count = _note(found, count, s, k)
         for row in moving:
-            b = robot.moving[row]
-            for k in range(_obstacles_met(obstacles, centres[b], robot.radii[b] + margin, box, stack, met)):
-                pair = _pair(robot, obstacles, row, met[k])
-                if pair >= 0 and _is_near(robot, obstacles, b, met[k], margin, placements[s], centres[b], parts):
-                    count = _note(found, count, s, pair)
+            b = pairs.moving[row]
+            boxed = find_boxes_near(obstacles, centres[b], robot.radii[b] + margin, box, stack, met)
+            for k in range(boxed + obstacles.apart.shape[0]):
+                o = met[k] if k < boxed else obstacles.apart[k - boxed]
+                mixed = row * obstacles.axes.shape[0] + o
+                if is_left_out(pairs.left_out, mixed):
+                    continue
+                if _is_near(robot, obstacles, b, o, margin, placements[s], centres[b], parts):
+                    count = _note(found, count, s, pairs.own.shape[0] + mixed - count_left_out(pairs.left_out, mixed))
     return count

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types, void
 
+from guidefield.kernels.collide.near_pairs import is_left_out
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import (
     INDICES_OUT,
@@ -19,7 +20,6 @@ from guidefield.kernels.jit.signatures import (
 from guidefield.kernels.kinematics.forward_kinematics import place_joints
 from guidefield.kernels.prove.kept_distance import LOG_ROWS
 from guidefield.kernels.prove.pair_distance import least_distance, pair_distance
-from guidefield.kernels.prove.pairs import is_left_out
 from guidefield.kernels.prove.placement import LOOK, NOW, place_centres
 from guidefield.kernels.prove.samples import Search, new_search
 from guidefield.kernels.prove.tables import MOVING_ROBOT, MovingRobot
@@ -53,7 +53,7 @@ def _find_closest(
     """
     least, found, most, closest, own = search.latest, np.inf, np.inf, first, moving.pairs.own.shape[0]
     for pair in range(first, past):
-        if pair >= own and is_left_out(moving.pairs, pair - own):
+        if pair >= own and is_left_out(moving.pairs.left_out, pair - own):
             least[pair, 0] = np.inf
         else:
             least[pair, 0] = least_distance(moving, pair, search.place)
@@ -131,7 +131,7 @@ def first_contacts(moving: MovingRobot, configurations: Floats, touching: float,
                 continue
             # of what is farther `pair_distance` returns no less
             if pair_distance(moving, pair, search.place, touching, search.query) < touching and not (
-                pair >= own and is_left_out(moving.pairs, pair - own)
+                pair >= own and is_left_out(moving.pairs.left_out, pair - own)
             ):
                 pairs_out[i] = last = pair
                 break

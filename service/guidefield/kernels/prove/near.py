@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from guidefield.kernels.jit.no_refcount import uncounted
+import numpy as np
+
+from guidefield.kernels.collide.near_pairs import BoxedObstacles, find_boxes_near, is_left_out
+from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.prove.pair_distance import squared_gap
-from guidefield.kernels.prove.pairs import is_left_out
 from guidefield.kernels.prove.placement import BodyPoses
 from guidefield.kernels.prove.questions import AT_REST, IN_MOTION, is_judged
 from guidefield.kernels.prove.tables import MovingRobot
 
-SLACK = 1e-9
-"""What boxes about spheres are wider by, for rounding, of a metre and of each metre that they are from the origin [m].
-"""
 
-TREE_STACK = 2048
-"""Entries of the stack of boxes."""
+class NearBoxes(NamedTuple):
+    """Scratch to find boxes near a place.
+
+    Attributes:
+        box: Corners of a box, shape (2, 3) [m].
+        stack: Of boxes of the tree, shape (children * levels, 2).
+        met: Obstacles, shape (o,).
+    """
+
+    box: Floats
+    stack: Integers
+    met: Integers
+
+
+@counted
+def new_near_boxes(boxes: BoxedObstacles) -> NearBoxes:
+    """Return the scratch for a tree of boxes."""
+    stack = np.empty((boxes.children * boxes.levels.shape[0], 2), np.int64)
+    return NearBoxes(np.empty((2, 3)), stack, np.empty(boxes.axes.shape[0], np.int64))
 
 
 @uncounted
@@ -35,7 +52,7 @@ def _add(
     """Add the pair of a moving body, by its row, and an obstacle if it may be within reach; return the new count."""
     mixed = row * moving.obstacles.roots.shape[0] + o
     pair = moving.pairs.own.shape[0] + mixed
-    if squared_gap(moving, pair, place) > reach * reach or is_left_out(moving.pairs, mixed):
+    if squared_gap(moving, pair, place) > reach * reach or is_left_out(moving.pairs.left_out, mixed):
         return count
     if count < capacity:
         pairs_out[start + count] = pair
@@ -50,7 +67,7 @@ def list_near(
     reach: float,
     mover_reach: Floats,
     place: BodyPoses,
-    stack: Integers,
+    near: NearBoxes,
     pairs_out: Integers,
     start: int,
     capacity: int,
@@ -65,7 +82,7 @@ def list_near(
         reach: The distance from the centre [m].
         mover_reach: How much farther each moving obstacle reaches, shape (v,) [m].
         place: The placement.
-        stack: Scratch, shape (TREE_STACK, 2).
+        near: Scratch.
         pairs_out: Gets the pairs, shape (n,).
         start: Begin of the pairs in it.
         capacity: Maximum number of them.
@@ -74,54 +91,18 @@ def list_near(
     Returns:
         The new count; pairs beyond the capacity are counted only.
     """
-    obstacles = moving.obstacles
+    obstacles, boxes = moving.obstacles, moving.obstacles.boxes
     resting, in_motion = is_judged(verdict, AT_REST), is_judged(verdict, IN_MOTION)
-    for k in range(obstacles.apart.shape[0]):
-        o = obstacles.apart[k]
+    for k in range(boxes.apart.shape[0]):
+        o = boxes.apart[k]
         mover = obstacles.movers[o]
         if (mover < 0 and resting) or (mover >= 0 and in_motion):
-            count = _add(
-                moving,
-                row,
-                o,
-                reach + (mover_reach[mover] if mover >= 0 else 0.0),
-                place,
-                pairs_out,
-                start,
-                capacity,
-                count,
-            )
-    if not resting:
-        return count
-    centre = place.centres[moving.pairs.moving[row]]
-    x = reach + SLACK * (1.0 + abs(centre[0]))
-    y = reach + SLACK * (1.0 + abs(centre[1]))
-    z = reach + SLACK * (1.0 + abs(centre[2]))
-    levels, nodes, waiting = obstacles.levels, obstacles.nodes, 0
-    top = levels.shape[0] - 2
-    for k in range(levels[top + 1] - levels[top]):
-        stack[waiting, 0], stack[waiting, 1] = top, k
-        waiting += 1
-    while waiting > 0:
-        waiting -= 1
-        level, k = stack[waiting, 0], stack[waiting, 1]
-        box = nodes[levels[level] + k]
-        if (
-            box[0] > centre[0] + x
-            or box[3] < centre[0] - x
-            or box[1] > centre[1] + y
-            or box[4] < centre[1] - y
-            or box[2] > centre[2] + z
-            or box[5] < centre[2] - z
-        ):
-            continue
-        if level == 0:
-            count = _add(moving, row, obstacles.order[k], reach, place, pairs_out, start, capacity, count)
-            continue
-        below = levels[level] - levels[level - 1]
-        for child in range(obstacles.children * k, min(obstacles.children * (k + 1), below)):
-            stack[waiting, 0], stack[waiting, 1] = level - 1, child
-            waiting += 1
+            within = reach + (mover_reach[mover] if mover >= 0 else 0.0)
+            count = _add(moving, row, o, within, place, pairs_out, start, capacity, count)
+    if resting:
+        centre = place.centres[moving.pairs.moving[row]]
+        for k in range(find_boxes_near(boxes, centre, reach, near.box, near.stack, near.met)):
+            count = _add(moving, row, near.met[k], reach, place, pairs_out, start, capacity, count)
     return count
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in, write_axis
+from guidefield.kernels.collide.near_pairs import squared_gap_to_box
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.prove.body_distance import bodies_distance
@@ -65,12 +66,7 @@ def squared_gap(moving: MovingRobot, pair: int, place: BodyPoses) -> float:
     if mover >= 0:
         place_mover(moving.movers, mover, place)
         x, y, z = seen_by_mover(place.mover_poses[mover], x, y, z)
-    square = 0.0
-    for k in range(3):
-        along = obstacles.axes[b, 3 * k] * x + obstacles.axes[b, 3 * k + 1] * y + obstacles.axes[b, 3 * k + 2] * z
-        beyond = max(abs(along - obstacles.centres[b, k]) - obstacles.halves[b, k], 0.0)
-        square += beyond * beyond
-    return square
+    return squared_gap_to_box(obstacles.boxes, b, x, y, z)
 
 
 @uncounted

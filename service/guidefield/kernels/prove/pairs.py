@@ -25,16 +25,3 @@ def first_body(pairs: BodyPairs, obstacles: ObstacleBodies, pair: int) -> int:
 def obstacle_of(pairs: BodyPairs, obstacles: ObstacleBodies, pair: int) -> int:
     """Return the obstacle of a pair that has one."""
     return int((pair - pairs.own.shape[0]) % obstacles.roots.shape[0])
-
-
-@uncounted
-def is_left_out(pairs: BodyPairs, mixed: int) -> bool:
-    """Return whether a pair with an obstacle, by its number among those, may touch: a binary search."""
-    low, high = 0, pairs.left_out.shape[0]
-    while low < high:
-        middle = (low + high) // 2
-        if pairs.left_out[middle] < mixed:
-            low = middle + 1
-        else:
-            high = middle
-    return bool(low < pairs.left_out.shape[0] and pairs.left_out[low] == mixed)

@@ -10,7 +10,7 @@ from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats, Integers
 from guidefield.kernels.prove.bezier import MOST_ORDER
 from guidefield.kernels.prove.motion_bounds import BOUNDS, MotionBounds
-from guidefield.kernels.prove.near import TREE_STACK, list_near, nearest_within
+from guidefield.kernels.prove.near import NearBoxes, list_near, nearest_within, new_near_boxes
 from guidefield.kernels.prove.pair_distance import DistanceQuery, least_distance, new_query, pair_distance
 from guidefield.kernels.prove.pairs import is_own
 from guidefield.kernels.prove.placement import MOMENT, TWIST, BodyPoses, PoseScratch, place_at
@@ -56,7 +56,7 @@ class Search(NamedTuple):
         query: Scratch of distance queries.
         latest: The last distance of each pair and its parameter, shape (m, 2) [m].
         mover_reach: Travel of each moving obstacle in the segment, shape (v,) [m].
-        stack: Of boxes, shape (TREE_STACK, 2).
+        boxes: Scratch to find boxes.
         near: Pairs near a placement, shape (LIST,).
         gaps: Distances of these by spheres and boxes, shape (LIST,) [m].
     """
@@ -67,7 +67,7 @@ class Search(NamedTuple):
     query: DistanceQuery
     latest: Floats
     mover_reach: Floats
-    stack: Integers
+    boxes: NearBoxes
     near: Integers
     gaps: Floats
 
@@ -132,7 +132,7 @@ def new_search(moving: MovingRobot, log: Floats) -> Search:
         new_query(moving, log),
         np.zeros((count, 2)),
         np.zeros(moving.movers.begins.shape[0] - 1),
-        np.empty((TREE_STACK, 2), np.int64),
+        new_near_boxes(moving.obstacles.boxes),
         np.empty(LIST, np.int64),
         np.empty(LIST),
     )
@@ -148,7 +148,7 @@ def list_obstacles(moving: MovingRobot, search: Search, verdict: Floats, reach: 
     for row in range(moving.pairs.moving.shape[0]):
         within = reach + moving.robot.radii[moving.pairs.moving[row]]
         count = list_near(
-            moving, verdict, row, within, search.mover_reach, search.place, search.stack, search.near, 0, LIST, count
+            moving, verdict, row, within, search.mover_reach, search.place, search.boxes, search.near, 0, LIST, count
         )
     return min(count, LIST)
 

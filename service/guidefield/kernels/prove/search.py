@@ -143,7 +143,7 @@ def _list_pairs(
             reach = asked + verdict[ERROR] + robot.radii[b] + travel
             if count <= capacity:
                 count = list_near(
-                    moving, verdict, row, reach, search.mover_reach, search.place, search.stack,
+                    moving, verdict, row, reach, search.mover_reach, search.place, search.boxes,
                     left.pairs, start, capacity, count,
                 )  # fmt: skip
     return count if count <= capacity else -1

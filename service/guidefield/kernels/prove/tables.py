@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from guidefield.kernels.collide.near_pairs import BoxedObstacles
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
@@ -57,32 +58,17 @@ class ObstacleBodies(NamedTuple):
     """Obstacles where they are at first; o of them.
 
     Attributes:
-        axes: Axes of a box about each, one after the other, shape (o, 9).
-        centres: Its centre along them, shape (o, 3) [m].
-        halves: Its half extents, shape (o, 3) [m]; infinite for a half-space.
+        boxes: Boxes about them, those that move apart from the tree.
         roots: Root of each in `parts`, shape (o,).
         parts: Their convex parts, as seen from the anchor; half-spaces in the world.
         anchor: A point near them, along the world's axes, shape (3,) [m].
-        nodes: Lower and upper corners of a tree's boxes along the world's axes, shape (k, 6) [m]: those about obstacles
-            at rest, then those about every `children` of the level before.
-        levels: Begin of each level among them, and the number of all, shape (levels + 1,).
-        children: Boxes below one box of the next level.
-        order: The obstacle of each box of the first level.
-        apart: The obstacles that are in no box, as they move or have no end, shape (e,).
         movers: Index of each among those that move, -1 for one at rest, shape (o,).
     """
 
-    axes: Rows
-    centres: Rows
-    halves: Rows
+    boxes: BoxedObstacles
     roots: Indices
     parts: Parts
     anchor: Row
-    nodes: Rows
-    levels: Indices
-    children: int
-    order: Indices
-    apart: Indices
     movers: Indices
 
 
@@ -108,12 +94,10 @@ class MovingObstacles(NamedTuple):
 
 
 class BodyPairs(NamedTuple):
-    """Pairs that must stay apart: p of the robot's own, then each of m bodies with each of o obstacles, row by row.
+    """Pairs that must stay apart, and how the bodies of the robot's own are seen from each other.
 
     Attributes:
-        own: Bodies of each own pair, shape (p, 2).
-        moving: The bodies that are tested against obstacles, ascending, shape (m,).
-        left_out: Of the m * o pairs with obstacles those that may touch, ascending, shape (k,).
+        own, moving, left_out: As `PairTable` has them.
         first_by: The coordinates that move the first body of an own pair as it is seen from some body between both, in
             order from there to it, and -1 behind them, shape (p, n).
         second_by: The same of the second, shape (p, n).
