@@ -318,6 +318,6 @@ MAKERS: dict[str, tuple[Callable[[int], Made], int]] = {
     "clearances": (clearances, 100_000),
     "poses": (poses, 10_000),
     "field": (field, 1_000_000),
-    "links": (links, 10_000),
+    "links": (links, 1_999),
 }
 """Requests by what they have many of, and how many are tried at most."""
