@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.coarse import CELL, FINE, WORTH, coarse_solid
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
 from guidefield.geometry.inner import inner_balls
 from guidefield.geometry.solid import Solid, solid
+from guidefield.geometry.solid_cache import CELL, FINE, WORTH, coarse_solid
 from tests.geometry import solids
 
 BODIES = {
