@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 import guidefield
+from guidefield import proof_file
 from guidefield.engine import Engine
 from guidefield.errors import MalformedRequest
 from guidefield.prove import proof
@@ -62,6 +63,14 @@ def test_why_there_is_no_proof_is_told(tmp_path: Path, monkeypatch: pytest.Monke
     reply = guidefield.answer(PLAN, proof_to=tmp_path / "late.npz")
     assert reply.warnings == ["no proof is kept: time was up before it was written down"]
     assert not (tmp_path / "late.npz").exists()
+
+
+def test_a_proof_that_would_make_its_answer_late_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(proof_file, "WRITING_S_PER_ITEM", 10.0)
+    reply = guidefield.answer(PLAN, proof_to=tmp_path / "large.npz")
+    assert (reply.status.name, reply.proof) == ("SUCCESS", None)
+    assert [text.partition(" takes about ")[0] for text in reply.warnings] == ["no proof is kept: to write it down"]
+    assert not list(tmp_path.iterdir())
 
 
 def test_path_constraints_are_judged_with_a_proof(tmp_path: Path) -> None:

@@ -95,6 +95,13 @@ def make_cases(*motions: Motion) -> list[dict[str, Any]]:
     return told
 
 
+def count_items(motion: Motion) -> int:
+    """Return the number of obstacles, held objects, their triangles or points, and knots that a case has."""
+    held = [obstacle.build(one.obstacle, index).faces for index, one in enumerate(motion.held)]
+    scene = motion.world.scene
+    return len(scene.obstacles) + scene.faces + len(held) + sum(held) + len(motion.positions)
+
+
 def divide(motion: Motion) -> list[Motion]:
     """Divide a motion into parts that are certified one by one, each in its own world.
 

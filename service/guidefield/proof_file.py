@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, cast
 
+import msgspec
 import numpy as np
 
-from guidefield.case_file import Motion, divide, make_cases
+from guidefield.case_file import Motion, count_items, divide, make_cases
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
@@ -28,6 +28,10 @@ MOMENT = 1e-9
 
 SAMPLES = 33
 """Samples that the smallest distance along a motion is first looked for at."""
+
+WRITING_S_PER_ITEM = 1.2e-5
+"""Longest time to write an obstacle, triangle, point or knot down [s]: 11 us for one of 100,000 boxes, 5 for one of a
+million triangles or points."""
 
 
 class UnprovedError(Exception):
@@ -47,11 +51,13 @@ def write_proof(path: Path, *motions: Motion) -> None:
 def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes:
     """Prove motions; return the proofs of all their parts (`case_file.divide`) as the content of a file.
 
+    Nothing can interrupt the writing: where it would outlast the deadline, it isn't begun.
+
     Raises:
-        UnprovedError: if one isn't free, or the deadline passed before.
+        UnprovedError: if one isn't free, or the deadline is too early.
         OSError: if a mesh of the robot can't be read any more.
     """
-    arrays: dict[str, np.ndarray] = {}
+    writing, arrays = WRITING_S_PER_ITEM * sum(map(count_items, motions)), dict[str, np.ndarray]()
     for k, part in enumerate(part for motion in motions for part in divide(motion)):
         curve = curve_of(part)
         span = float(curve.times[0]), float(curve.times[-1])
@@ -59,6 +65,8 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
         found, proof = prove(part.world, curve, goal, deadline)
         if found.verdict.reason is Reason.STOPPED or deadline.expired():
             raise UnprovedError("time was up before it was written down")
+        if deadline.remaining() < writing:
+            raise UnprovedError(f"to write it down takes about {writing:.2g} s, and time would be up before that")
         if proof is None:
             pair = "" if found.verdict.pair is None else f": {' and '.join(found.verdict.pair)}"
             raise UnprovedError(f"the motion isn't free{pair}")
@@ -67,7 +75,7 @@ def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes
     for one in told[1:]:
         for name in [name for name, value in one.items() if value == told[0][name]]:
             del one[name]
-    arrays["cases"] = np.frombuffer(json.dumps(told).encode(), np.uint8)
+    arrays["cases"] = np.frombuffer(msgspec.json.encode(told), np.uint8)
     return pack_arrays(arrays)
 
 
