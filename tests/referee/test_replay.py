@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from guidefield import case_file
 from guidefield.proof_file import arrays_of, curve_of, pack_arrays, write_proof
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
-from guidefield.referee import motion_bounds, slabs
+from guidefield.referee import motion_bounds, proof as proofs, slabs
 from guidefield.referee.__main__ import main
 from guidefield.referee.case import Case
 from guidefield.referee.loading import UnusableFile
@@ -247,6 +248,39 @@ def test_a_file_in_which_a_bit_is_another_is_refused(tmp_path: Path, capsys: Any
     file.write_bytes(pack_arrays({"cases": arrays["cases"]}))
     assert main() == 2
     assert "is no proof" in capsys.readouterr().err
+
+
+def huge(file: Path) -> None:
+    with file.open("wb") as out:
+        np.lib.format.write_array_header_1_0(out, {"shape": (2**62,), "fortran_order": False, "descr": "|u1"})
+    with zipfile.ZipFile(file.with_suffix(".npz"), "w") as archive:
+        archive.write(file, "cases.npy")
+
+
+def deep(file: Path) -> None:
+    arrays = {"cases": np.frombuffer(b"[" * 100_000, np.uint8)}
+    file.with_suffix(".npz").write_bytes(pack_arrays(arrays))
+
+
+def cut(file: Path) -> None:
+    file.with_suffix(".npz").write_bytes(pack_arrays({"cases": np.zeros(1000)})[:-100])
+
+
+@pytest.mark.parametrize("spoil", [huge, deep, cut])
+def test_a_file_made_to_hurt_is_refused(
+    spoil: Callable[[Path], None], tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    spoil(tmp_path / "proof")
+    monkeypatch.setattr("sys.argv", ["referee", str(tmp_path / "proof.npz")])
+    assert main() == 2
+    assert capsys.readouterr().err.startswith("proof.npz is no proof: ")
+
+
+def test_a_proof_that_unpacks_to_too_much_isnt_unpacked(tmp_path: Path, monkeypatch: Any) -> None:
+    (tmp_path / "proof.npz").write_bytes(pack_arrays({"cases": np.zeros(2**16)}))
+    monkeypatch.setattr(proofs, "LARGEST", 2**16)
+    with pytest.raises(UnusableFile, match="bytes unpacked, at most 65536 are read"):
+        load_proofs(tmp_path / "proof.npz")
 
 
 def test_a_proof_of_another_motion_is_refused(cases: list[tuple[Case, Proof]]) -> None:

@@ -16,6 +16,9 @@ from guidefield.referee.loading import UnusableFile
 
 FORMAT = "guidefield proofs 1"
 
+LARGEST = 2**31
+"""The largest proof that is read, unpacked [bytes]: a file of some MB could hold arrays of terabytes."""
+
 WIDTHS = {"claims": 4, "segments": 2, "slab_nodes": 2, "slab_axes": 3, "views": 3, "origins": 3, "centres": 3}
 WIDTHS |= {"node_children": 2, "node_shapes": 2, "shape_numbers": 5, "corners": 3}
 
@@ -74,8 +77,9 @@ NAMES = tuple(field.name for field in fields(Proof))
 
 
 def is_proof(path: Path) -> bool:
-    """Whether a file holds arrays, as a proof does, and not a case alone."""
-    return zipfile.is_zipfile(path)
+    """Return whether a file begins as one of arrays does, which a proof is, a case not."""
+    with path.open("rb") as file:
+        return file.read(2) == b"PK"
 
 
 def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
@@ -87,6 +91,9 @@ def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
     """
     try:
         with np.load(path, allow_pickle=False) as file:
+            size = sum(one.file_size for one in file.zip.infolist())
+            if size > LARGEST:
+                raise UnusableFile(f"{path.name} has {size} bytes unpacked, at most {LARGEST} are read")
             arrays = {name: file[name] for name in file.files}
         told, said = str(arrays.pop("format")), str(arrays.pop("digest"))
         if told != FORMAT:
@@ -101,7 +108,16 @@ def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
         return list(zip(cases, proofs, strict=True))
     except UnusableFile:
         raise
-    except (KeyError, ValueError, TypeError, zlib.error, zipfile.BadZipFile, EOFError) as error:
+    except (
+        KeyError,
+        ValueError,
+        TypeError,
+        zlib.error,
+        zipfile.BadZipFile,
+        EOFError,
+        MemoryError,
+        RecursionError,
+    ) as error:
         raise UnusableFile(f"{path.name} is no proof: {error}") from None
 
 
