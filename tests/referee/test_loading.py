@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import lzma
 import subprocess
 import sys
 from typing import Any
@@ -17,6 +18,7 @@ from guidefield import case_file
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import UrdfText
 from guidefield.messages.values import Placement
+from guidefield.referee import loading
 from guidefield.referee.judge import judge
 from guidefield.referee.loading import UnusableFile, case_of, load
 from guidefield.referee.shapes import ears
@@ -92,6 +94,22 @@ def test_a_file_is_judged_by_a_program_of_its_own(tmp_path):
         load(tmp_path / "other.json")
     run = subprocess.run([*program[:-1], str(tmp_path / "other.json")], capture_output=True, text=True, check=False)
     assert run.returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [
+        (lzma.compress(b" " * 2**17), "cases.json.xz has more than 65536 bytes unpacked"),
+        (lzma.compress(b"1") + lzma.compress(b" " * 2**17), "has more than 65536 bytes unpacked"),
+        (lzma.compress(b"[" * 60_000), "isn't JSON"),
+        (lzma.compress(b"[" * 60_000)[:-20], "isn't JSON"),
+    ],
+)
+def test_a_packed_file_made_to_hurt_is_refused(content, fault, tmp_path, monkeypatch):
+    monkeypatch.setattr(loading, "LARGEST", 2**16)
+    (tmp_path / "cases.json.xz").write_bytes(content)
+    with pytest.raises(UnusableFile, match=fault):
+        load(tmp_path / "cases.json.xz")
 
 
 @pytest.mark.parametrize("name", ["panda", "iris", "ur3_gripper", "chain_universal_moving_6x180_r25"])

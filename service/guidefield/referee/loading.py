@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import functools
+import io
 import itertools
 import json
 import lzma
@@ -26,6 +27,9 @@ FORMAT = "guidefield cases 1"
 
 ROOTS = {"fixed": None, "planar": pin.JointModelPlanar, "free": pin.JointModelFreeFlyer}
 
+LARGEST = 2**29
+"""The largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes."""
+
 MOMENT = 1e-9
 """How long a motion of a single position is judged [s]."""
 
@@ -45,12 +49,22 @@ def load(path: Path) -> list[Case]:
     """
     packed = path.read_bytes()
     try:
-        told = json.loads(lzma.decompress(packed) if packed[:6] == b"\xfd7zXZ\x00" else packed)
-    except (ValueError, lzma.LZMAError) as error:
+        told = json.loads(_unpack(packed) if packed[:6] == b"\xfd7zXZ\x00" else packed)
+    except UnusableFile as error:
+        raise UnusableFile(f"{path.name} {error}") from None
+    except (ValueError, EOFError, RecursionError, lzma.LZMAError) as error:
         raise UnusableFile(f"{path.name} isn't JSON: {error}") from None
     if not isinstance(told, dict) or told.get("format") != FORMAT or not isinstance(told.get("cases"), list):
         raise UnusableFile(f"{path.name} must have `format` {FORMAT!r} and a list of `cases`")
     return [case_of(one) for one in told["cases"]]
+
+
+def _unpack(packed: bytes) -> bytes:
+    with lzma.open(io.BytesIO(packed)) as file:
+        unpacked = file.read(LARGEST + 1)
+    if len(unpacked) > LARGEST:
+        raise UnusableFile(f"has more than {LARGEST} bytes unpacked: unpack it first, if you trust it")
+    return unpacked
 
 
 def case_of(told: Told) -> Case:
