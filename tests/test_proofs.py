@@ -65,6 +65,18 @@ def test_why_there_is_no_proof_is_told(tmp_path: Path, monkeypatch: pytest.Monke
     assert not (tmp_path / "late.npz").exists()
 
 
+def test_a_proof_of_an_earlier_motion_does_not_stay(tmp_path: Path) -> None:
+    guidefield.answer(PLAN, proof_to=tmp_path / "proof.npz")
+    far = PLAN | {"goal": {"type": "joints", "positions": {"panda_joint1": 9.0}}}
+    reply = guidefield.answer(far, proof_to=tmp_path / "proof.npz")
+    assert (reply.status.name, reply.proof) == ("GOAL_STATE_INVALID", None)
+    assert reply.warnings[-1] == "the file of the proof was of an earlier motion, and is removed"
+    assert not (tmp_path / "proof.npz").exists()
+    guidefield.answer(PLAN | {"proof": True}, record_to=tmp_path / "run.rrd")
+    again = guidefield.answer(PLAN, record_to=tmp_path / "run.rrd")  # asks for none
+    assert (again.warnings, (tmp_path / "run.npz").exists()) == ([], True)
+
+
 def test_a_proof_that_would_make_its_answer_late_is_not_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(proof_file, "WRITING_S_PER_ITEM", 10.0)
     reply = guidefield.answer(PLAN, proof_to=tmp_path / "large.npz")

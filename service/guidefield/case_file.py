@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import dataclasses
 import json
 import lzma
@@ -17,6 +18,7 @@ from lxml import etree
 
 from guidefield.collision.world import World
 from guidefield.geometry.closed import boundary, compact
+from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
@@ -258,7 +260,9 @@ def _describe_links(robot: RobotModel) -> dict[str, Any]:
     for shape in robot.geometry.geometryObjects:
         if shape.meshPath and isinstance(shape.geometry, coal.Convex | coal.BVHModelBase):  # what is held has no path
             mesh = read_mesh(Path(shape.meshPath), shape.meshScale)
-            parts[shape.name] = _describe_hull(shape.geometry) | _describe_shell(mesh.vertices, mesh.triangles)
+            around = hull(shape.geometry) if isinstance(shape.geometry, coal.BVHModelBase) else shape.geometry
+            hulls = {} if around is None else {"hulls": [np.array(around.points()).tolist()]}
+            parts[shape.name] = hulls | _describe_shell(mesh.vertices, mesh.triangles)
     return parts
 
 
@@ -270,13 +274,11 @@ def _describe_objects(motion: Motion) -> dict[str, Any]:
         if isinstance(one.message, Mesh):
             vertices, triangles = one.recipe.surface(one.message)
             closed = {"shell": _encode_surface(vertices, triangles)} if one.solid else {}
-            parts[one.name] = _describe_hull(one.shape) | closed
+            with contextlib.suppress(ValueError):  # it is flat, or too fine for Coal
+                around = np.array(one.shape.points()) if one.convex else convex_hull(vertices).vertices
+                parts[one.name] = {"hulls": [around.tolist()]}
+            parts[one.name] = parts.get(one.name, {}) | closed
     return parts
-
-
-def _describe_hull(shape: Any) -> dict[str, Any]:
-    around = hull(shape) if isinstance(shape, coal.BVHModelBase) else shape
-    return {} if around is None else {"hulls": [np.array(around.points()).tolist()]}
 
 
 def _describe_shell(vertices: np.ndarray, triangles: np.ndarray) -> dict[str, Any]:

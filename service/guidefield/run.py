@@ -139,17 +139,20 @@ class Run:
             self._warnings.add(f"no proof is kept: {why}")
 
     def _keep_proof(self) -> str | None:
-        """Write the proof, and return its place for the reply; None if there is none."""
-        if not self._proof or self._proof_place is None:
+        """Write the proof, and return its place for the reply; without one, remove the proof of an earlier motion."""
+        if not self._request.proof or self._proof_place is None:
             return None
         file, key = self._proof_place
         try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(file, self._proof, durable=False)
+            if self._proof:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                write_whole(file, self._proof, durable=False)
+                return key
         except OSError as error:
             self._warnings.add(f"no proof is kept: {strip_path(error)}")
-            return None
-        return key
+        for text in remove_earlier_proof(file):
+            self._warnings.add(text)
+        return None
 
     def end(self, reply: _R, received: float | None = None) -> _R:
         """Complete a reply with the places of its recording and proof, or warnings why there are none.
@@ -166,6 +169,17 @@ class Run:
             timing = _until(timing, time.monotonic() - received)
         warnings = [*reply.warnings, *self._warnings.texts]
         return msgspec.structs.replace(reply, recording=place, proof=proof, warnings=warnings, timing=timing)
+
+
+def remove_earlier_proof(file: Path) -> list[str]:
+    """Remove the file of a proof that isn't of the newest motion, if there is one; return warnings about it."""
+    try:
+        file.unlink()
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        return [f"the file of the proof isn't of this motion: {strip_path(error)}"]
+    return ["the file of the proof was of an earlier motion, and is removed"]
 
 
 def _until(timing: Timing, total: float) -> Timing:
