@@ -38,7 +38,7 @@ from guidefield.messages.replies import (
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.messages.store_requests import ReadRuns
 from guidefield.stores.files import checked_name, decoded, user_folder, users_in
-from guidefield.stores.recordings import Recordings
+from guidefield.stores.recordings import Kept, Recordings
 from guidefield.stores.run_file import FILE, Readers, checkpoint
 from guidefield.stores.run_rows import (
     AT_ONCE,
@@ -253,7 +253,7 @@ class UserRuns:
             run.began = time.time()
             run.begun = self._writer.submit(partial(insert, run), urgent=False, size=len(run.request))
 
-    def finish(self, run: NewRun, reply: bytes) -> Future[None]:
+    def finish(self, run: NewRun, reply: bytes) -> Future[Any]:
         """Keep the reply of a run.
 
         Returns:
@@ -390,26 +390,28 @@ class UserRuns:
             ).fetchone()
         return found
 
-    def _end(self, run: NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[None]:
+    def _end(self, run: NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[Any]:
         """Write the row of a run that has ended, in place of that of its beginning."""
         begun = run.begun if run.begun is not None and not run.begun.cancel() else None
 
-        def end(db: sqlite3.Connection) -> None:
+        def end(db: sqlite3.Connection) -> Kept | None:
             ending, recording = Ending(time.time(), reply, error), self.recordings.kept(run.run_id)
             if begun is not None and begun.exception() is None:
                 number = find_unended(run, db)
                 if number is None:
-                    return  # it was deleted while it ran
+                    return None  # it was deleted while it ran
                 complete(number, run, ending, recording, db)
             else:
                 execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
                 number = insert(run, db, ending, recording)
             self._database.make_room(run.owner, number, db)
+            return recording
 
-        def settle(done: Future[None]) -> None:
+        def settle(done: Future[Kept | None]) -> None:
             if done.exception() is None:
                 self._database.unended.discard((run.owner, run.run_id))
-                if self.recordings.is_owed(run.run_id):
+                recording = done.result()
+                if recording is not None and recording.kind == "owed":
                     self._database.render(run.owner, run.run_id)
             elif begun is not None and begun.exception() is None:
                 self._database.unended.add((run.owner, run.run_id))
