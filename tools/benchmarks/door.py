@@ -9,7 +9,8 @@ is as it starts by default, on a data folder of its own; others are on folders w
 - kinematics: forward kinematics and clearance, one client, each target for S seconds, in rounds. *own* and *workers*
   are the processor time of the target's process and of its children for each query, *switches* their context switches.
 - clients: answers a second with 1, 8 and 24 clients.
-- plans: a Panda's plan, N times each, recordings off; *extra* is the median beyond that in process.
+- plans: a Panda's plan, N times each in rounds, one after the other as in all parts, recordings off; *extra* is the
+  median beyond that in process. After a pause of 0.1 s everybody's answer takes longer: a plain one five times.
 - page: a page of 100 runs, of as many as are kept.
 - recorded: plans a second of two clients for S seconds, recordings off, then as by default.
 - batch: `guidefield batch` of N plans without recordings, then the same command again.
@@ -236,12 +237,12 @@ def measure_plans(askers: Askers, targets: dict[str, Target], plans: int, figure
     """Print what a plan takes over Zenoh beyond the same in process."""
     services = {label: target for label, target in targets.items() if label != PLAIN}
     times: dict[str, list[float]] = defaultdict(list)
-    for turn in range(plans + WARM):
-        found = {label: askers.ask(1, target, target.plan, PLAN, count=1) for label, target in services.items()}
-        found[IN_PROCESS] = np.array([time_of(lambda: guidefield.answer(PLAN))])
-        if turn >= WARM:
-            for label, taken in found.items():
-                times[label] += taken.tolist()
+    for _ in range(ROUNDS):
+        for label, target in services.items():
+            found = askers.ask(1, target, target.plan, PLAN, count=WARM + plans // ROUNDS)
+            times[label] += found[WARM:].tolist()
+        here = [time_of(lambda: guidefield.answer(PLAN)) for _ in range(WARM + plans // ROUNDS)]
+        times[IN_PROCESS] += here[WARM:]
     print(f"\n{'a plan, one client':32s}{'median':>9s}{'p99':>9s}{'extra':>9s} ms")
     alone = np.median(times[IN_PROCESS])
     for label, taken in times.items():
