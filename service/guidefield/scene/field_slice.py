@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.kernels.field.field import Field, field_at_points
+from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.scene.field_in_time import Origin, coarse_tables
 from guidefield.scene.scene import Scene
 from guidefield.scene.slice_plane import SlicePlane
@@ -71,7 +72,9 @@ class FieldSlice:
         return self.plane.size
 
 
-def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: Origin | None = None) -> FieldSlice:
+def field_slice(
+    scene: Scene, plane: SlicePlane, resolution: int = 320, origin: Origin | None = None, every: int = 1
+) -> FieldSlice:
     """The scene's field in a plane, as a picture.
 
     Dark is far from everything, bright near a surface, by the logarithm of the potential; grey is inside of a solid.
@@ -82,6 +85,7 @@ def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: 
         plane: Where, e.g. one of `slice_plane.planes_along` the tip's path.
         resolution: Pixels along the longer side.
         origin: A place near the rectangle for which the field's tables are kept [m, world]; None: its centre.
+        every: The field is evaluated at one in so many pixels of a row and of a column, and interpolated between.
 
     Raises:
         ValueError: if the resolution is not positive.
@@ -89,7 +93,7 @@ def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: 
     rows, columns = plane.pixels(resolution)
     x, y, z = plane.pose.translation.tolist()
     tables = coarse_tables(scene, origin or (x, y, z))  # far finer than colours are
-    field = field_at_points(tables, plane.points(rows, columns).reshape(-1, 3))
+    field = _interpolated(tables, plane, rows, columns, every)
     with np.errstate(divide="ignore"):
         log_potential = np.log10(field.potential)
     solid = field.winding > 0.5
@@ -101,6 +105,41 @@ def field_slice(scene: Scene, plane: SlicePlane, resolution: int = 320, origin: 
     for array in (image, values):
         array.setflags(write=False)
     return FieldSlice(image, plane, values)
+
+
+def _interpolated(tables: FieldTables, plane: SlicePlane, rows: int, columns: int, every: int) -> Field:
+    """Return the field at the centres of pixels; far from all walls it is interpolated between fewer pixels.
+
+    Potentials are interpolated by their logarithms, as they span powers of ten, and gradients relative to them.
+    """
+    coarse = [1 + (count - 1) // every for count in (rows, columns)]
+    field = field_at_points(tables, plane.points(*coarse).reshape(-1, 3))
+    if every == 1:
+        return field
+    down, across = (_weights(count, few) for count, few in zip((rows, columns), coarse, strict=True))
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        fine: np.ndarray = down @ values.reshape(coarse) @ across.T
+        return fine.ravel()
+
+    potential = np.maximum(field.potential, np.finfo(float).tiny)  # 0 where nothing is charged
+    fine = np.exp(spread(np.log(potential))) * (field.potential.max() > 0.0)
+    slopes = (field.gradient / potential[:, None]).T
+    gradient = np.column_stack([spread(slope) for slope in slopes]) * fine[:, None]
+    found = Field(fine, gradient, spread(field.curvature), spread(field.winding))
+    near = np.flatnonzero(fine > math.pi / (every * plane.size[0] / columns))  # a wall is within two larger pixels
+    for values, exact in zip(
+        found, field_at_points(tables, plane.points(rows, columns).reshape(-1, 3)[near]), strict=True
+    ):
+        values[near] = exact
+    return found
+
+
+def _weights(count: int, coarse: int) -> np.ndarray:
+    """Weights (count, coarse) that interpolate linearly between the centres of fewer pixels along the same line."""
+    at = np.clip((np.arange(count) + 0.5) * coarse / count - 0.5, 0.0, coarse - 1.0)
+    weights: np.ndarray = np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(coarse)))
+    return weights
 
 
 def _colors(log_potential: np.ndarray, solid: np.ndarray) -> np.ndarray:
