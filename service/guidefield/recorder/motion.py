@@ -23,7 +23,15 @@ from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.configuration import LENGTHS, values_from_wire
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.model import JointKind
-from guidefield.robot.model.spaces import ChartPoints, ChartRates, Configuration, Configurations, Tangents, WireColumns
+from guidefield.robot.model.spaces import (
+    ChartPoints,
+    ChartRates,
+    Configuration,
+    Configurations,
+    ModelConfigurations,
+    Tangents,
+    WireColumns,
+)
 
 SHOWN_SPEED = 1.0
 """Speed of the quickest joint along a path that has no times [rad/s or m/s]."""
@@ -207,7 +215,7 @@ def poses(group: PlanningGroup, configurations: Sequence[Configuration] | Config
         configurations: n configurations (nq,).
     """
     joints = tuple(range(1, group.model.njoints))
-    expanded = np.array([group.expand(q) for q in configurations], float).reshape(-1, group.model.nq)
+    expanded = _expanded(group, configurations)
     placements = np.empty((len(expanded), len(joints) + 1, 7))
     place_frames(joints_of(group), _joints_and_tip(group, group.tip_id), AT_ORIGIN, expanded, placements)
     return Poses(joints, placements[:, :-1], placements[:, -1, :3])
@@ -222,11 +230,21 @@ def _joints_and_tip(group: PlanningGroup, tip: int) -> FrameTable:
 
 def link_placements(group: PlanningGroup, configurations: Configurations, links: tuple[str, ...]) -> np.ndarray:
     """Placements of some links at configurations (n, nq), shape (n, links, 3, 4) [m, world]."""
-    expanded = np.array([group.expand(q) for q in configurations], float).reshape(-1, group.model.nq)
+    expanded = _expanded(group, configurations)
+    rows = placed_links(group, expanded, links).reshape(-1, 7)
+    return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
+
+
+def _expanded(group: PlanningGroup, configurations: Sequence[Configuration] | Configurations) -> ModelConfigurations:
+    expanded = np.array([group.expand(q) for q in configurations], float)
+    return cast(ModelConfigurations, expanded.reshape(-1, group.model.nq))
+
+
+def placed_links(group: PlanningGroup, expanded: ModelConfigurations, links: tuple[str, ...]) -> np.ndarray:
+    """Position and quaternion of some links at configurations of the model (n, model.nq): (n, links, 7) [m, world]."""
     placed = np.empty((len(expanded), len(links), 7))
     place_frames(joints_of(group), _links(group, links), AT_ORIGIN, expanded, placed)
-    rows = placed.reshape(-1, 7)
-    return frames(rows[:, :3], rows[:, 3:]).reshape(len(expanded), len(links), 3, 4)
+    return placed
 
 
 @memoized_for_alike

@@ -21,8 +21,8 @@ from guidefield.planner.task.event_log import (
 )
 from guidefield.planner.task.trace import Note, PathRelaxed, StageEntered, StageLeft, StepKind
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
+from guidefield.recorder.motion import placed_links
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartPoints
 
 MOST_FRAMES = 60
@@ -153,5 +153,5 @@ def relaxed(group: PlanningGroup, paths: Sequence[tuple[int, PathRelaxed]]) -> I
 
 def _tips(group: PlanningGroup, points: ChartPoints) -> np.ndarray:
     """The tip's position at chart points (n, nv), shape (n, 3) [m, world]."""
-    kinematics = Kinematics(group)
-    return np.array([kinematics.tip_position(group.expand_from_chart(point)) for point in points])
+    tip: np.ndarray = placed_links(group, group.expand_each(points), (group.tip,))[:, 0, :3]
+    return tip

@@ -15,6 +15,7 @@ from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.recorder.surface import Surface
+from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.spaces import Configurations
@@ -52,23 +53,26 @@ def link_motion(group: PlanningGroup, links: Sequence[str], at: Poses, times: np
         times: Shape (n,), rising: seconds, or the planner's steps.
         timeline: `PATH_TIME` or `STEP`.
     """
-    carried = list(dict.fromkeys((*links, group.tip)))
-    frames = [group.model.frames[frame_index(group.model, link)] for link in carried]
+    names, parents, fixed = _fixed_frames(group, tuple(dict.fromkeys((*links, group.tip))))
     moved = [joint_frame(group.model.names[joint]) for joint in at.joints]
-    fixed = np.array([pin.SE3ToXYZQUAT(frame.placement) for frame in frames]).reshape(-1, 7)
     placements = np.concatenate([fixed, at.placements.reshape(-1, 7)])
     columns = rr.Transform3D.columns(
         translation=placements[:, :3],
         quaternion=placements[:, 3:],
-        child_frame=[*(link_frame(link) for link in carried), *moved * len(times)],
-        parent_frame=[
-            *(moved_frame(group, frame.parentJoint) for frame in frames),
-            *[WORLD] * (len(moved) * len(times)),
-        ],
+        child_frame=[*names, *moved * len(times)],
+        parent_frame=[*parents, *[WORLD] * (len(moved) * len(times))],
     )
     rows = np.concatenate([np.repeat(times[:1], len(fixed)), np.repeat(times, len(moved))])
     column = path_times(rows) if timeline == PATH_TIME else rr.TimeColumn(timeline, sequence=rows)
     return timed("/robot/model/frames", [column], columns)
+
+
+@memoized_for_alike
+def _fixed_frames(group: PlanningGroup, links: tuple[str, ...]) -> tuple[list[str], list[str], np.ndarray]:
+    """Names of the frames of links and of those that they are fixed to, and how they lie there, shape (links, 7)."""
+    frames = [group.model.frames[frame_index(group.model, link)] for link in links]
+    fixed = np.array([pin.SE3ToXYZQUAT(frame.placement) for frame in frames]).reshape(-1, 7)
+    return [link_frame(link) for link in links], [moved_frame(group, frame.parentJoint) for frame in frames], fixed
 
 
 def tip_trace(tip: np.ndarray) -> Chunk:
