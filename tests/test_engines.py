@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from guidefield import engines as module
+from guidefield.bounded_map import Limit
 from guidefield.engines import Engines
 from guidefield.errors import GuidefieldError, NotAllowed, QuotaExceeded, RobotInvalid, SceneInvalid, UnknownObject
 from guidefield.messages import requests
@@ -158,7 +159,7 @@ def test_a_users_room_is_bounded_and_others_have_theirs(tmp_path: Path) -> None:
 
 def test_users_that_have_something_stored_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(by_user, "MOST_USERS", 2)
-    monkeypatch.setattr(by_user, "MOST_OPEN", 1)
+    monkeypatch.setattr(by_user, "OPEN_STORES", Limit(1, 0))
     stores = StoresByUser(tmp_path)
     for user in ("alice", "bob", "alice", PLAIN):
         stores.of(user)

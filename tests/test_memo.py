@@ -18,7 +18,7 @@ from guidefield.bounded_map import BoundedMap, Limit
 from guidefield.cli.demonstration import REQUESTS
 from guidefield.collision.world import World
 from guidefield.engine import Engine
-from guidefield.memo import MAX_PER_OBJECT, memoized
+from guidefield.memo import MAX_PER_OBJECT, memoized, memoized_by_value
 from guidefield.messages.replies import PlanReply
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.stores.recordings import Recordings
@@ -41,6 +41,18 @@ def test_finds_once_for_each_object_and_arguments() -> None:
     assert [name(one), name(one), name(one, "x"), name(one, "x")] == [str(id(one))] * 2 + [f"{id(one)}x"] * 2
     assert name(other) == str(id(other))
     assert asked == [(one, ""), (one, "x"), (other, "")]
+
+
+def test_of_values_those_asked_for_last_are_kept() -> None:
+    asked = []
+
+    @memoized_by_value(2)
+    def double(number: int, *, sign: int = 1) -> int:
+        asked.append((number, sign))
+        return 2 * sign * number
+
+    assert [double(1), double(2), double(1), double(1, sign=-1), double(1), double(2)] == [2, 4, 2, -2, 2, 4]
+    assert asked == [(1, 1), (2, 1), (1, -1), (2, 1)]
 
 
 def test_of_many_answers_about_an_object_those_asked_for_last_are_kept() -> None:

@@ -58,6 +58,12 @@ ROBOT_LINES = Limit(1000, 2**24)
 ENGINES = Limit(100, 2**30)
 """Engines of users, which share what they load."""
 
+OPEN_STORES = Limit(100, 2**20)
+"""Open stores of users."""
+
+READ_VERSIONS = Limit(32, 2**20)
+"""Stored scenes of a user whose files were read, with their last versions, which most obstacles are shared by."""
+
 FOUND = Limit(2**18, 2**30)
 """Memoized results for robots, scenes and obstacles, see `memo`."""
 

@@ -121,7 +121,12 @@ def kernel_compiler() -> str:
 
 
 @functools.cache
-def processor(told: Path = CPUINFO) -> str:
+def processor() -> str:
+    """Return `name_processor` of this machine."""
+    return name_processor(CPUINFO)
+
+
+def name_processor(told: Path) -> str:
     """Name the processor that numba compiles for: its family, and eight hexadecimal digits of its features.
 
     Machines that share a home folder share no machine code unless their processors are of the same kind.

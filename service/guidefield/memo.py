@@ -1,4 +1,4 @@
-"""Memoize functions of an object: results are freed with the object, or earlier if memory is short."""
+"""Memoize functions of an object, or of values: results are freed with the object, or earlier if memory is short."""
 
 from __future__ import annotations
 
@@ -154,19 +154,25 @@ def memoized_by(
     return look_up
 
 
-def lasting(find: Callable[[Key], Found]) -> Callable[[Key], Found]:
-    """Memoize a function for the whole lifetime of its argument, whatever memory the result takes.
+def memoized_by_value(most: int) -> Callable[[Callable[Rest, Found]], Callable[Rest, Found]]:
+    """Memoize a function of hashable values.
 
-    It is for results whose addresses are used elsewhere; they must not refer to the argument.
+    Args:
+        most: The largest number of results, those of the most recently used values.
     """
-    place = f"{find.__module__}.{find.__qualname__}"
 
-    @functools.wraps(find)
-    def look_up(owner: Key) -> Found:
-        kept = vars(owner)
-        return cast(Found, kept[place] if place in kept else kept.setdefault(place, find(owner)))
+    def memoize(find: Callable[Rest, Found]) -> Callable[Rest, Found]:
+        known = Answers[Found](most)
 
-    return look_up
+        @functools.wraps(find)
+        def look_up(*values: Rest.args, **options: Rest.kwargs) -> Found:
+            asked = (values, *options.items())
+            answer = known.of(find, asked)
+            return known.keep(find, asked, find(*values, **options)) if answer is MISSING else answer
+
+        return look_up
+
+    return memoize
 
 
 MAX_FULLY_MEASURED, SAMPLE_SIZE = 512, 32

@@ -71,7 +71,7 @@ def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp
     run.record(file, Place(file, robots, whole=False))
     assert [(one, one.stat().st_mtime_ns) for one in robots.iterdir()] == [(meshes, made)]
     meshes.write_bytes(meshes.read_bytes()[:10_000])
-    bodies_file._prepared.cache_clear()
+    bodies_file._PREPARED.forget(run.group.robot, robots)
     run.record(file, Place(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
     assert len(read_meshes(meshes)) > 20
@@ -120,7 +120,6 @@ def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tm
     ):
         (robots / name).write_text("")
         os.utime(robots / name, (now - age, now - age))
-    bodies_file._prepared.cache_clear()
     drawn = bodies_file.prepared(run.group.robot, robots)
     assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.draft"}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -151,7 +150,7 @@ class _Around:
         self._low = np.array([own.min(axis=0) for own in corners])
         self._high = np.array([own.max(axis=0) for own in corners])
         self._solids = np.array([k for k in np.argsort(volumes, kind="stable") if volumes[k] > 0.0], np.int64)
-        self._tables = functools.cache(self._made)
+        self._tables: dict[int, tuple[SurfaceTables, Integers] | None] = {}
 
     def __call__(self, piece: int) -> int | None:
         low, high = self._low[self._solids], self._high[self._solids]
@@ -159,7 +158,9 @@ class _Around:
         point = np.ascontiguousarray(self._vertices[self._pieces[piece][0]].mean(axis=0)[None])
         winding = np.empty(1, np.int64)
         for solid in self._solids[boxed].tolist():
-            tables = self._tables(solid)
+            if solid not in self._tables:
+                self._tables[solid] = self._made(solid)
+            tables = self._tables[solid]
             if tables is not None:
                 windings_at(point, tables[0], tuple(tables[1][0].tolist()), winding)
                 if winding[0] > 0:

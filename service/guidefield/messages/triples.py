@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import struct
 import sys
@@ -120,18 +119,13 @@ _BLOCK_BYTES = 2**16
 def _are_below(count: int, packed: bytes) -> bool:
     """Return whether there are little-endian uint32, and all of them are below a count of at most 2^31."""
     some = (packed[begin : begin + _BLOCK_BYTES] for begin in range(0, len(packed), _BLOCK_BYTES))
-    return bool(packed) and all(_is_block_below(count, each) for each in some)
+    addend = int.from_bytes((2**31 - count).to_bytes(4, "little") * (min(_BLOCK_BYTES, len(packed)) // 4), "little")
+    return bool(packed) and all(_is_block_below(addend, each) for each in some)
 
 
-def _is_block_below(count: int, packed: bytes) -> bool:
+def _is_block_below(addend: int, packed: bytes) -> bool:
     """Compare a block as one integer: with 2^31 - count added to each, the highest bit of those not below is set."""
     if packed[3::4].translate(None, _POSITIVE):
         return False
-    moved = int.from_bytes(packed, "little") + _make_addend(count, len(packed))
+    moved = int.from_bytes(packed, "little") + (addend & ((1 << (8 * len(packed))) - 1))
     return not moved.to_bytes(len(packed), "little")[3::4].translate(None, _POSITIVE)
-
-
-@functools.lru_cache(maxsize=4)
-def _make_addend(count: int, size: int) -> int:
-    """Make the long integer with 2^31 - count in each uint32 of a block of a size [bytes]."""
-    return int.from_bytes((2**31 - count).to_bytes(4, "little") * (size // 4), "little")

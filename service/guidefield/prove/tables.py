@@ -18,7 +18,7 @@ from guidefield.collision.robot_ball import robot_ball
 from guidefield.collision.world import World
 from guidefield.kernels.collide.parts import Parts
 from guidefield.kernels.prove.tables import BezierCurve, BodyPairs, MovingObstacles, ObstacleBodies, RobotBodies
-from guidefield.memo import lasting, memoized
+from guidefield.memo import memoized
 from guidefield.messages import scene as messages
 from guidefield.prove.curve import Curve
 from guidefield.read_only import read_only
@@ -63,13 +63,11 @@ def world_tables(world: World, *, in_time: bool) -> WorldTables:
     return _tables_in_time(world) if in_time and world.scene.moves else _tables_at_first(world)
 
 
-@lasting
 def _tables_at_first(world: World) -> WorldTables:
     obstacles = obstacle_bodies(world.scene, timed=False)
     return WorldTables(robot_bodies(world), obstacles, NOTHING_MOVES, body_pairs(world), arithmetic_error(world))
 
 
-@lasting
 def _tables_in_time(world: World) -> WorldTables:
     obstacles, movers = obstacle_bodies(world.scene, timed=True), moving_placements(world.scene)
     return _tables_at_first(world)._replace(obstacles=obstacles, movers=movers)

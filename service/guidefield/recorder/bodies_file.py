@@ -6,7 +6,6 @@ A file is named by what it was made from. It holds the meshes as a recording sho
 from __future__ import annotations
 
 import contextlib
-import functools
 import hashlib
 import os
 import time
@@ -20,6 +19,7 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import strip_path
 from guidefield.geometry import cache
+from guidefield.memo import MISSING, Answers
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies import RobotBodies, mesh
 from guidefield.recorder.chunks import entity, still
@@ -28,9 +28,6 @@ from guidefield.recorder.surface import Surface
 from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel
 from guidefield.whole_file import DRAFT, write_whole
-
-KEPT = 8
-"""Robots whose sketches are kept in a process."""
 
 MOST_FILES = 64
 """Robots kept prepared in a folder; recordings of a robot that was dropped leave the store without its meshes."""
@@ -71,10 +68,10 @@ def prepared(robot: RobotModel, folder: Path) -> Drawn:
         robot: The robot.
         folder: Where such files are; made if it isn't there.
     """
-    drawn = _prepared(robot, folder)
-    if not drawn.faults and not drawn.file.exists():  # somebody has cleared the folder away
-        _prepared.cache_clear()
-        drawn = _prepared(robot, folder)
+    drawn = _PREPARED.of(robot, folder)
+    if drawn is MISSING or not (drawn.faults or drawn.file.exists()):  # somebody may have cleared the folder away
+        _PREPARED.forget(robot, folder)
+        drawn = _PREPARED.keep(robot, folder, _prepare(robot, folder))
     return drawn
 
 
@@ -86,8 +83,10 @@ def meshes(robot: RobotModel, drawn: Drawn) -> list[Chunk]:
         return list(bodies.prepare(robot).chunks)
 
 
-@functools.lru_cache(maxsize=KEPT)
-def _prepared(robot: RobotModel, folder: Path) -> Drawn:
+_PREPARED = Answers[Drawn]()
+
+
+def _prepare(robot: RobotModel, folder: Path) -> Drawn:
     file = folder / f"{_fingerprint(robot)}.rrd"
     try:
         known = _read(file)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import colorsys
-import functools
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -11,6 +10,7 @@ import numpy as np
 import rerun as rr
 from rerun.chunk import Chunk
 
+from guidefield.memo import memoized_by_value
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.event_log import evenly
@@ -137,7 +137,7 @@ def _curves(
     yield timed(path, [times], _rows(rows))
 
 
-@functools.lru_cache(maxsize=256)
+@memoized_by_value(256)
 def _lines(path: str, names: tuple[str, ...], colors: tuple[Color, ...]) -> Chunk:
     """Names and colours of curves: those of the same joints are in many recordings."""
     return still(path, rr.SeriesLines(names=names, colors=colors))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ import pinocchio as pin
 import rerun as rr
 from rerun.chunk import Chunk
 
+from guidefield.memo import memoized_by_value
 from guidefield.recorder import bodies, surface
 from guidefield.recorder.bodies_file import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
@@ -38,7 +38,7 @@ def tip_axes(group: PlanningGroup) -> Chunk:
     return _axes_of(group.tip)
 
 
-@functools.lru_cache(maxsize=64)
+@memoized_by_value(64)
 def _axes_of(link: str) -> Chunk:
     return still("/robot/tip", rr.CoordinateFrame(link_frame(link)), rr.TransformAxes3D(AXES))
 

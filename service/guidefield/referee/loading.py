@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import functools
 import io
 import itertools
 import json
@@ -35,6 +34,9 @@ MOMENT = 1e-9
 
 Told = Mapping[str, Any]
 
+Meshes = dict[tuple[str, tuple[tuple[str, bytes], ...]], np.ndarray]
+"""Triangles (t, 3, 3) of mesh files that were read, by name and the files that this may mean, with their contents."""
+
 
 class UnusableFile(ValueError):
     """The file isn't one of this format, or something in it contradicts something else."""
@@ -56,7 +58,8 @@ def load(path: Path) -> list[Case]:
         raise UnusableFile(f"{path.name} isn't JSON: {error}") from None
     if not isinstance(told, dict) or told.get("format") != FORMAT or not isinstance(told.get("cases"), list):
         raise UnusableFile(f"{path.name} must have `format` {FORMAT!r} and a list of `cases`")
-    return [case_of(one) for one in told["cases"]]
+    meshes: Meshes = {}
+    return [case_of(one, meshes) for one in told["cases"]]
 
 
 def _unpack(packed: bytes) -> bytes:
@@ -67,22 +70,26 @@ def _unpack(packed: bytes) -> bytes:
     return unpacked
 
 
-def case_of(told: Told) -> Case:
+def case_of(told: Told, meshes: Meshes | None = None) -> Case:
     """One case that a file tells.
+
+    Args:
+        told: The case.
+        meshes: Those that other cases of the file read; gets more.
 
     Raises:
         UnusableFile: if something is missing or contradicts something else.
     """
     try:
-        return _case(told)
+        return _case(told, {} if meshes is None else meshes)
     except KeyError as error:
         raise UnusableFile(f"{error.args[0]!r} is missing") from None
     except (TypeError, AttributeError, IndexError, RuntimeError, ValueError, ElementTree.ParseError) as error:
         raise UnusableFile(f"it can't be used: {error}") from None
 
 
-def _case(told: Told) -> Case:
-    model, geometry, laws = _robot(told["robot"])
+def _case(told: Told, meshes: Meshes) -> Case:
+    model, geometry, laws = _robot(told["robot"], meshes)
     spread, offset, turning, turned, columns = _chart(model, told, laws)
     positions, times, velocities = _motion(told["motion"], len(columns))
     lower, upper, unlimited = _position_limits(model, spread, told.get("without_limits", ()))
@@ -110,7 +117,7 @@ def _case(told: Told) -> Case:
     )
 
 
-def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
+def _robot(told: Told, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
     """Pinocchio's model and collision geometry where the robot stands; of each follower driver, multiplier, offset."""
     root = ElementTree.fromstring(told["urdf"])  # noqa: S314 - who judges a file has chosen it
     laws = {
@@ -125,7 +132,7 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
         for axis in (joint.find("axis"),)
         if joint.get("type") == "planar"
     }
-    meshes = _meshes(root, told.get("mesh_files", {}))
+    meshes = _meshes(root, told.get("mesh_files", {}), read_meshes)
     own_names = _rename(root)
     text, joint = ElementTree.tostring(root, "unicode"), ROOTS[told.get("root_joint", "fixed")]
     model = pin.buildModelFromXML(text) if joint is None else pin.buildModelFromXML(text, joint())
@@ -153,7 +160,7 @@ def _robot(told: Told) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:
     return model, geometry, laws
 
 
-def _meshes(root: Any, files: Told) -> dict[str, np.ndarray]:
+def _meshes(root: Any, files: Told, known: Meshes) -> dict[str, np.ndarray]:
     """Triangles (t, 3, 3) [m] of each collision shape that is a mesh, by its name; in the URDF a ball replaces it."""
     contents, found = {name: base64.b64decode(content) for name, content in files.items()}, {}
     for link in root.iter("link"):
@@ -169,7 +176,10 @@ def _meshes(root: Any, files: Told) -> dict[str, np.ndarray]:
 
     def read_one(name: str) -> np.ndarray:
         folder = name.partition("/")[0] + "/"
-        return _triangles(name, tuple(one for one in contents.items() if one[0] == name or one[0].startswith(folder)))
+        key = name, tuple(one for one in contents.items() if one[0] == name or one[0].startswith(folder))
+        if key not in known:
+            known[key] = _triangles(*key)
+        return known[key]
 
     names = list(dict.fromkeys(name for name, _ in found.values()))
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # each waits for a process
@@ -178,7 +188,6 @@ def _meshes(root: Any, files: Told) -> dict[str, np.ndarray]:
     return {one: scale * (turned if scale.prod() < 0.0 else triangles)[name] for one, (name, scale) in found.items()}
 
 
-@functools.lru_cache(maxsize=64)
 def _triangles(name: str, files: tuple[tuple[str, bytes], ...]) -> np.ndarray:
     """Triangles (t, 3, 3) of a mesh file, among files that it may name, with their contents."""
     with tempfile.TemporaryDirectory() as folder:

@@ -17,7 +17,7 @@ import numpy as np
 from guidefield.referee.case import Case
 from guidefield.referee.containment import box_about
 from guidefield.referee.judge import Along, beyond_limit, false_part, pieces
-from guidefield.referee.loading import case_of
+from guidefield.referee.loading import Meshes, case_of
 from guidefield.referee.motion_bounds import BodyBounds, SegmentBounds
 from guidefield.referee.proof import Proof, load_proofs
 from guidefield.referee.slabs import Slabs
@@ -35,7 +35,8 @@ def replay_file(path: Path, seconds: float = math.inf) -> list[Verdict]:
         UnusableFile: if it can't be used.
         OSError: if it can't be read.
     """
-    return [replay(case_of(told), proof, seconds) for told, proof in load_proofs(path)]
+    meshes: Meshes = {}
+    return [replay(case_of(told, meshes), proof, seconds) for told, proof in load_proofs(path)]
 
 
 def replay(case: Case, proof: Proof, seconds: float = math.inf) -> Verdict:

@@ -12,6 +12,7 @@ from guidefield.geometry import surfaces
 from guidefield.geometry.charge_cloud import cloud_rows, spacings
 from guidefield.geometry.extents import box_about
 from guidefield.memo import memoized
+from guidefield.scene.cloud_tables import CloudTables, make_cloud_tables
 from guidefield.scene.recipe import Charges
 
 MOST_IN_BODIES = 5_000
@@ -49,6 +50,11 @@ class Cloud:
     def box(self) -> np.ndarray:
         """Corners of the box about the points, without their radius, shape (2, 3) [m, world]."""
         return box_about(self.points)
+
+    @cached_property
+    def tables(self) -> CloudTables:
+        """Its tables for kernels."""
+        return make_cloud_tables(self.points, self.box, self.radius)
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

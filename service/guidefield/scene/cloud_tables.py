@@ -12,8 +12,6 @@ from guidefield.kernels.distance.point_tree import NUMBERS, LaneCloud
 from guidefield.kernels.simd.blocks import AROUND, BLOCK
 from guidefield.kernels.simd.packing import Words, packed
 from guidefield.kernels.simd.vector_model import LANES
-from guidefield.memo import lasting
-from guidefield.scene.obstacle import Obstacle
 
 CELL = 0.04
 """Sides of the grid's cells [m], where that doesn't make too many."""
@@ -43,11 +41,15 @@ class CloudTables:
         return int(self.words.__array_interface__["data"][0])
 
 
-@lasting
-def cloud_tables(obstacle: Obstacle) -> CloudTables:
-    """The tables of an obstacle that is a cloud, made once; what kernels find of its grid stays in them."""
-    assert obstacle.cloud is not None, "only clouds are asked for"
-    points = obstacle.cloud.points.copy()
+def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> CloudTables:
+    """Make the tables of a cloud; what kernels find of its grid stays in them.
+
+    Args:
+        points: Shape (n, 3) [m, world].
+        box: Corners of the box about them, shape (2, 3) [m].
+        radius: Of the balls about them [m].
+    """
+    points = points.copy()
     sort_for_tree(points)
     sizes = [-(-len(points) // LANES)]
     while len(sizes) == 1 or sizes[-1] > 1:
@@ -56,12 +58,12 @@ def cloud_tables(obstacle: Obstacle) -> CloudTables:
     packed_points = np.empty(BLOCK * sizes[0], np.float32)
     boxes = np.empty(AROUND * sum(sizes[1:]), np.float32)
     fill_tree(points, firsts, packed_points, boxes)
-    low, high = obstacle.cloud.box.astype(np.float32).astype(float)
+    low, high = box.astype(np.float32).astype(float)
     extent = high - low + 2.0 * AROUND_POINTS
     cell = max(CELL, math.cbrt(float(extent.prod()) / MOST_CELLS))
     columns, rows, layers = np.ceil(extent / cell).astype(int).tolist()
     numbers = np.empty(NUMBERS, np.float32)
-    numbers[:] = [*(low - AROUND_POINTS + 0.5 * cell), cell, 1.0 / cell, *low, *high, obstacle.cloud.radius]
+    numbers[:] = [*(low - AROUND_POINTS + 0.5 * cell), cell, 1.0 / cell, *low, *high, radius]
     tables = LaneCloud(
         levels=len(firsts) - 1,
         columns=columns,

@@ -37,7 +37,6 @@ from guidefield.kernels.collide.primitive_boxes import primitive_bodies
 from guidefield.kernels.distance.distance import CROPPED_SOLID, HALF_SPACE, SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.read_only import read_only
-from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, is_other, placed_rows, rows_of, unplaced
@@ -162,7 +161,7 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     if body is not None:
         return [body.placed(rotation, translation)]
     if obstacle.cloud is not None:
-        return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, cloud_tables(obstacle).address)]
+        return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, obstacle.cloud.tables.address)]
     if obstacle.recipe.content and is_large(obstacle.faces):
         return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:

@@ -6,7 +6,6 @@ robot meets a corner: the trees of all that is elsewhere are never made.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Any
@@ -78,15 +77,19 @@ class Patches:
     """
 
     def __init__(self, surface: Whole, content: bytes = b"") -> None:
-        self._surface = surface = functools.cache(surface)
+        self._make = surface
 
         def write(room: Room) -> Arrays:
-            return _written(*surface(), room)
+            return _written(*self._surface, room)
 
         known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
         made = made_in_place("patches", known, write) if content else write(in_memory)
         self._triangles, (self._low, self._high) = made["triangles"], np.split(made["boxes"], 2, axis=1)
         self._shapes: dict[int, Any] = {}
+
+    @cached_property
+    def _surface(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._make()
 
     def __len__(self) -> int:
         return len(self._low)
@@ -106,7 +109,7 @@ class Patches:
         if index not in self._shapes:
             corners = self._triangles[index * PATCH : (index + 1) * PATCH]
             used, local = np.unique(corners, return_inverse=True)
-            self._shapes[index] = bvh(self._surface()[0][used], local.reshape(-1, 3))
+            self._shapes[index] = bvh(self._surface[0][used], local.reshape(-1, 3))
         return self._shapes[index]
 
     def nearest_first(self, low: np.ndarray, high: np.ndarray) -> Iterator[tuple[float, int]]:

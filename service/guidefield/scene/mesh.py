@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,29 +63,41 @@ def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMes
     Returns:
         What is known of it; None if its triangles have no area.
     """
-
-    def given() -> MeshSurface | None:
-        return _judged(points_in(points), corners_in(corners))
-
     if not is_large(count_of(corners)):
-        surface = given()
+        surface = _judged(points_in(points), corners_in(corners))
         return None if surface is None else as_judged(surface)
-    known, judged = {"content": np.frombuffer(content, np.uint8)}, functools.cache(given)
+    large = _LargeMesh(points, corners, content)
+    return _restored(remembered("mesh", large.known, large.find_facts), lambda: large.surface, content)
 
-    def whole() -> tuple[np.ndarray, np.ndarray]:
-        found = remembered("surface", known, lambda: _arrays_of(judged()))
-        judged.cache_clear()
+
+class _LargeMesh:
+    """A mesh whose surface is kept on disk, and judged at most once.
+
+    Args:
+        points, corners, content: As of `judged_mesh`.
+    """
+
+    def __init__(self, points: Points, corners: Triangles, content: bytes) -> None:
+        self._points, self._corners = points, corners
+        self.known = {"content": np.frombuffer(content, np.uint8)}
+
+    @cached_property
+    def _judged(self) -> MeshSurface | None:
+        return _judged(points_in(self._points), corners_in(self._corners))
+
+    @cached_property
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its vertices (v, 3) [m] and triangles (t, 3)."""
+        found = remembered("surface", self.known, lambda: _arrays_of(self._judged))
+        vars(self).pop("_judged", None)
         return found["vertices"], found["triangles"].astype(np.int64)
 
-    surface_of_it = functools.cache(whole)
-
-    def facts() -> Arrays:
-        made = _facts_of(judged())
-        if judged() is not None:
-            surface_of_it()
+    def find_facts(self) -> Arrays:
+        """Return the facts of its surface, and keep that on disk."""
+        made = _facts_of(self._judged)
+        if self._judged is not None:
+            _ = self.surface
         return made
-
-    return _restored(remembered("mesh", known, facts), surface_of_it, content)
 
 
 def as_judged(surface: MeshSurface) -> JudgedMesh:

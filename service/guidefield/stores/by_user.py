@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from guidefield.bounded_map import OPEN_STORES, BoundedMap
 from guidefield.errors import NotAllowed, QuotaExceeded
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
@@ -20,8 +20,6 @@ from guidefield.whole_file import write_whole
 
 MOST_USERS = 1_000
 """The most users who may have something stored."""
-MOST_OPEN = 100
-"""The most users whose stores are kept open."""
 
 Kind = Literal["runs", "scenes", "robots", "requests"]
 """Kinds of things that belong to a user; requests can't be shared."""
@@ -79,7 +77,7 @@ class StoresByUser:
 
     def __init__(self, data: Path, quotas: Quotas = DEFAULT_QUOTAS, database: RunDatabase | None = None) -> None:
         self._data, self._quotas, self._database = data, quotas, database
-        self._open: OrderedDict[str, Stores] = OrderedDict()
+        self._open = BoundedMap[str, Stores](OPEN_STORES)
         self._lock = threading.Lock()
 
     def of(self, user: str) -> Stores:
@@ -88,12 +86,7 @@ class StoresByUser:
         Raises:
             QuotaExceeded: if too many users have stores already.
         """
-        with self._lock:
-            stores = self._open.pop(user, None) or self._opened(user)
-            self._open[user] = stores
-            while len(self._open) > MOST_OPEN:
-                self._open.popitem(last=False)
-            return stores
+        return self._open.find(user, lambda: self._opened(user), lambda _: 0)
 
     def streams_of(self, user: str) -> Path:
         """The folder of a user's streams; it may not be there."""
@@ -151,15 +144,16 @@ class StoresByUser:
 
     def _opened(self, user: str) -> Stores:
         folder = self._folder(user)
-        if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
-            raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
-        return Stores(
-            NoRuns() if self._database is None else self._database.of(user),
-            Recordings(folder / "recordings"),
-            SceneStore(folder / "scenes"),
-            RobotStore(folder / "robots"),
-            Shared(folder / "shared"),
-        )
+        with self._lock:  # one thread at a time counts users, and adds one
+            if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:
+                raise QuotaExceeded(f"{MOST_USERS} users have something stored already", limit=MOST_USERS)
+            return Stores(
+                NoRuns() if self._database is None else self._database.of(user),
+                Recordings(folder / "recordings"),
+                SceneStore(folder / "scenes"),
+                RobotStore(folder / "robots"),
+                Shared(folder / "shared"),
+            )
 
     def _folder(self, user: str) -> Path:
         return user_folder(self._data, user)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,7 +63,7 @@ class _Known:
     first: int
     changes: int
     end: int
-    versions: OrderedDict[int, Scene]
+    versions: dict[int, Scene]
 
     @property
     def newest(self) -> tuple[int, Scene]:
@@ -76,7 +75,7 @@ class _Known:
         """Note a version, and forget the oldest."""
         self.versions[version] = scene
         while len(self.versions) > MAX_VERSIONS:
-            self.versions.popitem(last=False)
+            del self.versions[next(iter(self.versions))]
 
 
 class SceneVersions:
@@ -242,7 +241,7 @@ class SceneVersions:
             if scene is None:
                 return None
             whole = _Whole(scene)
-        return _Known(file, len(data), whole.version, changes, 0, OrderedDict({whole.version: freeze(whole.scene)}))
+        return _Known(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
 
 
 def _as_read(line: _Line) -> tuple[bytes, _Line]:

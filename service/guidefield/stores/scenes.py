@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 
+from guidefield.bounded_map import READ_VERSIONS, BoundedMap
 from guidefield.errors import RequestTooLarge, SceneInvalid
 from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import Scene
@@ -16,9 +16,6 @@ from guidefield.messages.scene_changes import SceneDiff
 from guidefield.scene import library
 from guidefield.stores.files import alone, checked_name
 from guidefield.stores.scene_versions import SceneVersions
-
-MOST_KNOWN = 32
-"""So many stored scenes are kept in memory as they were read."""
 
 
 class PackagedScenes:
@@ -80,7 +77,7 @@ class SceneStore:
         self._limit = limit
         self._packaged = PackagedScenes()
         self._mutex = threading.RLock()
-        self._versions: OrderedDict[str, SceneVersions] = OrderedDict()
+        self._versions = BoundedMap[str, SceneVersions](READ_VERSIONS)
         folder.mkdir(parents=True, exist_ok=True)
 
     def names(self) -> list[str]:
@@ -160,11 +157,7 @@ class SceneStore:
 
     def _of(self, name: str) -> SceneVersions:
         """A scene's files, whether there are any or not."""
-        known = self._versions.pop(name, None) or SceneVersions(self._folder, checked_name(name, "scene"))
-        self._versions[name] = known
-        while len(self._versions) > MOST_KNOWN:
-            self._versions.popitem(last=False)
-        return known
+        return self._versions.find(name, lambda: SceneVersions(self._folder, checked_name(name, "scene")), lambda _: 0)
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:

@@ -34,7 +34,7 @@ def descriptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         f"PACKAGE_PATH = REPOSITORY_PATH + '/arm_description'\nURDF_PATH = PACKAGE_PATH + '/urdf/arm.urdf'\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(package.parent))
-    robot_descriptions.find_description.cache_clear()
+    vars(robot_descriptions.find_description.__wrapped__).pop("_found", None)  # frees what other tests found
     return urdf
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,7 +90,6 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
     return LaneMemory(size, np.array(offsets, np.int64), arrays)
 
 
-@functools.lru_cache(maxsize=256)
 def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
     """Lay out the memory for the tables of so many primitives, with boxes for so many obstacles."""
     lengths = {

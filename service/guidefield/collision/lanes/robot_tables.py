@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -31,7 +30,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     TURNING,
     LaneJoints,
 )
-from guidefield.memo import SharedAnswer
+from guidefield.memo import SharedAnswer, memoized_by_value
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.alike import memoized_for_alike
@@ -190,7 +189,7 @@ def _surface_points(shape: Any) -> np.ndarray:
     return _spread_points(vertices.tobytes(), faces.tobytes())
 
 
-@functools.lru_cache(maxsize=64)
+@memoized_by_value(64)
 def _spread_points(vertices_bytes: bytes, faces_bytes: bytes) -> np.ndarray:
     vertices = np.frombuffer(vertices_bytes).reshape(-1, 3)
     faces = np.frombuffer(faces_bytes, np.int64).reshape(-1, 3)

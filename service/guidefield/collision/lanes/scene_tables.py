@@ -30,7 +30,6 @@ from guidefield.memo import MISSING, Answers, MemoSet, memoized
 from guidefield.messages import scene as messages
 from guidefield.read_only import read_only
 from guidefield.scene.cloud import Cloud
-from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
@@ -248,7 +247,7 @@ def _tables_of(obstacle: Obstacle) -> _Tables:
         return _make_flat([obstacle])[0]
     table = PartsTable()
     places, rows = _stand_ins(obstacle, table)
-    address = 0 if obstacle.cloud is None else cloud_tables(obstacle).address
+    address = 0 if obstacle.cloud is None else obstacle.cloud.tables.address
     places = np.column_stack([places, np.full(len(places), address)])
     return _Tables(places, rows.astype(np.float32), boxes_about(rows).astype(np.float32), table.tables())
 

@@ -11,13 +11,13 @@ tried.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 from typing import NamedTuple, cast
 
 import numpy as np
 
 from guidefield.kernels.timing import path_parameterization
+from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_bends, basis_slopes
 from guidefield.planner.motion.limit_load import at_limits
 from guidefield.planner.motion.settings import TIMING
@@ -76,7 +76,7 @@ class PathCurve(ReadOnly):
         return cast(ChartRates, made[0]), cast(ChartRates, made[1])
 
 
-@functools.lru_cache(maxsize=16)
+@memoized_by_value(16)
 def _bases(steps: int) -> tuple[np.ndarray, np.ndarray]:
     """The derivatives of the basis at so many even steps of a piece, shape (steps, 4) each; at its end where 0."""
     shares = np.arange(steps) / steps if steps else np.ones(1)

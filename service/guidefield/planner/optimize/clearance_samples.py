@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
@@ -11,6 +10,7 @@ import numpy as np
 
 from guidefield.kernels.optimize.clearance_model import MotionSamples
 from guidefield.kernels.optimize.constraint_penalty import KeptSamples
+from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import BSpline, basis
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.settings import OptimizationSettings
@@ -98,7 +98,7 @@ def _floor(kept: float, settings: OptimizationSettings) -> float:
     return float(np.clip(settings.floor_share * kept, settings.least_floor, settings.floor))
 
 
-@functools.lru_cache(maxsize=256)
+@memoized_by_value(256)
 def places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Where so many samples on each of some pieces are.
 

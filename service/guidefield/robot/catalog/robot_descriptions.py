@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import os
 import re
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from guidefield.errors import RobotInvalid
+from guidefield.memo import memoized_by_value
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.requests import ROBOT_DESCRIPTIONS, UrdfFile
 
@@ -44,7 +44,7 @@ def is_description(name: str) -> bool:
     return name.startswith(ROBOT_DESCRIPTIONS)
 
 
-@functools.cache
+@memoized_by_value(64)
 def find_description(name: str) -> UrdfFile:
     """Return the files of a robot, downloaded if they aren't in the cache of robot_descriptions.
 
