@@ -29,10 +29,12 @@ PLAN = PlanRequest("ur5", "table", JointsGoal({"elbow_joint": 1.2}), guide_plane
 
 
 class Dying(EngineSetup):
-    """Prepares no engines."""
+    """Prepares engines that end their process."""
 
-    def engines(self, _database: RunDatabase | None = None) -> Engines:
-        os._exit(3)
+    def engines(self, database: RunDatabase | None = None) -> Engines:
+        engines = super().engines(database)
+        engines.render = lambda *_: os._exit(3)  # type: ignore[method-assign]
+        return engines
 
 
 class Refusing(EngineSetup):
@@ -62,11 +64,15 @@ class Rendering:
         until = time.monotonic() + PATIENCE
         while not so():
             assert time.monotonic() < until
-            process = self.renderer._process
-            if process is not None and process.pid is not None:  # a busy machine leaves it no processor
+            if (process := self.process) is not None:  # a busy machine leaves it no processor
                 with contextlib.suppress(OSError):
-                    os.sched_setscheduler(process.pid, os.SCHED_OTHER, os.sched_param(0))
+                    os.sched_setscheduler(process, os.SCHED_OTHER, os.sched_param(0))
             time.sleep(0.01)
+
+    @property
+    def process(self) -> int | None:
+        worker = self.renderer._pool._slots[0].worker
+        return None if worker is None else worker.process.pid
 
     def kinds(self) -> set[str]:
         return {self.recordings.kept(f"r{number}").kind for number in range(3)}
@@ -99,9 +105,8 @@ def rendering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 def test_the_newest_come_first_and_a_killed_process_is_started_again(rendering: Callable[..., Rendering]) -> None:
     asked = rendering(EngineSetup)
     asked.await_that(lambda: asked.done == ["r2"])
-    assert asked.renderer._process is not None
-    assert asked.renderer._process.pid is not None
-    os.kill(asked.renderer._process.pid, signal.SIGKILL)
+    assert asked.process is not None
+    os.kill(asked.process, signal.SIGKILL)
     asked.await_that(lambda: len(asked.done) == 3)
     assert asked.kinds() == {"rendered"}
     assert asked.renderer.memory > 0
@@ -114,14 +119,15 @@ def test_what_ends_its_process_again_and_again_is_given_up(rendering: Callable[.
     asked.await_that(lambda: len(asked.done) == 3)
     assert asked.kinds() == {"lost"}
     told = (asked.recordings.folder / "r0.lost").read_text()
-    assert told == f"it can't be rendered: the process that rendered it died with code 3, {MAX_ATTEMPTS} times"
+    why = "the process that worked on this request died with exit code 3"
+    assert told == f"it can't be rendered: {why}, {MAX_ATTEMPTS} times"
 
 
 def test_what_takes_too_much_memory_is_given_up(rendering: Callable[..., Rendering]) -> None:
     asked = rendering(EngineSetup, memory=1 << 20)
     asked.await_that(lambda: len(asked.done) == 3)
     assert asked.kinds() == {"lost"}
-    assert "takes more than 1 MiB of memory" in (asked.recordings.folder / "r2.lost").read_text()
+    assert "took more than 1 MiB of memory" in (asked.recordings.folder / "r2.lost").read_text()
 
 
 def test_a_disk_that_refuses_is_asked_again(rendering: Callable[..., Rendering], tmp_path: Path, caplog) -> None:
