@@ -1,4 +1,4 @@
-"""Arrays in a file: it starts with a checksum of all that follows, and large ones are read where the system has them.
+"""Arrays in a file of NumPy's own format: one record, whose fields are the arrays, and a checksum of it all.
 
 A file of many megabytes is mapped: memory that others read too, of which no copy is made. All of it is summed before
 anything of it is used. Who makes large arrays may have them made in the file, so that none is written a second time.
@@ -6,19 +6,17 @@ anything of it is used. Who makes large arrays may have them made in the file, s
 
 from __future__ import annotations
 
-import hashlib
+import io
 import logging
-import math
 import mmap
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import BinaryIO
 
-import msgspec
 import numpy as np
+import xxhash
 
-from guidefield.kernels.linalg.page_sums import PAGE, page_sums
 from guidefield.whole_file import draft_path, write_whole
 
 _log = logging.getLogger(__name__)
@@ -34,27 +32,14 @@ Layout = Mapping[str, tuple[str, tuple[int, ...]]]
 Room = Callable[[Layout], dict[str, np.ndarray]]
 """Gives arrays of such types and shapes to write in, all zero."""
 
-
-class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An array as it is on disk, `offset` bytes behind where the first begins."""
-
-    dtype: Literal["<f8", "<f4", "<i8", "<i4", "|u1", "|b1"]
-    shape: tuple[int, ...]
-    offset: int
-
-
-_encode = msgspec.msgpack.Encoder().encode
-_decode = msgspec.msgpack.Decoder(dict[str, _Stored]).decode
-
-_DIGEST = hashlib.sha256().digest_size
+_SUM = "checksum"
+"""Field of the checksum."""
 
 _ALIGNED = 64
-"""What arrays begin at a multiple of: kernels take no others, and so those of a large mesh needn't be copied."""
+"""Arrays begin at a multiple of it: kernels take no others, and so those of a large mesh needn't be copied."""
 
-_LENGTH = np.dtype("<i8")
-"""Of the number behind the checksum: how long the list of the arrays is."""
-
-_KEYS = np.frombuffer(hashlib.shake_128(b"guidefield").digest(8 * (PAGE + 1)), "<u8")
+_UNREADABLE = (ValueError, EOFError, KeyError, TypeError, OverflowError, MemoryError)
+"""Exceptions of NumPy for files that aren't of its format."""
 
 
 def in_memory(layout: Layout) -> dict[str, np.ndarray]:
@@ -68,57 +53,48 @@ def read(path: Path) -> dict[str, np.ndarray] | None:
     None if there is no such file, or none that can be used, which is logged.
     """
     try:
-        content = _content(path)
+        with path.open("rb") as file:
+            np.lib.format.read_magic(file)
+            dtype = np.lib.format.read_array_header_1_0(file)[2]
+            record = _rest(file).view(dtype)
+        if len(record) != 1 or record[_SUM].tobytes() != _sum(record):
+            raise ValueError("its checksum is another one")
         os.utime(path)
     except FileNotFoundError:
         return None
     except OSError as error:
         _log.warning("cannot read %s: %s", path, error)
         return None
-    if checksum(content[_DIGEST:]) != content[:_DIGEST].tobytes():
-        _log.warning("%s is damaged and is computed again", path)
+    except _UNREADABLE as error:
+        _log.warning("%s is damaged and is computed again (%s)", path, error)
         return None
-    content.setflags(write=False)
-    try:
-        return _arrays_in(content)
-    except (msgspec.DecodeError, ValueError) as error:
-        _log.warning("%s is not understood (%s) and is computed again", path, error)
-        return None
-
-
-def checksum(payload: np.ndarray) -> bytes:
-    """What bytes, shape (n,), are known by: a hash of the sums of their pages, and of what is left behind them."""
-    whole = len(payload) // 8 * 8
-    words = payload[:whole].view("<u8")
-    sums = np.empty((-(-len(words) // PAGE), 2), np.uint64)
-    page_sums(words, _KEYS, sums)
-    digest = hashlib.sha256(len(payload).to_bytes(8, "little"))
-    digest.update(sums.data)
-    digest.update(payload[whole:].data)
-    return digest.digest()
+    record.setflags(write=False)
+    return _arrays_in(record)
 
 
 def write(path: Path, arrays: Arrays) -> int:
-    """Write arrays, contiguous ones, as a file; how many bytes it has.
+    """Write arrays as a file; return its size [bytes].
 
     Raises:
         OSError: if it can't be written.
     """
-    header, size = _header({name: (array.dtype.str, array.shape) for name, array in arrays.items()})
-    content = np.zeros(size, np.uint8)
-    content[_DIGEST : _DIGEST + len(header)] = np.frombuffer(header, np.uint8)
-    for name, into in _arrays_in(content).items():
+    dtype = _dtype({name: (array.dtype.str, array.shape) for name, array in arrays.items()})
+    header = _header(dtype)
+    content = np.zeros(len(header) + dtype.itemsize, np.uint8)
+    content[: len(header)] = np.frombuffer(header, np.uint8)
+    record = content[len(header) :].view(dtype)
+    for name, into in _arrays_in(record).items():
         into[...] = arrays[name]
-    content[:_DIGEST] = np.frombuffer(checksum(content[_DIGEST:]), np.uint8)
+    record[_SUM] = np.frombuffer(_sum(record), np.uint8)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     write_whole(path, content.data, durable=False)
-    return size
+    return len(content)
 
 
 class Draft:
     """Arrays that are made in the memory of a file, which is there whole or not at all.
 
-    Where there is no disk, or no room on it, they are in memory alone, and a warning is logged.
+    Where there is no disk, or no space on it, they are in memory alone, and a warning is logged.
 
     Args:
         path: Of the file.
@@ -127,36 +103,42 @@ class Draft:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file: Path | None = None
-        self._content: np.ndarray | None = None
+        self._record: np.ndarray | None = None
 
     def room(self, layout: Layout) -> dict[str, np.ndarray]:
         """Arrays to write in, of the types and shapes asked for, all zero; to be asked for once."""
-        header, size = _header(layout)
+        dtype = _dtype(layout)
+        header = _header(dtype)
         try:
             self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             self._file = draft_path(self._path)
-            content = _mapped(self._file, size)
+            with self._file.open("x+b") as file:
+                file.write(header)
+                file.flush()
+                # on a disk that is full later, writing would end the process
+                os.posix_fallocate(file.fileno(), 0, len(header) + dtype.itemsize)
+                record = np.frombuffer(mmap.mmap(file.fileno(), 0), np.uint8)[len(header) :].view(dtype)
         except OSError as error:
             _log.warning("cannot keep %s: %s", self._path, error)
             self.drop()
-            content = np.zeros(size, np.uint8)
-        content[_DIGEST : _DIGEST + len(header)] = np.frombuffer(header, np.uint8)
-        self._content = content
-        return _arrays_in(content)
+            record = np.zeros(1, dtype)
+        self._record = record
+        return _arrays_in(record)
 
     def keep(self) -> tuple[dict[str, np.ndarray], int]:
         """The arrays, in their shapes, read-only from now on, and how many bytes the file has: 0 if there is none."""
-        content, size = self._content, 0
-        assert content is not None, "nothing was made"
+        record, size = self._record, 0
+        assert record is not None, "nothing was made"
         if self._file is not None:
-            content[:_DIGEST] = np.frombuffer(checksum(content[_DIGEST:]), np.uint8)
+            record[_SUM] = np.frombuffer(_sum(record), np.uint8)
             try:
+                size = self._file.stat().st_size
                 self._file.replace(self._path)
-                size = len(content)
             except OSError as error:
+                size = 0
                 _log.warning("cannot keep %s: %s", self._path, error)
-        content.setflags(write=False)
-        return _arrays_in(content), size
+        record.setflags(write=False)
+        return _arrays_in(record), size
 
     def drop(self) -> None:
         """Remove what was begun."""
@@ -165,55 +147,40 @@ class Draft:
             self._file = None
 
 
-def _content(path: Path) -> np.ndarray:
-    """The bytes of a file, of a large one where the system has them."""
-    with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size <= MAPPED:
-            return np.fromfile(file, np.uint8)
-        return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
-
-
-def _mapped(path: Path, size: int) -> np.ndarray:
-    """A new file of so many bytes, all zero, as memory that can be written.
-
-    Raises:
-        OSError: if there is no room for it.
-    """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        os.posix_fallocate(descriptor, 0, size)  # on a disk that is full later, writing would end the process
-        return np.frombuffer(mmap.mmap(descriptor, size), np.uint8)
-    finally:
-        os.close(descriptor)
-
-
-def _header(layout: Layout) -> tuple[bytes, int]:
-    """What stands between the checksum and the arrays, and how many bytes there are with them."""
-    listed, size = dict[str, _Stored](), 0
+def _dtype(layout: Layout) -> np.dtype:
+    """Return the type of a record of a checksum and arrays."""
+    names, formats, offsets, size = [_SUM], [np.dtype("(16,)u1")], [0], _ALIGNED
     for name, (kind, shape) in layout.items():
-        listed[name] = _Stored(kind, shape, size)  # type: ignore[arg-type]
-        size += _up(math.prod(shape) * np.dtype(kind).itemsize)
-    header = _encode(listed)
-    return len(header).to_bytes(_LENGTH.itemsize, "little") + header, _begin(len(header)) + size
+        names.append(name)
+        formats.append(np.dtype((kind, shape)))
+        offsets.append(size)
+        size += -(-formats[-1].itemsize // _ALIGNED) * _ALIGNED
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size})
 
 
-def _arrays_in(content: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of a file's bytes, in the same memory; ValueError or msgspec.DecodeError if there are none."""
-    start = _DIGEST + _LENGTH.itemsize
-    length = int(content[_DIGEST:start].view(_LENGTH)[0])
-    first, arrays = _begin(length), {}
-    for name, stored in _decode(content[start : start + length].data).items():
-        kind, begin = np.dtype(stored.dtype), first + stored.offset
-        end = begin + math.prod(stored.shape) * kind.itemsize
-        arrays[name] = content[begin:end].view(kind).reshape(stored.shape)
-    return arrays
+def _sum(record: np.ndarray) -> bytes:
+    """Return the checksum of a record, of its type and of all of it but the checksum."""
+    digest = xxhash.xxh3_128(repr(record.dtype.descr).encode())
+    digest.update(record.view(np.uint8)[_ALIGNED:].data)
+    return digest.digest()
 
 
-def _begin(length: int) -> int:
-    """Where the first array begins, behind a list of so many bytes."""
-    return _up(_DIGEST + _LENGTH.itemsize + length)
+def _header(dtype: np.dtype) -> bytes:
+    """Return what NumPy writes before a record."""
+    header = io.BytesIO()
+    told = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": (1,)}
+    np.lib.format.write_array_header_1_0(header, told)
+    return header.getvalue()
 
 
-def _up(size: int) -> int:
-    """The next multiple of `_ALIGNED`."""
-    return -(-size // _ALIGNED) * _ALIGNED
+def _rest(file: BinaryIO) -> np.ndarray:
+    """Return the bytes of a file from here on, of a large one where the system has them."""
+    begin = file.tell()
+    if os.fstat(file.fileno()).st_size <= MAPPED:
+        return np.frombuffer(bytearray(file.read()), np.uint8)
+    return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)[begin:]
+
+
+def _arrays_in(record: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of a record, in the same memory."""
+    return {name: record[name][0] for name in record.dtype.names or () if name != _SUM}
