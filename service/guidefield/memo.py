@@ -190,8 +190,8 @@ def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
     if id(value) in sizes or isinstance(value, int | float | str | None) or (sizes and isinstance(value, SharedAnswer)):
         return
     if isinstance(value, np.ndarray):
-        address = value.__array_interface__["data"][0]  # of which there are several views
-        sizes[address] = max(value.nbytes, sizes.get(address, 0))
+        owner = id(value if value.base is None else value.base)  # of which there may be several views
+        sizes[owner] = max(value.nbytes, sizes.get(owner, 0))
     elif isinstance(value, bytes):
         sizes[id(value)] = len(value)
     elif isinstance(value, tuple | list | dict):

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
+from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.timing.travel import squared_turns, travelled, when_travelled
@@ -21,7 +22,7 @@ from guidefield.planner.task.conditions import Conditions
 from guidefield.prove.certificate import certify_curve
 from guidefield.prove.closest import ClosestPairs
 from guidefield.prove.curve import Curve
-from guidefield.prove.enclosures import enclosures_at
+from guidefield.prove.enclosures import enclosures_at, world_at
 from guidefield.prove.minima import confirm, smallest_along
 from guidefield.prove.search import TOLERANCE, Found, Goal, Smallest
 from guidefield.prove.verdict import Verdict
@@ -226,12 +227,13 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         deadline.check("the motion was measured")
         found = smallest_along(world, curve, coarse, spans, deadline=deadline)
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
-    begins = np.array([*(begin for begin, _ in spans), times[0]])
-    enclosed = enclosures_at(world, curve, begins, deadline)
-    if any(enclosed) or min(one.distance for one in closest) <= 0.0:
-        n_self = world.pairs.n_self
-        obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in enclosed[:-1]]
-        own = [pair for pair in enclosed[-1] if pair < n_self]
+    start = world.group.expand_from_chart(curve.point_at(times[0]))
+    # what is in the open at the start and touches nothing stays there
+    if min(one.distance for one in closest) <= 0.0 or enclosed(world_at(world, times[0]), start) is not None:
+        n_self, begins = world.pairs.n_self, np.array([*(begin for begin, _ in spans), times[0]])
+        inside = enclosures_at(world, curve, begins, deadline)
+        obstacles = [[pair for pair in pairs if pair >= n_self] for pairs in inside[:-1]]
+        own = [pair for pair in inside[-1] if pair < n_self]
         closest = [
             _with_enclosure(one, pairs, time, world)
             for one, pairs, time in zip(closest, [*obstacles, own], begins.tolist(), strict=True)

@@ -163,21 +163,28 @@ def _from_surface(p: Vector3, body: int, tables: DistanceTables, boxed: bool, cu
     What is far from the surface but in its box may be deep inside a solid. A ray tells: to find the nearest triangle
     takes long where many are almost as far.
     """
-    kind, span, near = tables.kinds[body], _span(tables, body), max(cutoff, 0.0)
+    kind, span, near = tables.kinds[body], span_of(tables, body), max(cutoff, 0.0)
     x, y, z = p
     if kind == SHEET or not boxed or depth <= near:
         return surface_distance(x, y, z, tables.surfaces, span, kind != SHEET, near)
     if near < math.inf:
         found = surface_distance(x, y, z, tables.surfaces, span, True, near)
-        if found[0] < math.inf or _surely_outside(p, body, tables):
-            return found
+        return found if found[0] < math.inf else distance_inside(x, y, z, body, tables, depth)
     return surface_distance(x, y, z, tables.surfaces, span, True, depth)
+
+
+@uncounted
+def distance_inside(x: float, y: float, z: float, body: int, tables: DistanceTables, depth: float) -> Signed:
+    """As `body_distance`, of a point in the frame of a solid that is far from its surface: infinite outside."""
+    if _surely_outside((x, y, z), body, tables):
+        return math.inf, 0.0, 0.0, 0.0
+    return surface_distance(x, y, z, tables.surfaces, span_of(tables, body), True, depth)
 
 
 @uncounted
 def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
     """Tell if a point in the frame of a solid, and not on its surface, is certain to be outside."""
-    span, row = _span(tables, body), tables.spans[body, 4]
+    span, row = span_of(tables, body), tables.spans[body, 4]
     if tables.kinds[body] == SOLID:
         outside: bool = surely_outside(p[0], p[1], p[2], tables.surfaces, span)
         return outside
@@ -185,7 +192,7 @@ def _surely_outside(p: Vector3, body: int, tables: DistanceTables) -> bool:
 
 
 @uncounted
-def _span(tables: DistanceTables, body: int) -> Span:
+def span_of(tables: DistanceTables, body: int) -> Span:
     """Return where the tree of a surface stands."""
     spans = tables.spans
     return spans[body, 0], spans[body, 1], spans[body, 2], spans[body, 3]
@@ -221,7 +228,7 @@ def _body_near(x: float, y: float, z: float, body: int, tables: DistanceTables, 
     if tables.spans[body, 3] <= _SMALL:
         return True
     p = moved_back_by(tables.placements[body], x, y, z)
-    if some_triangle_near(p[0], p[1], p[2], tables.surfaces, _span(tables, body), reach):
+    if some_triangle_near(p[0], p[1], p[2], tables.surfaces, span_of(tables, body), reach):
         return True
     return kind != SHEET and not _surely_outside(p, body, tables)
 

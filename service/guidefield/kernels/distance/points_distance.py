@@ -1,7 +1,9 @@
 """Signed distance of several points at once, one in each lane, to the nearest of some bodies.
 
-Boxes, cylinders, capsules and half-spaces are measured in all lanes, and sheets of a few triangles, as polygons are.
-Other bodies are measured lane by lane. All distances are those of `body_distance`.
+Boxes, cylinders, capsules, half-spaces and surfaces of triangles are measured in all lanes, clouds lane by lane. All
+distances are those of `body_distance`. A surface's tree is searched for all points at once: a node is left out where no
+point is nearer to its box than to the nearest triangle so far (ray packets of Wald et al., Interactive Rendering with
+Coherent Ray Tracing, 2001, for distances).
 """
 
 from __future__ import annotations
@@ -11,12 +13,16 @@ import math
 from guidefield.kernels.distance.distance import (
     BOX,
     CAPSULE,
+    CLOUD,
     CYLINDER,
     HALF_SPACE,
     SHEET,
     DistanceTables,
-    body_distance,
+    distance_inside,
+    span_of,
 )
+from guidefield.kernels.distance.point_tree import cloud_distance
+from guidefield.kernels.distance.triangle_distance import LEAF, Span, SurfaceTables, signed_distance
 from guidefield.kernels.jit.no_refcount import uncounted
 from guidefield.kernels.jit.signatures import Floats
 from guidefield.kernels.kinematics.poses import moved_back_by, turned_by
@@ -31,6 +37,7 @@ from guidefield.kernels.simd.vector import (
     select,
     smallest_of,
     store,
+    total,
 )
 
 Lanes3 = tuple[Vector, Vector, Vector]
@@ -43,7 +50,13 @@ grows, as long as the distance, or `NEXT_TO` where that is less [m]."""
 Signed = tuple[Vector, Vector, Vector, Vector]
 """Signed distances [m] and the unit vectors (3) along which they grow."""
 
-ROWS = 8
+DEEPEST = 40
+"""Maximum number of nodes of a tree that wait: one of a million leaves is 20 levels deep."""
+
+_FOUND, _NODES, _GAPS = 8, 9, 9 + DEEPEST // LANES_64
+"""Rows of scratch: of the nearest triangles, of the nodes that wait, and of the points' distances from these."""
+
+ROWS = _GAPS + DEEPEST
 """Rows of scratch, each of `LANES_64` numbers."""
 
 NEXT_TO = 1e-12
@@ -75,32 +88,81 @@ def nearest_body_of_each(
     nothing = 0.0 * p[0]
     best, bx, by, bz = nothing + cutoff * cutoff, nothing, nothing, nothing
     for k in range(count):
-        body = candidates[k]
-        T = tables.placements[body]
-        q = moved_back_by(T, p[0], p[1], p[2])
-        gap = _gap_squared(q, tables.bounds[body])
-        if every((gap > 0.0) & (gap >= best)):
-            continue
-        kind = tables.kinds[body]
-        if kind == BOX:
-            square, ax, ay, az = _away_from_box(q, tables.sizes[body])
-        elif kind == CYLINDER:
-            square, ax, ay, az = _away_from_cylinder(q, tables.sizes[body])
-        elif kind == CAPSULE:
-            square, ax, ay, az = _away_from_capsule(q, tables.sizes[body])
-        elif kind == HALF_SPACE:
-            square, ax, ay, az = _away(q[2], nothing, nothing, nothing + 1.0)
-        elif kind == SHEET and tables.spans[body, 1] == 1:
-            square, ax, ay, az = _away_from_sheet(q, body, tables)
-        else:
-            square, ax, ay, az = _one_by_one(p, body, tables, best, scratch)
+        square, ax, ay, az = _away_from_body(p, candidates[k], tables, best, math.inf, scratch)
         nearer = square < best
-        ax, ay, az = turned_by(T, ax, ay, az)
         best = select(nearer, square, best)
         bx, by, bz = select(nearer, ax, bx), select(nearer, ay, by), select(nearer, az, bz)
-    distance = root(magnitude(best))
+    return _signed(best, bx, by, bz)
+
+
+@uncounted
+def body_distance_of_each(
+    p: Lanes3, body: int, tables: DistanceTables, cutoff: float, depth: float, scratch: Floats
+) -> Signed:
+    """Signed distance of points to a body.
+
+    Args:
+        p: The points in the world [m].
+        body: Index of the body.
+        tables: The bodies.
+        cutoff: Distance beyond which nothing is looked for, positive [m].
+        depth: How deep inside a solid its surface is looked for [m]; may be infinite.
+        scratch: Of `ROWS` times `LANES_64` numbers.
+
+    Returns:
+        Distances [m], and unit vectors (3); the cutoff and zero beyond it.
+    """
+    nothing = 0.0 * p[0]
+    most = nothing + cutoff * cutoff
+    square, ax, ay, az = _away_from_body(p, body, tables, most, depth, scratch)
+    near = square < most
+    return _signed(
+        select(near, square, most), select(near, ax, nothing), select(near, ay, nothing), select(near, az, nothing)
+    )
+
+
+@uncounted
+def _signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
+    """By squares of signed distances, and vectors as in `Away`."""
+    distance = root(magnitude(square))
     over = 1.0 / largest_of(distance, NEXT_TO)
-    return select(best < 0.0, -distance, distance), over * bx, over * by, over * bz
+    return select(square < 0.0, -distance, distance), over * ax, over * ay, over * az
+
+
+@uncounted
+def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, depth: float, scratch: Floats) -> Away:
+    """From a body, in the world; where a distance isn't below the best, by the square of a signed one, any that isn't.
+
+    Args:
+        p: The points in the world [m].
+        body: Index of the body.
+        tables: The bodies.
+        best: Squares of signed distances [m²].
+        depth: How deep inside a solid its surface is looked for [m].
+        scratch: Of `ROWS` times `LANES_64` numbers.
+    """
+    T, nothing = tables.placements[body], 0.0 * p[0]
+    q = moved_back_by(T, p[0], p[1], p[2])
+    gap = _gap_squared(q, tables.bounds[body])
+    if every((gap > 0.0) & (gap >= best)):
+        return nothing + math.inf, nothing, nothing, nothing
+    kind = tables.kinds[body]
+    if kind == BOX:
+        square, ax, ay, az = _away_from_box(q, tables.sizes[body])
+    elif kind == CYLINDER:
+        square, ax, ay, az = _away_from_cylinder(q, tables.sizes[body])
+    elif kind == CAPSULE:
+        square, ax, ay, az = _away_from_capsule(q, tables.sizes[body])
+    elif kind == HALF_SPACE:
+        square, ax, ay, az = _away(q[2], nothing, nothing, nothing + 1.0)
+    elif kind == SHEET and tables.spans[body, 1] == 1:
+        square, ax, ay, az = _away_from_sheet(q, body, tables)
+    elif kind == CLOUD:
+        square, ax, ay, az = _away_from_cloud(q, body, tables, best, scratch)
+    else:
+        square, ax, ay, az = _away_from_surface(q, gap, body, tables, best, depth, scratch)
+    ax, ay, az = turned_by(T, ax, ay, az)
+    return square, ax, ay, az
 
 
 @uncounted
@@ -134,11 +196,11 @@ def _away_from_box(p: Lanes3, half: Floats) -> Away:
         ox = select(inside, select(by_x, length, 0.0), ox)
         oy = select(inside, select(by_x, 0.0, select(by_y, length, 0.0)), oy)
         oz = select(inside, select(by_x, 0.0, select(by_y, 0.0, length)), oz)
-    return square, _signed(ox, p[0]), _signed(oy, p[1]), _signed(oz, p[2])
+    return square, _with_sign(ox, p[0]), _with_sign(oy, p[1]), _with_sign(oz, p[2])
 
 
 @uncounted
-def _signed(length: Vector, by: Vector) -> Vector:
+def _with_sign(length: Vector, by: Vector) -> Vector:
     """A length with the sign of another number."""
     return select(by < 0.0, -length, length)
 
@@ -158,7 +220,7 @@ def _away_from_cylinder(p: Lanes3, size: Floats) -> Away:
         by_side = side >= end
         across = select(inside, select(by_side, length, 0.0), across)
         along = select(inside, select(by_side, 0.0, length), along)
-    return square, across * select(rho > 0.0, over * p[0], 1.0), across * (over * p[1]), _signed(along, p[2])
+    return square, across * select(rho > 0.0, over * p[0], 1.0), across * (over * p[1]), _with_sign(along, p[2])
 
 
 @uncounted
@@ -235,22 +297,108 @@ def _square(x: Vector, y: Vector, z: Vector) -> Vector:
 
 
 @uncounted
-def _one_by_one(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
-    """By `body_distance` of each lane; infinite where it isn't below the best, the square of a signed distance."""
+def _nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best: Vector, scratch: Floats) -> None:
+    """Write the nearest triangle of a tree to each point, where it is nearer than the best so far, else -1.
+
+    Args:
+        p: Points in the frame of the surface [m].
+        surfaces: All surfaces.
+        span: Where the tree stands.
+        best: Squares of distances [m²].
+        scratch: Gets the indices in row `_FOUND`.
+    """
+    root_node, leaves, first, count = span
+    nodes, gaps = scratch[_NODES * LANES_64 :], scratch[_GAPS * LANES_64 :]
+    found, top = 0.0 * p[0] - 1.0, 1
+    nodes[0] = 0.0
+    store(gaps, 0, _gap_squared(p, surfaces.nodes[root_node]))
+    while top > 0:
+        top -= 1
+        if every(load(gaps, top * LANES_64) >= best):
+            continue
+        node = int(nodes[top])
+        leaf = node - (leaves - 1)
+        if leaf >= 0:
+            for i in range(first + leaf * LEAF, first + min(count, (leaf + 1) * LEAF)):
+                dx, dy, dz = _away_from_triangle(p, surfaces.corners[i])
+                square = _square(dx, dy, dz)
+                nearer = square < best
+                best, found = select(nearer, square, best), select(nearer, float(i), found)
+            continue
+        near, far = 2 * node + 1, 2 * node + 2
+        to_near = _gap_squared(p, surfaces.nodes[root_node + near])
+        to_far = _gap_squared(p, surfaces.nodes[root_node + far])
+        if total(select(to_far < to_near, 1.0, -1.0 + 0.0 * best)) > 0.0:  # the one nearer to more points comes first
+            near, far, to_near, to_far = far, near, to_far, to_near
+        nodes[top], nodes[top + 1] = float(far), float(near)
+        store(gaps, top * LANES_64, to_far)
+        store(gaps, (top + 1) * LANES_64, to_near)
+        top += 2
+    store(scratch, _FOUND * LANES_64, found)
+
+
+@uncounted
+def _away_from_surface(
+    p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, depth: float, scratch: Floats
+) -> Away:
+    """As `distance_from_surface`; infinite where it isn't below the best, the square of a signed distance.
+
+    Args:
+        p: Points in the frame of the surface [m].
+        gap: Squares of their distances from the box about it [m²].
+        body: Index of the body.
+        tables: The bodies.
+        best: Squares of signed distances [m²].
+        depth: How deep inside a solid its surface is looked for [m].
+        scratch: Of `ROWS` times `LANES_64` numbers.
+    """
+    surfaces, span, solid = tables.surfaces, span_of(tables, body), tables.kinds[body] != SHEET
+    _nearest_triangles(p, surfaces, span, largest_of(best, 0.0), scratch)
+    store(scratch, 0, p[0])
+    store(scratch, LANES_64, p[1])
+    store(scratch, 2 * LANES_64, p[2])
+    store(scratch, 3 * LANES_64, gap)
+    store(scratch, 4 * LANES_64, largest_of(best, 0.0))
+    for i in range(LANES_64):
+        x, y, z = scratch[i], scratch[LANES_64 + i], scratch[2 * LANES_64 + i]
+        nearest, near = int(scratch[_FOUND * LANES_64 + i]), math.sqrt(scratch[4 * LANES_64 + i])
+        if nearest >= 0:
+            d, nx, ny, nz = signed_distance(x, y, z, surfaces, nearest, solid)
+        elif solid and scratch[3 * LANES_64 + i] == 0.0 and depth > near:
+            d, nx, ny, nz = distance_inside(x, y, z, body, tables, depth)
+        else:
+            d, nx, ny, nz = math.inf, 0.0, 0.0, 0.0
+        _write_signed(i, d, nx, ny, nz, scratch)
+    return _read_away(scratch)
+
+
+@uncounted
+def _away_from_cloud(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
+    """As `cloud_distance` of each point in the frame of a cloud; infinite where it isn't below the best."""
     distance = root(magnitude(best))
     store(scratch, 0, p[0])
     store(scratch, LANES_64, p[1])
     store(scratch, 2 * LANES_64, p[2])
     store(scratch, 3 * LANES_64, select(best < 0.0, -distance, distance))
-    T = tables.placements[body]
     for i in range(LANES_64):
-        d, nx, ny, nz = body_distance(
-            scratch[i], scratch[LANES_64 + i], scratch[2 * LANES_64 + i], body, tables, scratch[3 * LANES_64 + i],
-            math.inf,
+        d, nx, ny, nz = cloud_distance(
+            tables.clouds[body], scratch[i], scratch[LANES_64 + i], scratch[2 * LANES_64 + i],
+            scratch[3 * LANES_64 + i],
         )  # fmt: skip
-        scratch[4 * LANES_64 + i] = d
-        for r in range(3):
-            scratch[(5 + r) * LANES_64 + i] = T[0, r] * nx + T[1, r] * ny + T[2, r] * nz
+        _write_signed(i, d, nx, ny, nz, scratch)
+    return _read_away(scratch)
+
+
+@uncounted
+def _write_signed(i: int, d: float, nx: float, ny: float, nz: float, scratch: Floats) -> None:
+    """Write the signed distance of point i and the unit vector along which it grows."""
+    scratch[4 * LANES_64 + i] = d
+    scratch[5 * LANES_64 + i], scratch[6 * LANES_64 + i], scratch[7 * LANES_64 + i] = nx, ny, nz
+
+
+@uncounted
+def _read_away(scratch: Floats) -> Away:
+    """What `_write_signed` wrote of all points."""
     return _away(
         load(scratch, 4 * LANES_64),
         load(scratch, 5 * LANES_64),

@@ -210,6 +210,34 @@ def some_triangle_near(x: float, y: float, z: float, surfaces: SurfaceTables, sp
     return _search(x, y, z, surfaces, span, reach, True) >= 0
 
 
+@compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, types.int64, types.boolean))
+def signed_distance(
+    x: float, y: float, z: float, surfaces: SurfaceTables, nearest: int, solid: bool
+) -> tuple[float, float, float, float]:
+    """Distance of a point to its nearest triangle and the unit vector along which it grows, as `surface_distance`.
+
+    Args:
+        x: Point in the frame of the surface [m], with y and z.
+        y: See x.
+        z: See x.
+        surfaces: All surfaces.
+        nearest: Index of the triangle.
+        solid: Whether its surface is closed.
+    """
+    p = (x, y, z)
+    s, t, part = _closest(p, surfaces.corners, nearest)
+    dx, dy, dz = _away(p, surfaces.corners, nearest, s, t)
+    nx = surfaces.normals[nearest, 3 * part]
+    ny = surfaces.normals[nearest, 3 * part + 1]
+    nz = surfaces.normals[nearest, 3 * part + 2]
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if distance <= ON_SURFACE:
+        return distance, nx, ny, nz
+    sign = -1.0 if solid and dx * nx + dy * ny + dz * nz < 0.0 else 1.0
+    over = sign / distance
+    return sign * distance, over * dx, over * dy, over * dz
+
+
 @compiled(FOUR_SCALARS(SCALAR, SCALAR, SCALAR, SURFACES, SPAN, types.boolean, SCALAR))
 def surface_distance(
     x: float, y: float, z: float, surfaces: SurfaceTables, span: Span, solid: bool, cutoff: float
@@ -231,15 +259,4 @@ def surface_distance(
     nearest = nearest_triangle(x, y, z, surfaces, span, cutoff)
     if nearest < 0:
         return math.inf, 0.0, 0.0, 0.0
-    p = (x, y, z)
-    s, t, part = _closest(p, surfaces.corners, nearest)
-    dx, dy, dz = _away(p, surfaces.corners, nearest, s, t)
-    nx = surfaces.normals[nearest, 3 * part]
-    ny = surfaces.normals[nearest, 3 * part + 1]
-    nz = surfaces.normals[nearest, 3 * part + 2]
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if distance <= ON_SURFACE:
-        return distance, nx, ny, nz
-    sign = -1.0 if solid and dx * nx + dy * ny + dz * nz < 0.0 else 1.0
-    over = sign / distance
-    return sign * distance, over * dx, over * dy, over * dz
+    return signed_distance(x, y, z, surfaces, nearest, solid)
