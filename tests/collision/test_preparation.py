@@ -13,7 +13,6 @@ from guidefield.collision import convex_parts, preparation
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.engine import Engine
-from guidefield.geometry import mesh_pieces
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.memo import MemoSet
 from guidefield.messages.replies import PlanReply
@@ -84,16 +83,15 @@ def test_it_says_what_it_prepares_stops_between_two_pieces_and_goes_on_from_ther
         prepare(Catalog().load(urdf), Deadline(is_cancelled=lambda: len(heard) == 1), heard.append)
     assert heard == ["covering l0, shape 1 of 2"], "both links have the same mesh"
     prepare(Catalog().load(urdf), told=heard.append)
-    assert heard[1:3] == ["cutting l0, shape 1 of 2", "sorting the triangles of l0, shape 1 of 2"]
+    assert heard[1:3] == ["cutting l0, shape 1 of 2", "laying out l0, shape 1 of 2"]
 
 
 def test_a_second_process_computes_nothing(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     urdf = bent(cold)
     prepare(Catalog().load(urdf))
     kept = {path.name: path.stat().st_size for path in (cold / "cache").rglob("*-*")}
-    assert {name.partition("-")[0] for name in kept} >= {"coverage", "parts", "tree"}
+    assert {name.partition("-")[0] for name in kept} >= {"coverage", "parts"}
     monkeypatch.setattr(convex_parts, "_KNOWN", BoundedMap(MESH_TREES))  # as another process has it
-    monkeypatch.setattr(mesh_pieces, "bisected", None)
     monkeypatch.setattr(parts_room, "decompose", None)
     prepare(Catalog().load(urdf))
     assert {path.name for path in (cold / "cache").rglob("*-*")} == set(kept)

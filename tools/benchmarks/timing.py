@@ -8,9 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import types, void
 
-from guidefield.kernels.field.field import VECTOR_32_OUT
-from guidefield.kernels.field.field_tables import VECTOR_32
-from guidefield.kernels.jit.signatures import VECTOR, VECTOR_OUT, compiled
+from guidefield.kernels.jit.signatures import FLOATS, FLOATS_OUT, VECTOR, VECTOR_OUT, compiled
 from guidefield.kernels.simd.vector import lanes_of, load, store
 
 _CHAINS = 10
@@ -28,7 +26,7 @@ def best(call: Callable[[], object], seconds: float = 0.5, most: int = 2000) -> 
     return shortest
 
 
-@compiled([void(VECTOR, types.intp, VECTOR_OUT), void(VECTOR_32, types.intp, VECTOR_32_OUT)])
+@compiled([void(VECTOR, types.intp, VECTOR_OUT), void(FLOATS, types.intp, FLOATS_OUT)])
 def _multiply_add(x, steps, out):  # type: ignore[no-untyped-def]
     """Ten independent chains of fused multiply-adds."""
     a, b, c = load(x, 0), load(x, 16), load(x, 32)

@@ -1,20 +1,22 @@
-"""Coal shapes as the kernels' convex parts: a primitive or hull is one part, a triangle mesh a tree of triangles."""
+"""Coal shapes as the kernels' convex parts: a primitive or hull is one part, a triangle mesh a tree of triangles.
+
+Those of a robot's bodies are one table for SIMD batches and proofs.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
+import pinocchio as pin
 
 from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap
-from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.entries import Arrays, Layout, in_memory
-from guidefield.geometry.mesh_pieces import pieces_tree, remembered_tree
-from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about, spread_points
+from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
@@ -30,7 +32,6 @@ from guidefield.kernels.collide.parts import (
     POLYTOPE,
     ROUND,
     SHAPE,
-    SURFACE,
     TRIANGLE,
     Parts,
     write_cluster_vertices,
@@ -40,6 +41,8 @@ from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
 from guidefield.read_only import read_only
+from guidefield.robot.group.alike import memoized_for_alike
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.shapes import hull_vertices, triangulation
 
 _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
@@ -55,7 +58,6 @@ class PartsTable:
     def __init__(self) -> None:
         self._added: list[tuple[Layout, Callable[[Arrays], None]]] = []
         self._alone: Parts | None = None
-        self._pieces: dict[int, np.ndarray] = {}
         self._n_nodes = self._n_parts = self._n_blocks = 0
 
     def add_shape(self, shape: Any, placement: Any) -> int:  # noqa: PLR0911  one for each kind
@@ -68,12 +70,12 @@ class PartsTable:
         numbers[:12] = np.c_[placement.rotation, placement.translation].ravel()
         centre = placement.translation
         if isinstance(shape, coal.BVHModelBase):
-            return self._mesh(_known_mesh(shape), placement)
+            return self._mesh(known_surface(shape), placement)
         if isinstance(shape, coal.Convex):
-            return self._polytope(moved(placement, np.array(shape.points())))
+            return self.add_hull(moved(placement, np.array(shape.points())))
         if isinstance(shape, coal.Box):
             corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * np.array(shape.halfSide)
-            return self._polytope(moved(placement, corners))
+            return self.add_hull(moved(placement, corners))
         if isinstance(shape, coal.Cylinder):
             numbers[DISC], numbers[HALF_LENGTH] = shape.radius, shape.halfLength
             return self._single(CYLINDER, numbers, centre, float(np.hypot(shape.radius, shape.halfLength)))
@@ -98,17 +100,11 @@ class PartsTable:
         self._alone = alone
         return self._add_copy(alone._asdict(), _ZEROS)
 
-    def add_surface(self, shape: Any, placement: Any) -> int:
-        """Add a Coal mesh as its triangles, that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        return self._mesh(known_surface(shape), placement)
-
-    def add_pieces(self, shape: Any, cut: Decomposition, placement: Any) -> int:
-        """Add a Coal mesh in convex parts that stands at a pinocchio.SE3 in its body; the root of its tree."""
-        return self._mesh(known_pieces(shape, cut), placement)
-
-    def pieces(self, root: int) -> np.ndarray:
-        """Nodes, shape (k,), that together are all of a body, each nearly convex; the root itself where that is."""
-        return self._pieces.get(root, np.array([root]))
+    def add_hull(self, points: np.ndarray, kind: int = POLYTOPE) -> int:
+        """Add the hull of points (n, 3) of the body's frame as one part, or with another kind the points; its node."""
+        centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        radius = float(np.linalg.norm(points - centre, axis=1).max())
+        return self._single(kind, np.zeros(PART), centre, radius, _in_blocks(points))
 
     def tables(self) -> Parts:
         """The parts that were added, frozen."""
@@ -132,16 +128,14 @@ class PartsTable:
         key = (id(mesh), None if placement is None else placement.homogeneous.tobytes())
         known = _PLACED.get(key)
         if known is not None:
-            root = self._add_copy(known[1], known[2])
-            self._pieces[root] = root + mesh.pieces
-            return root
+            return self._add_copy(known[1], known[2])
 
         def there(points: np.ndarray) -> np.ndarray:
             return points if placement is None else moved(placement, points)
 
-        hulls = [(node, kind, there(points)) for node, kind, points in _hulls_of(mesh)]
+        hull = _NO_VERTICES if mesh.hull is None else _in_blocks(there(mesh.hull))
         counts = [len(nodes) for nodes, _ in mesh.clusters]
-        layout = tree_layout(len(mesh.corners), len(mesh.balls), counts, [len(points) for *_, points in hulls])
+        layout = tree_layout(len(mesh.corners), len(mesh.balls), counts, len(hull) // BLOCK)
 
         def write(made: Arrays) -> None:
             made["balls"][:] = mesh.balls.ravel()
@@ -151,14 +145,13 @@ class PartsTable:
             corners = np.ascontiguousarray(there(mesh.corners.reshape(-1, 3)).reshape(-1, 3, 3))
             write_triangles(corners, made)
             write_clusters(corners, mesh.clusters, made)
-            write_hulls(hulls, made)
+            if len(hull):
+                _write_hull(hull, made)
 
         def keep(made: Arrays, begins: np.ndarray) -> None:
             _PLACED.put(key, (mesh, made, begins), sum(array.nbytes for array in made.values()))
 
-        root = self._add(layout, write, keep=keep)
-        self._pieces[root] = root + mesh.pieces
-        return root
+        return self._add(layout, write, keep=keep)
 
     def _add_copy(self, known: Arrays, counted_from: np.ndarray) -> int:
         """Add a copy of parts whose first node, part and block, shape (3,), were those; its root."""
@@ -202,11 +195,6 @@ class PartsTable:
         self._n_blocks += layout["vertices"][1][0] // BLOCK
         return int(begins[0])
 
-    def _polytope(self, vertices: np.ndarray) -> int:
-        centre = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        radius = float(np.linalg.norm(vertices - centre, axis=1).max())
-        return self._single(POLYTOPE, np.zeros(PART), centre, radius, _in_blocks(vertices))
-
     def _single(
         self, kind: int, numbers: np.ndarray, centre: np.ndarray, radius: float, vertices: np.ndarray = _NO_VERTICES
     ) -> int:
@@ -219,31 +207,20 @@ _KINDS = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "ve
 """Types of the arrays of `Parts`."""
 
 
-def tree_layout(
-    triangles: int, nodes: int, clusters: Sequence[int], hulls: Sequence[int] = (), boxes: int = 0
-) -> Layout:
+def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks: int = 0, boxes: int = 0) -> Layout:
     """The arrays of `Parts` for the tree of a mesh.
 
     Args:
         triangles: How many triangles it has.
         nodes: How many nodes.
         clusters: How many of these are of each of `CLUSTERS`.
-        hulls: How many points each of the hulls has, about all that is below a node.
+        hull_blocks: Blocks of the vertices of a hull about all of it, 0 without one.
         boxes: How many larger ones have a box.
     """
-    parts = triangles + sum(clusters) + len(hulls) + boxes
-    blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + boxes
-    blocks += sum(-(-points // LANES) for points in hulls)
+    parts = triangles + sum(clusters) + (hull_blocks > 0) + boxes
+    blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + hull_blocks + boxes
     sizes = BALL_ROW * nodes, LINK * nodes, SHAPE * parts, PART * parts, BLOCK * blocks
     return {name: (kind, (size,)) for (name, kind), size in zip(_KINDS.items(), sizes, strict=True)}
-
-
-def _hulls_of(mesh: MeshTree) -> Iterator[tuple[int, int, np.ndarray]]:
-    """Hulls of all that is below some nodes, and points of the surface of a mesh's pieces: node, kind and points."""
-    for node, hull in mesh.hulls.items():
-        yield node, POLYTOPE, hull
-        if len(mesh.pieces) > 1 and node in mesh.pieces:
-            yield node, SURFACE, spread_points(mesh, node)
 
 
 def _in_blocks(vertices: np.ndarray) -> np.ndarray:
@@ -289,22 +266,12 @@ def write_clusters(corners: np.ndarray, clusters: tuple[Cluster, ...], made: Arr
         part, block = part + count, block + each * count
 
 
-def write_hulls(hulls: Sequence[tuple[int, int, np.ndarray]], made: Arrays) -> None:
-    """Write hulls and points of surfaces as the last parts; what a hull is apart from, all that is below its node is.
-
-    Args:
-        hulls: Node, kind and points, shape (n, 3) [m].
-        made: As `tree_layout` has them, with the tree's links.
-    """
-    shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
-    written = [_in_blocks(points) for *_, points in hulls]
-    part, block = len(shapes) - len(hulls), (len(made["vertices"]) - sum(map(len, written))) // BLOCK
-    for (node, kind, _), words in zip(hulls, written, strict=True):
-        made["vertices"][BLOCK * block : BLOCK * block + len(words)] = words
-        shapes[part] = kind, block, len(words) // BLOCK
-        if kind == POLYTOPE:
-            links[node, OWN] = part
-        part, block = part + 1, block + len(words) // BLOCK
+def _write_hull(words: np.ndarray, made: Arrays) -> None:
+    """Write a hull about all of a mesh, its vertices in blocks, as the last part; made as `tree_layout` has it."""
+    shapes, blocks = made["shapes"].reshape(-1, SHAPE), len(words) // BLOCK
+    made["vertices"][-len(words) :] = words
+    shapes[-1] = POLYTOPE, len(made["vertices"]) // BLOCK - blocks, blocks
+    made["links"][OWN] = len(shapes) - 1
 
 
 def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
@@ -327,35 +294,50 @@ def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
 _PLACED: BoundedMap[tuple[int, bytes | None], tuple[MeshTree, Arrays, np.ndarray]] = BoundedMap(PLACED_MESHES)
 """By mesh, held so that no other gets its number, and placement: rows of a table, and what they count from."""
 
-_KNOWN: BoundedMap[tuple[bytes, int, str], MeshTree] = BoundedMap(MESH_TREES)
-
-
-def _known_mesh(shape: Any) -> MeshTree:
-    """The tree of a Coal mesh, made once for the same vertices."""
-    return _known(shape, pieces_tree, "as it is")
-
-
-def known_pieces(shape: Any, cut: Decomposition) -> MeshTree:
-    """The tree of a Coal mesh in convex parts, made once for the same vertices, and kept on disk."""
-    return _known(shape, lambda vertices, faces: remembered_tree(vertices, faces, cut), "in convex parts")
+_KNOWN: BoundedMap[tuple[bytes, int], MeshTree] = BoundedMap(MESH_TREES)
 
 
 def known_surface(shape: Any) -> MeshTree:
-    """The tree of a Coal mesh as its triangles, made once for the same vertices."""
-
-    def make(vertices: np.ndarray, faces: np.ndarray) -> MeshTree:
-        hull = hull_vertices(shape)
-        return mesh_tree(vertices[faces], None if hull is None else polytope_about(hull))
-
-    return _known(shape, make, "as its triangles")
-
-
-def _known(shape: Any, make: Callable[[np.ndarray, np.ndarray], MeshTree], how: str) -> MeshTree:
-    """The tree of a Coal mesh, made in some way once."""
-    digest = hashlib.blake2b(shape.vertices().tobytes(), digest_size=32).digest()
-    key = (digest, int(shape.num_tris), how)
+    """The tree of a Coal mesh, made once for the same vertices."""
+    key = (hashlib.blake2b(shape.vertices().tobytes(), digest_size=32).digest(), int(shape.num_tris))
     tree = _KNOWN.get(key)
     if tree is None:
-        tree = make(*triangulation(shape))
+        (vertices, faces), hull = triangulation(shape), hull_vertices(shape)
+        tree = mesh_tree(vertices[faces], None if hull is None else polytope_about(hull))
         tree = _KNOWN.put(key, tree, size_of(tree))
     return tree
+
+
+NEAR_ORIGIN = 100.0
+"""A robot whose base is farther from the origin than this is seen from its base [m]."""
+
+
+class BodyParts(NamedTuple):
+    """Roots of bodies, shape (n,), their parts, and the anchor from which parts in the world are seen, (3,) [m]."""
+
+    roots: np.ndarray
+    parts: Parts
+    anchor: np.ndarray
+
+
+@memoized_for_alike
+def robot_parts(group: PlanningGroup) -> BodyParts:
+    """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
+
+    The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
+
+    Raises:
+        UnservedError: if a shape is of a kind that the kernels don't know.
+    """
+    table, shapes = PartsTable(), group.geometry.geometryObjects
+    fixed = [shape.placement.translation for shape in shapes if shape.parentJoint == 0]
+    anchor = np.array(fixed[0]) if fixed and np.abs(fixed[0]).max() > NEAR_ORIGIN else np.zeros(3)
+    roots = []
+    for shape in shapes:
+        shift = anchor if shape.parentJoint == 0 else np.zeros(3)
+        roots.append(
+            table.add_shape(shape.geometry, pin.SE3(shape.placement.rotation, shape.placement.translation - shift))
+        )
+    made = BodyParts(np.array(roots, np.int64), table.tables(), anchor)
+    read_only(*made)
+    return made

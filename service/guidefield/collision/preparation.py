@@ -9,14 +9,13 @@ from __future__ import annotations
 import functools
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import coal
 
-from guidefield.collision.convex_parts import known_pieces, known_surface
+from guidefield.collision.convex_parts import known_surface
 from guidefield.collision.hulls import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.geometry.decomposition import Decomposition
 from guidefield.geometry.solid_cache import clear_solids
 from guidefield.memo import MemoSet
 from guidefield.robot.bodies.by_shape import Piece, found_at_once
@@ -64,7 +63,8 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
     found_at_once(sorted([*covers.pieces, *parts.pieces], key=lambda piece: -piece.extent), progress)
     clear_solids()
     covers.keep()
-    found_at_once([*_trees(robot, parts.keep()), *_surfaces(robot)], progress)
+    parts.keep()
+    found_at_once(_surfaces(robot), progress)
     for lay_out in (link_bodies, surface_samples, hulls_of):
         deadline.check("its links were laid out")
         lay_out(robot)
@@ -76,18 +76,8 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
 _prepared = MemoSet()
 
 
-def _trees(robot: RobotModel, parts: Sequence[Decomposition | None]) -> list[Piece]:
-    """The trees of the meshes that are cut into parts, in the geometry's order."""
-    shapes = [shape.geometry for shape in robot.geometry.geometryObjects]
-    return [
-        Piece.of("sorting the triangles of", robot, index, 0.0, functools.partial(known_pieces, shape, cut))
-        for index, (shape, cut) in enumerate(zip(shapes, parts, strict=True))
-        if cut is not None
-    ]
-
-
 def _surfaces(robot: RobotModel) -> list[Piece]:
-    """What measuring knows of the meshes, in the geometry's order."""
+    """The trees of the meshes, in the geometry's order."""
     return [
         Piece.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
         for index, shape in enumerate(robot.geometry.geometryObjects)

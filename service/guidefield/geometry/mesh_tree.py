@@ -9,7 +9,6 @@ import numpy as np
 
 from guidefield.geometry.convex import convex_hull
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
-from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.distance.bvh import balls_about_runs, halve_runs
 
 MOST_VERTICES = 192
@@ -29,9 +28,6 @@ measuring is a tenth sooner, without any it takes twice as long, on a ring of a 
 Told = Callable[[Cluster], None]
 """Is told of nodes."""
 
-SPREAD_POINTS = 48
-"""Most points that stand for a piece's surface."""
-
 
 @dataclass(frozen=True, eq=False)
 class MeshTree:
@@ -41,18 +37,16 @@ class MeshTree:
         corners: Shape (t, 3, 3) [m], in the mesh's frame.
         balls: Centre and radius of the ball about each node, shape (n, 4) [m]; the root is the first.
         links: Children and triangle of each node, shape (n, 3); -1 where there is none.
-        hulls: Vertices of polytopes about all that is below a node, each of shape (k, 3) [m], by node.
-        pieces: Nodes, shape (p,), that together are all of it, each nearly convex if that is known; else the root.
         clusters: For each of `CLUSTERS` the nodes, shape (k,), and the triangles below each, shape (k, most): one of
             them fills what is left.
+        hull: Vertices of a polytope about them all, shape (k, 3) [m]; None where they are in a plane.
     """
 
     corners: np.ndarray
     balls: np.ndarray
     links: np.ndarray
-    hulls: dict[int, np.ndarray]
-    pieces: np.ndarray
     clusters: tuple[Cluster, ...]
+    hull: np.ndarray | None = None
 
 
 def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree:
@@ -65,7 +59,7 @@ def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree
             hull = polytope_about(np.array(convex_hull(triangles.reshape(-1, 3)).vertices))
         except ValueError:  # it is flat
             hull = None
-    return replace(triangle_tree(triangles), hulls={} if hull is None else {0: hull})
+    return replace(triangle_tree(triangles), hull=hull)
 
 
 def triangle_tree(triangles: np.ndarray) -> MeshTree:
@@ -142,7 +136,7 @@ def tree_written(
     clusters = tuple(
         (np.concatenate(nodes), np.concatenate(rows)) for nodes, rows in (zip(*f, strict=True) for f in found)
     )
-    return MeshTree(triangles, balls, links, {}, np.zeros(1, np.int64), clusters)
+    return MeshTree(triangles, balls, links, clusters)
 
 
 def mesh_of_nodes(counts: np.ndarray) -> np.ndarray:
@@ -154,47 +148,6 @@ def mesh_of_nodes(counts: np.ndarray) -> np.ndarray:
         meshes, halves = np.repeat(meshes[split], 2), sizes[split] // 2
         sizes = np.column_stack([halves, sizes[split] - halves]).ravel()
     return np.concatenate([np.empty(0, np.int64), *found])
-
-
-def joined(trees: list[MeshTree], hull: np.ndarray) -> MeshTree:
-    """Trees of pieces, whose hulls together contain a mesh, as one tree: those are its pieces.
-
-    `hull` holds the vertices (k, 3) of a polytope about them all.
-    """
-    if len(trees) == 1:
-        return trees[0]
-    above = len(trees) - 1
-    sizes, counts = [len(tree.balls) for tree in trees], [len(tree.corners) for tree in trees]
-    nodes, parts = above + np.cumsum([0, *sizes[:-1]]), np.cumsum([0, *counts[:-1]])
-    roots = np.concatenate([np.arange(above), nodes])  # as in a heap: the children of i are 2 i + 1 and 2 i + 2
-    top = [np.array([roots[2 * i + 1], roots[2 * i + 2], -1]) for i in range(above)]
-    links = [
-        tree.links + np.where(tree.links >= 0, [n, n, p], 0) for tree, n, p in zip(trees, nodes, parts, strict=True)
-    ]
-    balls = np.concatenate([np.empty((above, 4)), *(tree.balls for tree in trees)])
-    for i in range(above)[::-1]:
-        ball_around_balls(np.ascontiguousarray(balls[top[i][:2]]), balls[i])
-    hulls = {0: hull} | {int(n + k): v for tree, n in zip(trees, nodes, strict=True) for k, v in tree.hulls.items()}
-    corners = np.concatenate([tree.corners for tree in trees])
-    clusters = tuple(
-        (
-            np.concatenate([tree.clusters[k][0] + n for tree, n in zip(trees, nodes, strict=True)]),
-            np.concatenate([tree.clusters[k][1] + p for tree, p in zip(trees, parts, strict=True)]),
-        )
-        for k in range(len(CLUSTERS))
-    )
-    return MeshTree(corners, balls, np.concatenate([top, *links]), hulls, nodes.astype(np.int64), clusters)
-
-
-def spread_points(mesh: MeshTree, piece: int) -> np.ndarray:
-    """Corners of a piece's triangles that are farthest along directions spread over all, (k, 3) [m], mesh's frame."""
-    last = mesh.pieces[mesh.pieces > piece].min(initial=len(mesh.links))
-    links = mesh.links[piece:last]
-    corners = mesh.corners[links[links[:, 0] < 0, 2]].reshape(-1, 3)
-    directions = np.concatenate([spread_directions(SPREAD_POINTS - 6), np.eye(3), -np.eye(3)])
-    directions /= np.maximum(np.ptp(corners, axis=0), 1e-9)
-    found: np.ndarray = corners[np.unique(furthest(corners, directions))]
-    return found
 
 
 def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int) -> np.ndarray:

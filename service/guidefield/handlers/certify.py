@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from guidefield.case_file import Motion
+from guidefield.collision.convex_parts import robot_parts
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
@@ -37,7 +38,7 @@ from guidefield.planner.quality import (
 )
 from guidefield.planner.task.stages import Stages
 from guidefield.planner.task.trace import Silent
-from guidefield.prove.tables import robot_bodies, robot_parts
+from guidefield.prove.tables import robot_bodies
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.scene import Scene, build
 

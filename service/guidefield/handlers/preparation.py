@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import chain
 from typing import TypeVar
 
+from guidefield.collision.convex_parts import robot_parts
 from guidefield.collision.enclosure import closed_bodies
 from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
@@ -20,7 +21,7 @@ from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
 from guidefield.planner.task.conditions import Conditions
 from guidefield.planner.task.problem import Problem
-from guidefield.prove.tables import prepare_obstacles, robot_parts
+from guidefield.prove.tables import prepare_obstacles
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables

@@ -10,9 +10,8 @@ import numpy as np
 from guidefield.collision.clearance import ClearanceAt, clearance_at
 from guidefield.collision.enclosure import enclosed_each
 from guidefield.collision.world import World
-from guidefield.kernels.prove.body_distance import SLACK
+from guidefield.kernels.collide.gjk import ACCURACY, SLACK
 from guidefield.kernels.prove.closest import CANDIDATES, closest_pairs, first_contacts
-from guidefield.kernels.prove.gjk_distance import ACCURACY
 from guidefield.kernels.prove.questions import NEARLY
 from guidefield.kernels.prove.tables import BezierCurve, MovingRobot
 from guidefield.prove.enclosures import enclosed_pairs_at, world_at

@@ -9,8 +9,7 @@ import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.kernels.prove.body_distance import SLACK
-from guidefield.kernels.prove.gjk_distance import ACCURACY
+from guidefield.kernels.collide.gjk import ACCURACY, SLACK
 from guidefield.kernels.prove.questions import NEARLY
 from guidefield.prove.closest import ClosestPairs, put_obstacle
 from guidefield.prove.curve import Curve

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import coal
 import msgspec
 import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.bodies import bodies, joint_placements
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.convex_parts import BodyParts, PartsTable, robot_parts
 from guidefield.collision.lanes.scene_tables import balls_of_cloud, lane_scene
 from guidefield.collision.motion_bound import motion_bound
 from guidefield.collision.obstacle_boxes import obstacle_boxes
@@ -32,9 +31,6 @@ from guidefield.scene.swept import motion_of
 
 ROUNDED = 1e-5
 """What single precision gives away for hulls whose corners are within some hundred metres [m]."""
-
-NEAR_ORIGIN = 100.0
-"""A robot whose base is farther from the origin than this is seen from its base [m]."""
 
 ARITHMETIC = 2e-9
 """What double precision may be off, of a metre and of each metre from the origin [m]."""
@@ -260,34 +256,6 @@ def bezier_curve(curve: Curve) -> BezierCurve:
     if pieces.shape[1] == 1:
         pieces = np.repeat(pieces, 2, axis=1)
     made = BezierCurve(clock if (np.diff(clock) > 0.0).all() else np.arange(len(clock), dtype=float), clock, pieces)
-    read_only(*made)
-    return made
-
-
-class BodyParts(NamedTuple):
-    """Roots of bodies, shape (n,), their parts, and the anchor from which parts in the world are seen, (3,) [m]."""
-
-    roots: np.ndarray
-    parts: Parts
-    anchor: np.ndarray
-
-
-@memoized_for_alike
-def robot_parts(group: PlanningGroup) -> BodyParts:
-    """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
-
-    The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
-    """
-    table, shapes = PartsTable(), group.geometry.geometryObjects
-    fixed = [shape.placement.translation for shape in shapes if shape.parentJoint == 0]
-    anchor = np.array(fixed[0]) if fixed and np.abs(fixed[0]).max() > NEAR_ORIGIN else np.zeros(3)
-    roots = []
-    for shape in shapes:
-        shift = anchor if shape.parentJoint == 0 else np.zeros(3)
-        placement = pin.SE3(shape.placement.rotation, shape.placement.translation - shift)
-        add = table.add_surface if isinstance(shape.geometry, coal.BVHModelBase) else table.add_shape
-        roots.append(add(shape.geometry, placement))
-    made = BodyParts(np.array(roots, np.int64), table.tables(), anchor)
     read_only(*made)
     return made
 

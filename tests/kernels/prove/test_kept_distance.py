@@ -112,10 +112,7 @@ def coal_faces(corners: np.ndarray) -> list[tuple[int, int, int]]:
 
 def table_of(shape: coal.CollisionGeometry) -> Parts:
     table = PartsTable()
-    if isinstance(shape, coal.BVHModelBase):
-        table.add_surface(shape, pin.SE3.Identity())
-    else:
-        table.add_shape(shape, pin.SE3.Identity())
+    table.add_shape(shape, pin.SE3.Identity())
     return table.tables()
 
 

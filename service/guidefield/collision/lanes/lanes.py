@@ -62,7 +62,7 @@ def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
-    return robot, packed((robot.joints, robot.bodies, robot.parts, FRACTIONS, group.nv))
+    return robot, packed((robot.joints, robot.bodies, robot.parts, robot.surfaces, FRACTIONS, group.nv))
 
 
 def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
@@ -77,7 +77,8 @@ def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
     bodies = robot.bodies
     layout = lane_memory(robot, nv, len(bodies.pairs) // PAIR, 0)
     views = layout.views(np.zeros(layout.size, np.int64), 0)
-    alone = LaneAlone(robot.joints, bodies, robot.parts, Scratch(**{name: views[name] for name in Scratch._fields}))
+    scratch = Scratch(**{name: views[name] for name in Scratch._fields})
+    alone = LaneAlone(robot.joints, bodies, robot.parts, robot.surfaces, scratch)
     never = np.zeros(bodies.n_meetings, np.bool_)
     never_touching(packed(alone), MOST_JUDGED_CELLS, np.zeros(STACK, np.int64), never)
     meetings = bodies.meetings.reshape(-1, MEETING)[~never].ravel()
@@ -128,6 +129,7 @@ class BatchCollision:
             joints=robot.joints,
             bodies=robot.bodies,
             parts=robot.parts,
+            surfaces=robot.surfaces,
             fractions=FRACTIONS,
             nv=self.world.group.nv,
             obstacles=scene.tables[0]._replace(may_touch=views["may_touch"]),

@@ -77,6 +77,8 @@ def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> La
         "found": FOUND * (met + own_pairs + 1),
         "pose_a": 12,
         "pose_b": 12,
+        "surface_a": 12,
+        "surface_b": 12,
         "work": WORK,
         "middle": nv * LANES,
         "middle_poses": poses,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,10 +11,16 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.collision.convex_parts import PartsTable
+from guidefield.collision.convex_parts import BodyParts, PartsTable, robot_parts
 from guidefield.collision.lanes.cell_grids import lane_grids
+from guidefield.geometry.convex import hull_planes
+from guidefield.geometry.decomposition import Decomposition, Part
+from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
+from guidefield.geometry.mesh_tree import polytope_about
+from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
-from guidefield.kernels.collide.parts import Parts
+from guidefield.kernels.collide.parts import SURFACE, Parts
+from guidefield.kernels.cover.beyond_planes import not_beyond
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
 from guidefield.kernels.kinematics import forward_kinematics
 from guidefield.kernels.kinematics.batch_forward_kinematics import (
@@ -37,7 +44,7 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
 from guidefield.robot.model.joint_tables import joint_table
-from guidefield.robot.model.shapes import triangulation
+from guidefield.robot.model.shapes import hull_vertices, triangulation
 
 KINDS = np.empty(6, np.int64)
 """Lanes' kind of each of `JointTable`'s."""
@@ -49,6 +56,15 @@ KINDS[forward_kinematics.FLOATING] = FLOATING
 
 SURFACE_POINTS = 24
 """Points of its surface that stand for an open mesh's inside, which it doesn't have."""
+
+SPREAD_POINTS = 48
+"""Most points that stand for the surface of a piece."""
+
+MOST_PLANES = 64
+"""A triangle comes into a piece if none of the planes of so many of its faces, the largest, has it beyond."""
+
+ROUNDING = 1e-6
+"""By how much a triangle has to be beyond a piece's plane to be left out [m]."""
 
 _QUARTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The rotation about x by a right angle."""
@@ -63,9 +79,11 @@ class LinkTables(SharedAnswer):
 
     Attributes:
         joints: Its joints; rotation vectors start from the identity, see `turned_from`.
-        parts: The shapes.
-        roots: The root of each shape's tree, shape (n,).
-        pieces: Nodes of each shape that are nearly convex.
+        parts: Hulls of the shapes and of their pieces, in the turned frames of joints.
+        roots: The node of each shape's hull, shape (n,).
+        pieces: Nodes of each shape that are nearly convex, and together about all of it.
+        surfaces: The shapes themselves, in the frames of joints.
+        surface_frames: Those frames in the turned ones, or the anchor's, rotation and translation row by row, (n, 12).
         balls: Bounding spheres, inscribed spheres, groups of the first and one sphere about each shape, in its joint's
             frame; arrays (k, 4) [m].
         sizes: How many bounding spheres each group has.
@@ -75,6 +93,8 @@ class LinkTables(SharedAnswer):
     parts: Parts
     roots: np.ndarray
     pieces: list[np.ndarray]
+    surfaces: BodyParts
+    surface_frames: np.ndarray
     balls: tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], list[np.ndarray]]
     sizes: list[np.ndarray]
 
@@ -86,17 +106,18 @@ def link_tables(group: PlanningGroup) -> LinkTables:
     Raises:
         UnservedError: if a shape is of a kind that the kernels don't know.
     """
-    turns = _turns(group.model)
-    table, roots, pieces = PartsTable(), [], []
+    turns, surfaces = _turns(group.model), robot_parts(group)
+    table, roots, pieces, frames = PartsTable(), [], [], []
     covers, inners, grouped, bounds, sizes = [], [], [], [], []
     shapes, balls = group.geometry.geometryObjects, coverage(group.robot).shapes
     for shape, ball, cut in zip(shapes, balls, convex_parts(group.robot), strict=True):
-        placement = pin.SE3(turns[shape.parentJoint].T, np.zeros(3)) * shape.placement
-        if cut is None:
-            roots.append(table.add_shape(shape.geometry, placement))
-        else:
-            roots.append(table.add_pieces(shape.geometry, cut, placement))
-        pieces.append(table.pieces(roots[-1]))
+        turned = pin.SE3(turns[shape.parentJoint].T, np.zeros(3))
+        placement = turned * shape.placement
+        root, nodes = _add_hulls(table, shape.geometry, cut, placement)
+        roots.append(root)
+        pieces.append(nodes)
+        anchor = surfaces.anchor if shape.parentJoint == 0 else np.zeros(3)
+        frames.append(np.c_[turned.rotation, anchor].ravel())
         covers.append(_moved(placement, ball.cover.spheres))
         open_mesh = len(ball.inner) == 0 and isinstance(shape.geometry, coal.BVHModelBase)
         inners.append(_moved(placement, _surface_points(shape.geometry) if open_mesh else ball.inner))
@@ -104,7 +125,56 @@ def link_tables(group: PlanningGroup) -> LinkTables:
         sizes.append(np.diff(ball.cover.first))
         bounds.append(_moved(placement, ball.cover.bound[None]))
     joints, parts, all_roots = _joints(group, turns), table.tables(), np.array(roots, np.int64)
-    return LinkTables(joints, parts, all_roots, pieces, (covers, inners, grouped, bounds), sizes)
+    placed, balls_of = np.array(frames).reshape(-1, 12), (covers, inners, grouped, bounds)
+    return LinkTables(joints, parts, all_roots, pieces, surfaces, placed, balls_of, sizes)
+
+
+def _add_hulls(table: PartsTable, shape: Any, cut: Decomposition | None, placement: pin.SE3) -> tuple[int, np.ndarray]:
+    """Add the hull of a shape, and those of its pieces, each with points of its surface behind it.
+
+    Returns:
+        The node of the hull, and the nodes of the pieces, shape (k,): that of the hull if there is but one.
+    """
+    if not isinstance(shape, coal.BVHModelBase):
+        root = table.add_shape(shape, placement)
+        return root, np.array([root])
+    if cut is None:
+        hull = hull_vertices(shape)
+        about = _box_about(shape.vertices()) if hull is None else polytope_about(hull)
+        root = table.add_hull(moved(placement, about))
+        return root, np.array([root])
+    found = [(part, _surface_of(*triangulation(shape), part)) for part in cut.parts]
+    found = [(part, points) for part, points in found if len(points)]  # a part of the inside only has no surface
+    hulls = [part for part, _ in found] if len(found) == 1 else [cut.hull, *(part for part, _ in found)]
+    nodes = []
+    for index, part in enumerate(hulls):
+        nodes.append(table.add_hull(moved(placement, polytope_about(np.asarray(part.hull.vertices)))))
+        if index > 0:
+            table.add_hull(moved(placement, found[index - 1][1]), SURFACE)
+    return nodes[0], np.array(nodes[len(nodes) > 1 :])
+
+
+def _box_about(points: np.ndarray) -> np.ndarray:
+    """Corners of the box about points (n, 3) along the axes in which they spread, shape (8, 3) [m]."""
+    centre = points.mean(axis=0)
+    _, axes = spread_and_axes(points - centre)
+    along = (points - centre) @ axes.T
+    ends = np.array([along.min(axis=0), along.max(axis=0)])
+    found: np.ndarray = centre + np.array(list(itertools.product(*ends.T))) @ axes
+    return found
+
+
+def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: Part) -> np.ndarray:
+    """Corners of a mesh's triangles in a part, those farthest along directions spread over all, shape (k, 3) [m]."""
+    inside = np.empty(len(faces), np.bool_)
+    not_beyond(vertices[faces].reshape(-1, 3), hull_planes(part.hull, MOST_PLANES), ROUNDING, inside)
+    corners: np.ndarray = vertices[np.unique(faces[inside])]
+    if not len(corners):
+        return corners
+    directions = np.concatenate([spread_directions(SPREAD_POINTS - 6), np.eye(3), -np.eye(3)])
+    directions /= np.maximum(np.ptp(corners, axis=0), 1e-9)
+    found: np.ndarray = corners[np.unique(furthest(corners, directions))]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +195,13 @@ class LaneRobot:
 
     @property
     def parts(self) -> Parts:
-        """The shapes themselves."""
+        """Hulls of the shapes and of their pieces."""
         return self.links.parts
+
+    @property
+    def surfaces(self) -> Parts:
+        """The shapes themselves."""
+        return self.links.surfaces.parts
 
 
 def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
@@ -163,6 +238,7 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
         covers=_offsets_of(np.concatenate([np.empty(0, np.int64), *links.sizes])),
         inners=_offsets(inners),
         roots=links.roots,
+        surface_roots=links.surfaces.roots,
         pieces=_offsets(pieces),
         piece_roots=nodes,
         meetings=meetings.ravel(),
@@ -170,6 +246,7 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
         around=_balls([_ball_about(np.concatenate([bounds[body] for body in bodies])) for bodies in members]),
         bounds=_balls(bounds),
         piece_bounds=links.parts.balls.reshape(-1, 4)[nodes].astype(np.float32).ravel(),
+        surface_frames=links.surface_frames.ravel(),
         grouped=_balls(grouped),
         cover=_balls(covers),
         inner=_balls(inners),

@@ -11,6 +11,7 @@ import math
 from guidefield.kernels.collide.balls import ball_radius, placed_ball
 from guidefield.kernels.collide.parts import PART, Parts, is_flat_sided, part_of, rounding
 from guidefield.kernels.jit.signatures import Floats, lane_part
+from guidefield.kernels.kinematics.poses import write_product
 
 POSE_A, POSE_B = 16, 28
 """Places of the two poses of the parts that are compared."""
@@ -81,13 +82,7 @@ def place_part(parts: Parts, part: int, body: Floats, work: Floats, pose: int) -
         for k in range(12):
             work[pose + k] = body[k]
         return
-    at = part * PART
-    for r in range(3):
-        for c in range(4):
-            total = body[4 * r + 3] if c == 3 else 0.0
-            for k in range(3):
-                total += body[4 * r + k] * parts.numbers[at + 4 * k + c]
-            work[pose + 4 * r + c] = total
+    write_product(body, parts.numbers, part * PART, work, pose)
 
 
 @lane_part

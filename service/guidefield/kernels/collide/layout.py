@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from guidefield.kernels.collide.parts import Parts
-from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, RowOut, Singles, SinglesOut, numba_type
+from guidefield.kernels.jit.fields import Bits, Cells, Indices, IndicesOut, Row, RowOut, Singles, SinglesOut, numba_type
 from guidefield.kernels.jit.signatures import Integers, lane_part
 from guidefield.kernels.kinematics.batch_forward_kinematics import LaneJoints
 from guidefield.kernels.simd.packing import pointed, unpacked
@@ -79,9 +79,10 @@ class LaneBodies(NamedTuple):
         groups: (n + 1,) where the groups of each body's cover begin.
         covers: (groups + 1,) where the balls of each group begin in `cover`.
         inners: (n + 1,) where a body's inner balls begin in `inner`.
-        roots: (n,) its root in the robot's parts.
+        roots: (n,) its hull's node in the robot's parts.
+        surface_roots: (n,) its root in the robot's surfaces.
         pieces: (n + 1,) where the pieces of each body begin: a body that isn't convex is cut into nearly convex ones.
-        piece_roots: (pieces,) the root of each in the robot's parts.
+        piece_roots: (pieces,) the node of each one's hull in the robot's parts.
         meetings: (MEETING * n_meetings,) pairs of carriers, and which pairs of bodies are theirs.
         grids: (GRID_PLACES * n_meetings,) whole numbers of each meeting's grid; all 0 where bodies' distance
             depends on more coordinates.
@@ -89,6 +90,8 @@ class LaneBodies(NamedTuple):
         around: (BALL_ROW * m,) a ball about each carrier's bodies.
         bounds: (BALL_ROW * n,) a ball about each body.
         piece_bounds: (BALL_ROW * pieces,) a ball about each piece.
+        surface_frames: (12 * n,) where the frame of its surface is in that of the joint, rotation and translation row
+            by row.
         grouped: (BALL_ROW * groups,) a ball about each group.
         cover: (BALL_ROW * c,) balls that contain the bodies.
         inner: (BALL_ROW * i,) balls that are inside them.
@@ -112,6 +115,7 @@ class LaneBodies(NamedTuple):
     covers: Indices
     inners: Indices
     roots: Indices
+    surface_roots: Indices
     pieces: Indices
     piece_roots: Indices
     meetings: Indices
@@ -120,6 +124,7 @@ class LaneBodies(NamedTuple):
     around: Singles
     bounds: Singles
     piece_bounds: Singles
+    surface_frames: Row
     grouped: Singles
     cover: Singles
     inner: Singles
@@ -166,6 +171,7 @@ class Scratch(NamedTuple):
         obstacle_places, pair_places: (1 + bodies * obstacles,) and (1 + pairs of pieces,) how many axes there are, then
             where they are.
         pose_a, pose_b: (12,) each.
+        surface_a, surface_b: (12,) each, the poses of two bodies' surfaces.
         work: (WORK,).
         middle, middle_poses: (nv * 16,) and (joints * POSE,), the middle of a cell.
         places: ((GRID_SIDES + 1) * 16,) where on a grid a block's configurations are.
@@ -181,6 +187,8 @@ class Scratch(NamedTuple):
     pair_places: IndicesOut
     pose_a: RowOut
     pose_b: RowOut
+    surface_a: RowOut
+    surface_b: RowOut
     work: RowOut
     middle: SinglesOut
     middle_poses: SinglesOut
@@ -199,7 +207,9 @@ class LaneWorld(NamedTuple):
     """A robot among obstacles, for lanes.
 
     Attributes:
-        joints, bodies, parts: The robot.
+        joints, bodies: The robot.
+        parts: Hulls of its bodies and of their pieces, in the turned frames of joints.
+        surfaces: The bodies themselves, as proofs have them.
         fractions: `FRACTIONS`.
         nv: How many coordinates a configuration has.
         obstacles, scene: What is around it.
@@ -210,6 +220,7 @@ class LaneWorld(NamedTuple):
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
+    surfaces: Parts
     fractions: Singles
     nv: int
     obstacles: LaneObstacles
@@ -229,13 +240,14 @@ class LaneAlone(NamedTuple):
     """A robot without obstacles.
 
     Attributes:
-        joints, bodies, parts: The robot.
+        joints, bodies, parts, surfaces: The robot, as `LaneWorld` has it.
         scratch: Memory.
     """
 
     joints: LaneJoints
     bodies: LaneBodies
     parts: Parts
+    surfaces: Parts
     scratch: Scratch
 
 
@@ -249,7 +261,7 @@ alone_of = unpacked(LANE_ALONE)
 @lane_part
 def robot_of(world: LaneWorld) -> LaneAlone:
     """The robot of a world."""
-    return LaneAlone(world.joints, world.bodies, world.parts, world.scratch)
+    return LaneAlone(world.joints, world.bodies, world.parts, world.surfaces, world.scratch)
 
 
 @lane_part

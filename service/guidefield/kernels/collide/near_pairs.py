@@ -10,7 +10,7 @@ from numba import int64
 
 from guidefield.kernels.distance.bvh import boxes_met
 from guidefield.kernels.jit.fields import Blocks, IndexRows, Indices, Row, Rows, numba_type
-from guidefield.kernels.jit.no_refcount import lane_uncounted
+from guidefield.kernels.jit.no_refcount import lane_uncounted, uncounted
 from guidefield.kernels.jit.signatures import (
     BLOCKS,
     INDEX_MATRIX_OUT,
@@ -104,7 +104,7 @@ def _distance(a: Floats, b: Floats) -> float:
     return math.sqrt(x * x + y * y + z * z)
 
 
-@lane_uncounted
+@uncounted
 def squared_gap_to_box(obstacles: BoxedObstacles, o: int, x: float, y: float, z: float) -> float:
     """Return the squared distance of a point from the box about an obstacle along its own axes: 0 inside [m^2]."""
     axes, square = obstacles.axes[o], 0.0

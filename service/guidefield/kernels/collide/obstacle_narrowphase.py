@@ -10,11 +10,10 @@ import math
 from numba import boolean, float64, int64, types
 
 from guidefield.kernels.collide.balls import ball_centre, ball_radius, lowest_of_ball, placed_ball
-from guidefield.kernels.collide.gjk import bodies_apart, parts_apart, reach_along
+from guidefield.kernels.collide.gjk import bodies_apart, reach_along
 from guidefield.kernels.collide.gjk_scratch import (
     AXIS,
     KEPT,
-    STACK,
     X,
     Y,
     Z,
@@ -38,15 +37,10 @@ from guidefield.kernels.collide.layout import (
 from guidefield.kernels.collide.parts import (
     BLOCKS,
     FIRST_BLOCK,
-    LEFT,
     POINTED_PARTS,
-    POLYTOPE,
-    RIGHT,
     SHAPE,
     SURFACE,
     Parts,
-    child_of,
-    is_leaf,
     kind_of,
     part_of,
     polytope_of,
@@ -71,7 +65,14 @@ from guidefield.kernels.distance.point_tree import (
     words_at,
 )
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
-from guidefield.kernels.kinematics.poses import one_pose, placed, turned_axis, turned_back, write_identity
+from guidefield.kernels.kinematics.poses import (
+    one_pose,
+    placed,
+    turned_axis,
+    turned_back,
+    write_identity,
+    write_product,
+)
 from guidefield.kernels.simd.blocks import BLOCK, point_at, points_at
 from guidefield.kernels.simd.vector import Vector, below, first_lane, lane, splat
 
@@ -118,37 +119,17 @@ def _points_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: floa
     return False
 
 
-@lane_step(boolean(WORLD, int64, int64, types.float64))
-def _piece_meets(world: LaneWorld, root: int, o: int, margin: float) -> bool:
-    """Tell if what is below a node, of a body placed so (12), comes closer to a primitive than a margin.
-
-    A polytope below the root has corners of triangles for its vertices: one in the obstacle is a contact.
-    """
-    parts, obstacles, scene, scratch = world.parts, world.obstacles, world.scene, world.scratch
-    pose, pose_b, work = scratch.pose_a, scratch.pose_b, scratch.work
-    balls, top = parts.balls, 1
-    other = part_of(scene, obstacles.roots[o])
-    work[STACK] = root
-    while top > 0:
-        top -= 1
-        node = int(work[STACK + top])
-        x, y, z = placed_ball(pose, balls, node)
-        u, v, w, reach = splat(x), splat(y), splat(z), ball_radius(balls, node) + margin + BAND
-        if not near_primitive(obstacles.kinds[o], obstacles.primitives, o * PRIMITIVE, u, v, w, reach):
-            continue
-        part = part_of(parts, node)
-        if part >= 0:
-            of_corners = node != root and kind_of(parts, part) == POLYTOPE
-            if of_corners and _surface_meets(parts, part, pose, obstacles, o, margin):
-                return True
-            if parts_apart(parts, part, pose, scene, other, pose_b, margin, work):
-                continue
-            if is_leaf(parts, node):
-                return True
-        for side in (LEFT, RIGHT):
-            work[STACK + top] = child_of(parts, node, side)
-            top += 1
-    return False
+@lane_step(boolean(WORLD, int64, DOUBLE_POINTER, int64, DOUBLE_POINTER, types.float64))
+def _surface_apart(world: LaneWorld, body: int, pose: Floats, root: int, there: Floats, margin: float) -> bool:
+    """Tell if a body whose joint is placed so (12) is farther than a margin from what is below a node of the scene."""
+    bodies, scratch = world.bodies, world.scratch
+    write_product(pose, bodies.surface_frames, 12 * body, scratch.surface_a, 0)
+    return bool(
+        bodies_apart(
+            world.surfaces, bodies.surface_roots[body], scratch.surface_a, world.scene, root, there, margin,
+            scratch.work,
+        )
+    )  # fmt: skip
 
 
 @lane_step(boolean(WORLD, int64, int64, int64, types.float64))
@@ -177,12 +158,10 @@ def pieces_meet(world: LaneWorld, body: int, o: int, mask: int, clearance: float
             near &= near - 1
             one_pose(poses, joint, chosen, pose)
             write_axis(work, lane(u, chosen), lane(v, chosen), lane(w, chosen))
-            if obstacles.whole[o]:
-                meets = _piece_meets(world, own, o, margin)
-            else:
-                meets = not bodies_apart(parts, own, pose, scene, root, pose_b, margin, work)
-            if meets:
-                return True
+            if not bodies_apart(parts, own, pose, scene, root, pose_b, margin, work):
+                if not _surface_apart(world, body, pose, root, pose_b, margin):
+                    return True
+                mask &= ~(1 << chosen)
             if near and part >= 0:  # the axis that it left behind
                 write_separating(scene, root, work, pose_b, 1.0, work, KEPT)
                 a, b, c = splat(work[KEPT]), splat(work[KEPT + 1]), splat(work[KEPT + 2])
@@ -244,7 +223,7 @@ def meets_obstacle(world: LaneWorld, body: int, obstacle: int, mask: int, cleara
         one_pose(scratch.poses, joint, first_lane(mask), pose_a)
         mask &= mask - 1
         write_axis(work, axes[at], axes[at + 1], axes[at + 2])
-        if not bodies_apart(parts, own, pose_a, scene, root, pose_b, margin, work):
+        if not _surface_apart(world, body, pose_a, root, pose_b, margin):
             return True
         keep_axis(scene, root, work, pose_b, 1.0, axes, at, scratch.obstacle_places)
         mask = left_of_obstacle(world, body, obstacle, mask, clearance, True)
@@ -295,7 +274,7 @@ def _in_cover(
 @lane_step(boolean(WORLD, int64, DOUBLE_POINTER, CLOUD_TABLES, int64, float64))
 def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, root: int, clearance: float) -> bool:
     """Tell if a body in a pose touches a ball of a cloud; the search begins with the axis in the scratch space."""
-    bodies, parts, scene, scratch = world.bodies, world.parts, world.scene, world.scratch
+    bodies, scratch = world.bodies, world.scratch
     work, there, grouped = scratch.work, scratch.pose_b, bodies.grouped
     grown = cloud.numbers[RADIUS] + clearance + BAND
     known = not no_axis(work, AXIS)
@@ -317,7 +296,7 @@ def _pose_meets(world: LaneWorld, body: int, pose: Floats, cloud: LaneCloud, roo
                 left &= left - 1
                 there[X], there[Y], there[Z] = point_at(cloud.points, at)
                 margin = clearance + DECISION_BAND
-                if not bodies_apart(parts, bodies.roots[body], pose, scene, root, there, margin, work):
+                if not _surface_apart(world, body, pose, root, there, margin):
                     return True
                 length = axis_length(work)
                 known = length > 1e-15

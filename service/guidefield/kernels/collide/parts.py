@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import void
 
-from guidefield.kernels.collide.balls import ball_radius
 from guidefield.kernels.jit.fields import Indices, Row, Singles, numba_type
 from guidefield.kernels.jit.signatures import (
     BLOCKS as CORNERS,
@@ -83,13 +82,6 @@ def child_of(parts: Parts, node: int, side: int) -> int:
 def is_leaf(parts: Parts, node: int) -> bool:
     """Tell if a node has no children."""
     return child_of(parts, node, LEFT) < 0
-
-
-@lane_part
-def splits_first(a: Parts, node_a: int, b: Parts, node_b: int) -> bool:
-    """Tell if of two nodes, not both leaves, the first is the one to divide: of two that can be divided the larger."""
-    larger = ball_radius(a.balls, node_a) >= ball_radius(b.balls, node_b)
-    return is_leaf(b, node_b) or (not is_leaf(a, node_a) and bool(larger))
 
 
 @lane_part

@@ -44,11 +44,10 @@ from guidefield.kernels.field.field_tables import (
     FieldTables,
 )
 from guidefield.kernels.field.primitives import charged_capsule_at, plane_at, sphere_at
-from guidefield.kernels.jit.signatures import MATRIX, MATRIX_OUT, Floats, compiled, inlined
+from guidefield.kernels.jit.signatures import FLOATS_OUT, MATRIX, MATRIX_OUT, Floats, compiled, inlined
 from guidefield.kernels.simd.vector import every, inverse_root, lanes_of, load, store
 
 MATRIX_32_OUT = types.Array(types.float32, 2, "C")
-VECTOR_32_OUT = types.Array(types.float32, 1, "C")
 
 LANES = 16
 """Points come in multiples of it: the longest vector of lanes."""
@@ -330,7 +329,7 @@ def add_field(t: Any, points: Any, first: int, field_out: Any) -> None:
             store(row, i, load(row, i) + term)
 
 
-@compiled(void(TABLES_32, MATRIX_32, types.intp, VECTOR_32_OUT))
+@compiled(void(TABLES_32, MATRIX_32, types.intp, FLOATS_OUT))
 def add_potential(t: Any, points: Any, first: int, potential_out: Any) -> None:
     """`add_field` for the potential alone, shape (n,), in half the time; as descents ask for it."""
     x, y, z = points[0], points[1], points[2]

@@ -70,7 +70,6 @@ class FieldTables(NamedTuple):
 
 
 MATRIX_32 = types.Array(types.float32, 2, "C", readonly=True)
-VECTOR_32 = types.Array(types.float32, 1, "C", readonly=True)
 
 
 def _single(kind: types.Array) -> types.Array:

@@ -39,9 +39,6 @@ class GroupJoints(NamedTuple):
     origin: Row
 
 
-GROUP_JOINTS = numba_type(GroupJoints)
-
-
 class JointPlaces(NamedTuple):
     """Placements of a group's joints and scratch to find them; n joints, m local coordinates of the model.
 

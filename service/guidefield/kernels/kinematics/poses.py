@@ -76,6 +76,17 @@ def write_turned(pose: Floats, source: Floats, start: int, target: Floats, at: i
 
 
 @lane_part
+def write_product(pose: Floats, frames: Floats, start: int, target: Floats, at: int) -> None:
+    """Write the pose of a frame that stands at twelve numbers in another one, which has a pose; shapes as there."""
+    for r in range(3):
+        for c in range(4):
+            total = pose[4 * r + 3] if c == 3 else 0.0
+            for k in range(3):
+                total += pose[4 * r + k] * frames[start + 4 * k + c]
+            target[at + 4 * r + c] = total
+
+
+@lane_part
 def turned_back(pose: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
     """The inverse rotation of a pose (12,) times three numbers."""
     return (

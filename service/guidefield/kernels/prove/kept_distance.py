@@ -18,7 +18,7 @@ import math
 from numba import types
 
 from guidefield.kernels.collide.balls import ball_radius
-from guidefield.kernels.collide.gjk import PLACED, support
+from guidefield.kernels.collide.gjk import PLACED, ROUNDS, divides_first, parts_distance, support
 from guidefield.kernels.collide.gjk_scratch import (
     LEAF_A,
     LEAF_B,
@@ -48,8 +48,6 @@ from guidefield.kernels.collide.parts import (
 )
 from guidefield.kernels.collide.primitive import HALF_SPACE
 from guidefield.kernels.jit.signatures import DOUBLE_POINTER, Floats, lane_part, lane_step
-from guidefield.kernels.prove.dividing import divides_first
-from guidefield.kernels.prove.gjk_distance import ROUNDS, parts_distance
 
 FIRST_TWIST, SECOND_TWIST, FIRST_TURNS, SECOND_TURNS, TWISTS = 0, 6, 12, 13, 14
 """Numbers of how two bodies move: the twist of each, how far the world's origin would move with it and how far it

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.kernels.collide.gjk import bodies_distance
 from guidefield.kernels.collide.gjk_scratch import LEAF_A, LEAF_B, WORK, axis_in, write_axis
 from guidefield.kernels.collide.near_pairs import squared_gap_to_box
 from guidefield.kernels.jit.no_refcount import counted, uncounted
 from guidefield.kernels.jit.signatures import Floats
-from guidefield.kernels.prove.body_distance import bodies_distance
 from guidefield.kernels.prove.kept_distance import LOG_COUNT, LOG_PAIR, bodies_keep
 from guidefield.kernels.prove.pairs import first_body, obstacle_of
 from guidefield.kernels.prove.placement import BodyPoses, place_mover, seen_by_mover

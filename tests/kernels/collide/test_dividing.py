@@ -9,9 +9,9 @@ from numba import boolean, types
 
 from guidefield.collision.convex_parts import PartsTable
 from guidefield.geometry.mesh_tree import mesh_tree
+from guidefield.kernels.collide.gjk import divides_first
 from guidefield.kernels.collide.parts import LEFT, LINK, OWN, PARTS, Parts
 from guidefield.kernels.jit.signatures import lane_kernel
-from guidefield.kernels.prove.dividing import divides_first
 from guidefield.kernels.simd.packing import pointers
 
 
