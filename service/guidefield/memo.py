@@ -202,6 +202,8 @@ def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
             return
         for one in value.values() if isinstance(value, dict) else value:
             _add_sizes(one, sizes)
+    elif hasattr(value, "to_record_batch"):  # a chunk of a recording
+        sizes[id(value)] = value.to_record_batch().nbytes
     elif hasattr(value, "num_tris"):
         sizes[id(value)] = BYTES_PER_TRIANGLE * int(value.num_tris)
     elif dataclasses.is_dataclass(value) and not (hasattr(value, "__dict__") and _PLACE in vars(value)):
