@@ -24,7 +24,7 @@ class JointFacts:
         line: Where it stands in the text.
         lower, upper: Its `<limit>` [rad or m], 0 where an entry is left out; None without `<limit>`, and for types that
             have no range.
-        velocity, effort: The same [rad/s or m/s; N m or N], 0 where they are negative.
+        velocity, effort: The same [rad/s or m/s; N m or N], 0 where they are negative or left out.
         axis: Normal of the plane of a planar joint, of any length; None for other types.
     """
 

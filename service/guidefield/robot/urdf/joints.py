@@ -10,6 +10,7 @@ from guidefield.robot.urdf.xml import (
     Element,
     check_origins,
     fault,
+    leaving_out,
     name_of,
     number,
     numbers,
@@ -26,9 +27,9 @@ LEAST_SPEED = 1e-9
 DEFAULT_AXIS = (1.0, 0.0, 0.0)
 """Axis of a joint without `<axis>`."""
 
-_OPTIONAL_NUMBERS = {
+_UNUSED_NUMBERS = {
     "dynamics": ("damping", "friction"),
-    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
     "calibration": ("rising", "falling"),
 }
 """Numbers of elements that planning doesn't use; not being numbers, they would make the parser refuse the joint."""
@@ -62,7 +63,7 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
             type=kind,
             available=[*JOINT_DOF],
         )
-    parent, child = _end(joint, "parent", links), _end(joint, "child", links)
+    parent, child = _find_end(joint, "parent", links), _find_end(joint, "child", links)
     check_origins(joint, version)
     axes = joint.findall("axis")
     directions = [] if kind in _WITHOUT_AXIS else [_check_axis(axis) for axis in axes]
@@ -159,12 +160,18 @@ def _prefixed(driver: str, follower: str, joints: Iterable[str]) -> list[str]:
     return [name for name, prefix in prefixes.items() if follower.startswith(prefix)]
 
 
-def _end(joint: Element, tag: str, links: Collection[str]) -> str:
-    """The link that a joint names as its parent or child."""
+def name_of_end(joint: Element, tag: str) -> str:
+    """Return the name of the link that a joint has as its parent or child."""
     ends = joint.findall(tag)
     if len(ends) != 1 or not ends[0].get("link"):
         raise fault(joint, f'a joint must have one <{tag} link="…"/>')
     link: str = ends[0].get("link")
+    return link
+
+
+def _find_end(joint: Element, tag: str, links: Collection[str]) -> str:
+    """Return the link that a joint names as its parent or child."""
+    link, ends = name_of_end(joint, tag), joint.findall(tag)
     if link not in links:
         raise fault(ends[0], f"{tag} link {link!r} does not exist; there are {', '.join(links)}", link=link)
     return link
@@ -194,7 +201,7 @@ def _is_any_angle(kind: str, figures: tuple[float, float, float, float]) -> bool
 def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float, float, float, float]:
     """Lower, upper, velocity, effort."""
     lower, upper = number(limit, "lower", 0.0), number(limit, "upper", 0.0)
-    velocity, effort = number(limit, "velocity"), number(limit, "effort")
+    velocity, effort = number(limit, "velocity", math.nan), number(limit, "effort", math.nan)
     if kind in _RANGED and lower > upper:
         taken = f"the range is taken for {upper:g} to {lower:g}"
         warnings.append(warning(limit, f"'lower' exceeds 'upper', {lower:g} > {upper:g}: {taken}"))
@@ -202,11 +209,13 @@ def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float,
         limit.set("lower", repr(lower))
         limit.set("upper", repr(upper))
     for attribute, value in (("velocity", velocity), ("effort", effort)):
-        if value < 0.0:
+        if not value >= 0.0:
+            how = "missing" if math.isnan(value) else f"negative, {value:g}"
             what = "the joint has no such limit" if attribute == "effort" else "the default limit holds"
-            warnings.append(warning(limit, f"{attribute!r} of <limit> is negative, {value:g}: {what}"))
+            if kind != "fixed":
+                warnings.append(warning(limit, f"{attribute!r} of <limit> is {how}: {what}"))
             limit.set(attribute, "0")
-    velocity, effort = max(velocity, 0.0), max(effort, 0.0)
+    velocity, effort = velocity if velocity >= 0.0 else 0.0, effort if effort >= 0.0 else 0.0
     if kind != "fixed" and 0.0 < velocity < LEAST_SPEED:
         raise fault(limit, f"'velocity' of <limit> must be 0 or at least {LEAST_SPEED:g}", attribute="velocity")
     if kind in _RANGED and lower == upper:
@@ -215,17 +224,11 @@ def _check_limit(limit: Element, kind: str, warnings: list[str]) -> tuple[float,
 
 
 def _check_unused_numbers(joint: Element, warnings: list[str]) -> None:
-    """Check elements that planning doesn't use; those with leftovers of xacro are taken out."""
-    for tag, attributes in _OPTIONAL_NUMBERS.items():
+    """Check elements that planning doesn't use; those that can't be read, as leftovers of xacro, are taken out."""
+    for tag, attributes in _UNUSED_NUMBERS.items():
         for element in joint.findall(tag):
-            if any("${" in value for value in element.attrib.values()):
-                warnings.append(warning(element, f"<{tag}> has leftovers of xacro and is left out: nothing uses it"))
-                joint.remove(element)
-                continue
-            for attribute in attributes:
-                number(element, attribute, 0.0)
-    for safety in joint.findall("safety_controller"):
-        number(safety, "k_velocity")
-    for dynamics in joint.findall("dynamics"):
-        if dynamics.get("damping") is None and dynamics.get("friction") is None:
-            raise fault(dynamics, "<dynamics> must have 'damping' or 'friction'")
+            with leaving_out(element, f"<{tag}> is left out: nothing uses it", warnings):
+                for attribute in attributes:
+                    number(element, attribute, None if attribute == "k_velocity" else 0.0)
+                if tag == "dynamics" and not {"damping", "friction"} & {*element.attrib}:
+                    raise fault(element, "<dynamics> must have 'damping' or 'friction'")

@@ -17,6 +17,7 @@ from guidefield.robot.urdf.xml import (
     Element,
     check_origins,
     fault,
+    leaving_out,
     name_of,
     number,
     numbers,
@@ -38,6 +39,7 @@ THICKNESS = 2e-6
 
 NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"
+MASSLESS = "is left out: the link has no mass"
 THIN = f"what is zero is judged as {1e3 * THICKNESS:g} mm"
 REPEATED = (NEVER_JUDGED, NOT_DRAWN, THIN)
 """Ends of warnings that a robot may have for each of its links."""
@@ -55,7 +57,7 @@ def check_link(
 
     The parser behind Pinocchio reads inertia, visuals and collisions in this order, and at the first that it can't read
     it leaves out all that follow, so that a malformed `<visual>` costs the link its collision geometry. Therefore
-    all are checked alike. What is odd about a visual but costs nothing is only a warning.
+    visuals and inertias that can't be read are left out, with a warning: nothing is judged by them.
 
     Args:
         link: The `<link>`; its mesh names become absolute paths, and a visual whose mesh can't be read is taken out.
@@ -72,15 +74,15 @@ def check_link(
     warn_of_repeated(link, "inertial", warnings)
     for inertial in link.findall("inertial"):
         if any("${" in value for part in inertial.iter() for value in part.attrib.values()):
-            warnings.append(
-                warning(inertial, "<inertial> has leftovers of xacro and is left out: the link has no mass")
-            )
+            warnings.append(warning(inertial, f"<inertial> has leftovers of xacro and {MASSLESS}"))
             link.remove(inertial)
             continue
         warn_of_repeated(inertial, "origin", warnings)
-        _check_inertial(inertial, version)
+        with leaving_out(inertial, MASSLESS, warnings):
+            _check_inertial(inertial, version)
     for visual in link.findall("visual"):
-        _check_visual(visual, version, resolver, warnings)
+        with leaving_out(visual, NOT_DRAWN, warnings):
+            _check_visual(visual, version, resolver, warnings)
     for part in (*link.findall("visual"), *link.findall("collision")):
         warn_of_repeated(part, "origin", warnings)
     for collision in link.findall("collision"):
@@ -130,8 +132,7 @@ def _check_visual(visual: Element, version: tuple[int, int], resolver: MeshResol
         try:
             _settle_mesh(shape, resolver)
         except RobotInvalid:
-            warnings.append(warning(shape, f"mesh {shape.get('filename')!r} can't be read; {NOT_DRAWN}"))
-            visual.getparent().remove(visual)
+            raise fault(shape, f"mesh {shape.get('filename')!r} can't be read") from None
 
 
 def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complaint) -> Element:

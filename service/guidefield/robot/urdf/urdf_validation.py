@@ -13,7 +13,7 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.facts import JOINT_DOF, JointFacts, UrdfFacts
-from guidefield.robot.urdf.joints import check_joint, check_mimics
+from guidefield.robot.urdf.joints import check_joint, check_mimics, name_of_end
 from guidefield.robot.urdf.links import REPEATED, check_link
 from guidefield.robot.urdf.meshes import MeshResolver
 from guidefield.robot.urdf.xml import Element, fault, name_of, parse, warning
@@ -50,9 +50,10 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     if (count := len(root.findall("link"))) > MAX_LINKS:
         raise fault(root, f"the robot has {count} links, at most {MAX_LINKS} are read", limit=MAX_LINKS)
     links, joint_elements = _by_name(root, "link"), _by_name(root, "joint")
-    _by_name(root, "material")
+    _drop_repeated_materials(root, warnings)
     if not links:
         raise fault(root, "a robot must have at least one <link>")
+    _add_root(root, links, joint_elements, warnings)
     joints = {key: check_joint(element, links, version, warnings) for key, element in joint_elements.items()}
     mimics = check_mimics(joint_elements, joints, warnings)
     root_link = _check_tree(root, links, joints, joint_elements)
@@ -134,6 +135,32 @@ def _by_name(root: Element, tag: str) -> dict[str, Element]:
             raise fault(element, f"the name is already that of the <{tag}> in line {first}", first=first)
         named[name] = element
     return named
+
+
+def _drop_repeated_materials(root: Element, warnings: list[str]) -> None:
+    """Leave out materials that are defined again: nothing uses colours, but parsers refuse the robot for them."""
+    named: dict[str, Element] = {}
+    for material in root.findall("material"):
+        first = named.setdefault(name_of(material), material)
+        if first is not material:
+            same = f"the <material> in line {first.sourceline} has the name {material.get('name')!r}, too"
+            warnings.append(warning(material, f"{same}: this one is left out"))
+            root.remove(material)
+
+
+def _add_root(root: Element, links: dict[str, Element], joints: Mapping[str, Element], warnings: list[str]) -> None:
+    """Add the link that a part of a robot is mounted on, where joints name it as a parent and nothing defines it.
+
+    It is added where it is the only one that is missing, and each link hangs below another; so it is no misspelt name.
+    """
+    children = {name_of_end(joint, "child") for joint in joints.values()}
+    missing = {parent: joint for joint in joints.values() if (parent := name_of_end(joint, "parent")) not in links}
+    if len(missing) != 1 or not children >= links.keys() or missing.keys() & children:
+        return
+    (name, joint), *_ = missing.items()
+    said = f"parent link {name!r} does not exist: it is taken for an empty link, where the robot is mounted"
+    warnings.append(warning(joint, said))
+    links[name] = etree.SubElement(root, "link", name=name)
 
 
 def _check_tree(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
+from collections.abc import Iterator
 from typing import Any
 
 from lxml import etree
@@ -16,6 +18,9 @@ Element = Any
 
 LARGEST_LENGTH = 1e6
 """No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
+
+_LATE_HEAD = re.compile(r"(?:\s|<!--(?:(?!-->).)*-->)+<\?xml\s[^>]*\?>", re.DOTALL)
+"""An XML declaration behind blank lines or comments, where XML has none."""
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -82,6 +87,9 @@ def root_of(text: str, kind: str, warnings: list[str]) -> Element:
         line = before.count("\n") + 1
         message = f"line {line}: {_A[kind]} {kind} must not have a <!DOCTYPE>, nor entities"
         raise RobotInvalid(message, line=line, element="!DOCTYPE")
+    if late := _LATE_HEAD.match(text):
+        warnings.append(f"line {late[0].count(chr(10)) + 1}: the XML declaration isn't at the start: it is left out")
+        text = "\n" * late[0].count("\n") + text[late.end() :]
     parser = etree.XMLParser(**_STRICT)
     try:
         return etree.fromstring(text.encode(), parser)
@@ -115,6 +123,22 @@ def warning(element: Element, message: str) -> str:
 def warn_of_repeated(element: Element, tag: str, warnings: list[str]) -> None:
     """Tell of children that may stand once and stand again: parsers read the first alone."""
     warnings += [warning(repeated, f"a second <{tag}> is left out") for repeated in element.findall(tag)[1:]]
+
+
+@contextlib.contextmanager
+def leaving_out(element: Element, end: str, warnings: list[str]) -> Iterator[None]:
+    """Leave out an element that nothing is judged by where its check raises a fault, which becomes a warning.
+
+    Args:
+        element: The element.
+        end: What becomes of that: the end of the warning.
+        warnings: Gets the warning.
+    """
+    try:
+        yield
+    except RobotInvalid as error:
+        warnings.append(f"{error.message}; {end}")
+        element.getparent().remove(element)
 
 
 def name_of(element: Element) -> str:
