@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,10 +117,15 @@ def scene_memory(primitives: int, obstacles: int) -> LaneMemory:
 Arrays = dict[str, tuple[int, Any, int]]
 
 
+@functools.cache
+def _types_in(*layouts: type) -> dict[str, Any]:
+    """Return the types of the arrays that are fields of some layouts."""
+    return {name: kind for layout in layouts for name, kind in array_types(layout).items()}
+
+
 def _one_after_another(lengths: dict[str, int], *layouts: type) -> tuple[Arrays, int]:
     """Offsets [bytes], types and lengths of arrays that are fields of some layouts, and their numbers of 64 bits."""
-    kinds = {name: kind for layout in layouts for name, kind in array_types(layout).items()}
-    arrays, end = {}, 0
+    kinds, arrays, end = _types_in(*layouts), {}, 0
     for name, length in lengths.items():
         arrays[name] = (end, kinds[name], length)
         end += -(-kinds[name].itemsize * length // LINE) * LINE
