@@ -175,8 +175,12 @@ def memoized_by_value(most: int) -> Callable[[Callable[Rest, Found]], Callable[R
     return memoize
 
 
-MAX_FULLY_MEASURED, SAMPLE_SIZE = 512, 32
+MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32
 """The size of a sequence with more items is estimated from a sample."""
+
+
+_SMALL = frozenset({int, float, str, bool, type(None)})
+"""Types whose size doesn't count."""
 
 
 def size_of(answer: object) -> int:
@@ -187,7 +191,7 @@ def size_of(answer: object) -> int:
 
 
 def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
-    if id(value) in sizes or isinstance(value, int | float | str | None) or (sizes and isinstance(value, SharedAnswer)):
+    if type(value) in _SMALL or id(value) in sizes or (sizes and isinstance(value, SharedAnswer)):
         return
     if isinstance(value, np.ndarray):
         owner = id(value if value.base is None else value.base)  # of which there may be several views

@@ -16,7 +16,7 @@ from guidefield.geometry.charge_tree import at_angle
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.field.field_tables import FieldTables
-from guidefield.memo import memoized_by
+from guidefield.memo import SharedAnswer, memoized_by
 from guidefield.messages import scene as messages
 from guidefield.scene import guide_plane, obstacle
 from guidefield.scene.content import Content
@@ -32,7 +32,7 @@ NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(SharedAnswer):
     """A scene, ready to plan in.
 
     Attributes:
