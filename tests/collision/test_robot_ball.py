@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.bodies import bodies, joint_placements
-from guidefield.collision.robot_ball import robot_reach
+from guidefield.collision.robot_ball import reach_ball
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from tests.robots import box_arm, group, grouped, random_configuration, robot
@@ -17,7 +17,7 @@ TURNED = pin.SE3(pin.exp3(np.array([0.3, -0.8, 1.1])), np.array([1.0, -2.0, 0.5]
 
 def farthest(planned: PlanningGroup, seeds: int) -> float:
     """How far from the ball's centre the balls about bodies reach at random configurations [m]."""
-    ball, about, data, reached = robot_reach(planned), bodies(planned), planned.model.createData(), 0.0
+    ball, about, data, reached = reach_ball(planned), bodies(planned), planned.model.createData(), 0.0
     assert ball is not None
     for seed in range(seeds):
         pin.forwardKinematics(planned.model, data, planned.expand(random_configuration(planned, seed)))
@@ -31,7 +31,7 @@ def test_robots_stay_in_it_wherever_they_stand(name: str) -> None:
     model = robot(name)
     for base in (pin.SE3.Identity(), TURNED):
         planned = select(model, None, None, model.rest, base)
-        ball = robot_reach(planned)
+        ball = reach_ball(planned)
         assert ball is not None
         assert 0.5 * ball.radius < farthest(planned, 200) <= ball.radius
 
@@ -39,16 +39,16 @@ def test_robots_stay_in_it_wherever_they_stand(name: str) -> None:
 @pytest.mark.parametrize("joints", ["x oblique slide y screw", "slide slide slide", "continuous mimic gear x", "slide"])
 def test_chains_of_every_kind_stay_in_it(joints: str) -> None:
     planned = grouped(box_arm(joints, 3))
-    ball = robot_reach(planned)
+    ball = reach_ball(planned)
     assert ball is not None
     assert farthest(planned, 300) <= ball.radius
 
 
 @pytest.mark.parametrize("joints", ["planar x", "x floating", "x planar y"])
 def test_what_may_go_anywhere_has_none(joints: str) -> None:
-    assert robot_reach(grouped(box_arm(joints, 2))) is None
+    assert reach_ball(grouped(box_arm(joints, 2))) is None
 
 
 def test_a_joint_that_slides_beyond_its_limits_may_go_anywhere() -> None:
-    assert robot_reach(grouped(box_arm("x slide", 2)), limited=False) is None
-    assert robot_reach(group("panda"), limited=False) == robot_reach(group("panda"))
+    assert reach_ball(grouped(box_arm("x slide", 2)), limited=False) is None
+    assert reach_ball(group("panda"), limited=False) == reach_ball(group("panda"))

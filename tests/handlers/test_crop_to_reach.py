@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from guidefield.collision.robot_ball import robot_reach
+from guidefield.collision.robot_ball import reach_ball
 from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.handlers import preparation
 from guidefield.handlers.certify import answer_certify
@@ -104,7 +104,7 @@ def test_a_robot_inside_of_a_solid_of_which_it_sees_one_side_is_in_collision() -
     uneven = np.random.default_rng(0).uniform(-0.02, 0.02, block.vertices.shape)  # what is convex is judged as its hull
     vertices = block.vertices + uneven - [0.0, 0.0, 5.0 - 1.4]
     scene = build(messages.Scene(name="yard", obstacles=[mesh("block", vertices, block.faces)]))
-    reach = robot_reach(group("panda"))
+    reach = reach_ball(group("panda"))
     assert reach is not None
     met = crop(scene, reach)[0]
     assert met.obstacles[0].faces < 0.5 * scene.obstacles[0].faces
@@ -145,7 +145,7 @@ def test_answers_among_very_many_are_those_among_all(seed: int, monkeypatch: pyt
     allowed = [["panda_hand", scene.obstacles[0].name], ["panda_link4", near], ["panda_hand", near]]
     asked = {"allowed_collisions": allowed, "seed": seed}
     met = ask(scene, **asked)
-    assert len(nearest_obstacles(scene, robot_reach(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
+    assert len(nearest_obstacles(scene, reach_ball(group("panda")) or Ball(0, 0, 0, 0)).chosen) < len(scene.obstacles)
     leave_whole(monkeypatch, "has_many")
     whole = ask(scene, **asked)
     assert met.status.name == whole.status.name == "SUCCESS"

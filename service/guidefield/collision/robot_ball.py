@@ -21,7 +21,7 @@ _TURNING_KINDS = {JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL}
 
 
 @memoized_for_alike
-def robot_reach(group: PlanningGroup, limited: bool = True) -> Ball | None:
+def reach_ball(group: PlanningGroup, limited: bool = True) -> Ball | None:
     """Return the ball about all bodies of a planning group; None if a joint may go anywhere.
 
     Its centre is the first joint, or the mean of several. The distance from one joint to the next is at most that of

@@ -13,7 +13,7 @@ from guidefield.collision.lanes.lanes import prepare_robot
 from guidefield.collision.lanes.scene_tables import lane_scene, prepare_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
 from guidefield.collision.preparation import Told, is_prepared, prepare
-from guidefield.collision.robot_ball import robot_reach
+from guidefield.collision.robot_ball import reach_ball
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.memo import MemoSet
@@ -93,7 +93,7 @@ def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -
         DeadlineExpired: if time was up before.
     """
     scene, world = problem.scene, problem.world
-    reach = robot_reach(problem.group, limited) if has_many(scene) or has_large(scene) else None
+    reach = reach_ball(problem.group, limited) if has_many(scene) or has_large(scene) else None
     if reach is None:
         return problem
     named = scene.names.intersection(chain.from_iterable(problem.allowed_collisions))

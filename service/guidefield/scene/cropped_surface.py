@@ -15,7 +15,7 @@ from guidefield.geometry.entries import Arrays
 from guidefield.geometry.extents import box_about
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated, are_wide
 from guidefield.kernels.cover.anchors import distance_to_triangles
-from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
+from guidefield.kernels.cover.crop_to_ball import crop_to_ball
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.distance.ray_winding import ANCHOR, BALL, PLACE, REACH, ROOM, TURNS
 
@@ -149,10 +149,10 @@ def _part(
 
 
 def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """Choose the parts of a surface or cloud that may be nearest, shape (n,); see `nearest_somewhere`."""
+    """Choose the parts of a surface or cloud that may be nearest, shape (n,); see `crop_to_ball`."""
     chosen = np.empty(len(corners), bool)
     vertices, corners = np.ascontiguousarray(vertices, float), np.ascontiguousarray(corners, np.int64)
-    nearest_somewhere(vertices, corners, np.ascontiguousarray(centre, float), radius, chosen)
+    crop_to_ball(vertices, corners, np.ascontiguousarray(centre, float), radius, chosen)
     return chosen
 
 

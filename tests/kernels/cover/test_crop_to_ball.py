@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from trimesh.triangles import closest_point
 
-from guidefield.kernels.cover.nearest_somewhere import nearest_somewhere
+from guidefield.kernels.cover.crop_to_ball import crop_to_ball
 
 
 def chosen_of(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
     chosen = np.empty(len(corners), bool)
-    nearest_somewhere(vertices, corners, centre, radius, chosen)
+    crop_to_ball(vertices, corners, centre, radius, chosen)
     return chosen
 
 

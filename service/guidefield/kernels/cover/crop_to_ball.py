@@ -1,4 +1,4 @@
-"""Which triangles or points can be the nearest to some place in a ball: all others are nearest to none of its places.
+"""Choose the triangles or points that can be the nearest to some place in a ball: the others are nearest to none.
 
 Neighbours go together, in voxels. The ball is cut into cells. A place in a cell is no farther from what is nearest to
 it than from some corner in a voxel, and so no voxel that is farther from the cell than that holds it. Nor does one
@@ -131,7 +131,7 @@ def _voxels(
     """Put parts together by their boxes' middles, all between two corners (3,) [m].
 
     Args:
-        vertices: As in `nearest_somewhere`.
+        vertices: As in `crop_to_ball`.
         corners: As there.
         low: Least middle, shape (3,) [m].
         high: Largest middle, shape (3,) [m].
@@ -213,7 +213,7 @@ def _needed(boxes: Floats, ends: Floats, centre: Floats, radius: float, slack: f
 
 
 @compiled(void(MATRIX, INDEX_MATRIX, VECTOR, SCALAR, _CHOSEN))
-def nearest_somewhere(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
+def crop_to_ball(vertices: Floats, corners: Integers, centre: Floats, radius: float, chosen_out: Floats) -> None:
     """Choose those parts of a surface or cloud that may be the nearest of all to a place in a ball.
 
     Args:
