@@ -14,13 +14,13 @@ from guidefield.client.async_streams import AsyncServiceStream
 from guidefield.client.client import GIVE_UP_WITHIN, connect_exchange
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.run_pages import RunPages
 from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
+    Done,
     InfoReply,
     PlanReply,
     Progress,
@@ -117,13 +117,16 @@ class AsyncClient:
         loop = asyncio.get_running_loop()
         hear = None if progress is None else _call_in_loop(loop, progress)
         with watching(self._exchange.session, self._exchange.user, question.run_id, hear):
-            try:
-                return await self._ask(question)
-            except asyncio.CancelledError:
-                with contextlib.suppress(TimeoutError, GuidefieldError):
-                    async with asyncio.timeout(GIVE_UP_WITHIN):
-                        await self.cancel(question.run_id)
-                raise
+            return await self._ask_or_cancel(question, questions.cancel(question.run_id))
+
+    async def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
+        try:
+            return await self._ask(question)
+        except asyncio.CancelledError:
+            with contextlib.suppress(TimeoutError, GuidefieldError):
+                async with asyncio.timeout(GIVE_UP_WITHIN):
+                    await self._ask(cancel)
+            raise
 
     async def cancel(self, run_id: str) -> str:
         """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
@@ -133,13 +136,7 @@ class AsyncClient:
         """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
         question = questions.kinematics(request)
         assert question.request_id is not None, "kinematics is asked for with a name"
-        try:
-            return await self._ask(question)
-        except asyncio.CancelledError:
-            with contextlib.suppress(TimeoutError, GuidefieldError):
-                async with asyncio.timeout(GIVE_UP_WITHIN):
-                    await self.cancel_request(question.request_id)
-            raise
+        return await self._ask_or_cancel(question, questions.cancel_request(question.request_id))
 
     async def cancel_request(self, request_id: str) -> str:
         """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`."""
@@ -245,10 +242,11 @@ class AsyncClient:
     ) -> RunsReply:
         """The runs that are kept, newest first; the arguments are those of `Client.runs`."""
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        pages = RunPages(codec.convert(filters, ReadRuns), limit)
-        while (question := pages.ask()) is not None:
-            pages.add(await self._ask(question))
-        return pages.reply
+        asked, joined = codec.convert(filters, ReadRuns), None
+        while (question := questions.next_runs(asked, limit, joined)) is not None:
+            joined = questions.join_runs(joined, await self._ask(question))
+        assert joined is not None, "at least one page is asked for"
+        return joined
 
     async def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one."""

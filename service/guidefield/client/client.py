@@ -12,7 +12,6 @@ from typing import Any, Literal, Self, TypeVar, cast
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.run_pages import RunPages
 from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
 from guidefield.client.streams import ServiceStream
 from guidefield.client.watching import watching, watching_scene
@@ -22,6 +21,7 @@ from guidefield.messages.identities import check_user
 from guidefield.messages.replies import (
     AnyRunReply,
     CertifyReply,
+    Done,
     InfoReply,
     PlanReply,
     Progress,
@@ -177,13 +177,16 @@ class Client:
     def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
         with watching(self._exchange.session, self._exchange.user, question.run_id, progress):
-            answer = self._exchange.ask(question)
-            try:
-                return question.read(await_answer(answer))
-            except (KeyboardInterrupt, SystemExit):
-                with contextlib.suppress(TimeoutError, GuidefieldError):
-                    self._exchange.ask(questions.cancel(question.run_id)).result(GIVE_UP_WITHIN)
-                raise
+            return self._ask_or_cancel(question, questions.cancel(question.run_id))
+
+    def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
+        answer = self._exchange.ask(question)
+        try:
+            return question.read(await_answer(answer))
+        except (KeyboardInterrupt, SystemExit):
+            with contextlib.suppress(TimeoutError, GuidefieldError):
+                self._exchange.ask(cancel).result(GIVE_UP_WITHIN)
+            raise
 
     def cancel(self, run_id: str) -> str:
         """End a run early: its reply is PREEMPTED, with the best by then.
@@ -214,14 +217,8 @@ class Client:
             Preempted: if it was cancelled.
         """
         question = questions.kinematics(request)
-        answer = self._exchange.ask(question)
-        try:
-            return question.read(await_answer(answer))
-        except (KeyboardInterrupt, SystemExit):
-            assert question.request_id is not None, "kinematics is asked for with a name"
-            with contextlib.suppress(TimeoutError, GuidefieldError):
-                self._exchange.ask(questions.cancel_request(question.request_id)).result(GIVE_UP_WITHIN)
-            raise
+        assert question.request_id is not None, "kinematics is asked for with a name"
+        return self._ask_or_cancel(question, questions.cancel_request(question.request_id))
 
     def cancel_request(self, request_id: str) -> str:
         """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`.
@@ -441,10 +438,11 @@ class Client:
             after: Only those that follow in the list, by the `next` of an earlier reply; None: from the newest on.
         """
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
-        pages = RunPages(codec.convert(filters, ReadRuns), limit)
-        while (question := pages.ask()) is not None:
-            pages.add(self._ask(question))
-        return pages.reply
+        asked, joined = codec.convert(filters, ReadRuns), None
+        while (question := questions.next_runs(asked, limit, joined)) is not None:
+            joined = questions.join_runs(joined, self._ask(question))
+        assert joined is not None, "at least one page is asked for"
+        return joined
 
     def run(self, run_id: str) -> AnyRunReply:
         """One run: its request, and its reply once there is one.

@@ -235,6 +235,21 @@ def runs(filters: ReadRuns) -> Question[RunsReply]:
     return _make_reading(f"runs?{words}" if words else "runs", RunsReply)
 
 
+def next_runs(filters: ReadRuns, limit: int | None, joined: RunsReply | None) -> Question[RunsReply] | None:
+    """Ask for the next page of a list of at most so many runs, given those before as one; None: it is complete."""
+    rest = None if limit is None else limit - (0 if joined is None else len(joined.runs))
+    if joined is not None and (rest == 0 or joined.next is None):
+        return None
+    page = LARGEST_PAGE if rest is None else min(rest, LARGEST_PAGE)
+    after = filters.after if joined is None else joined.next
+    return runs(msgspec.structs.replace(filters, limit=page, after=after))
+
+
+def join_runs(joined: RunsReply | None, page: RunsReply) -> RunsReply:
+    """Return pages of a list and the one after them as one."""
+    return page if joined is None else msgspec.structs.replace(page, runs=[*joined.runs, *page.runs])
+
+
 def run(run_id: str) -> Question[AnyRunReply]:
     """One run."""
     key = _key("runs", run_id)

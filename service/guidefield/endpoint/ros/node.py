@@ -27,12 +27,12 @@ import zenoh.ext
 
 from guidefield.endpoint.ros.cdr import Types, Unreadable
 from guidefield.endpoint.ros.engine_door import EngineDoor
-from guidefield.endpoint.ros.known_scene import KnownScene
 from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Entity, Kind, Node, Seen
 from guidefield.endpoint.ros.options import IDENTITY
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
 from guidefield.endpoint.ros.scene_updates import heard, updated
 from guidefield.endpoint.ros.services import Answered, Service, Services
+from guidefield.endpoint.ros.snapshot import KnownScene
 from guidefield.errors import GuidefieldError, convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox

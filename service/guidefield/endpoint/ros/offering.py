@@ -14,10 +14,9 @@ from guidefield.endpoint.link import UNLESS_TOLD
 from guidefield.endpoint.ros.cdr import Types
 from guidefield.endpoint.ros.engine_door import Ask, EngineDoor
 from guidefield.endpoint.ros.known_robot import KnownRobot
-from guidefield.endpoint.ros.known_scene import KnownScene
 from guidefield.endpoint.ros.node import RosNode
 from guidefield.endpoint.ros.options import LATCHING, Distribution, RosSettings
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.urdf.encoding import read_xml
 

@@ -14,11 +14,10 @@ from guidefield.endpoint.ros import kinematics, motion_plan
 from guidefield.endpoint.ros.cdr import Types
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
 from guidefield.endpoint.ros.engine_door import EngineDoor
-from guidefield.endpoint.ros.known_scene import KnownScene
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused
 from guidefield.endpoint.ros.robot_messages import header, robot_state
 from guidefield.endpoint.ros.scene_updates import updated, with_state
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
 from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import Clearance

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -135,3 +136,25 @@ def _attached(name: str, held: Held) -> Iterator[AttachedObject]:
             placement=Placement(position, quaternion),
             touch_links=list(held.touch_links),
         )
+
+
+class KnownScene:
+    """The snapshot of now: any thread reads it, and one after the other replaces it.
+
+    Args:
+        first: The first one.
+    """
+
+    def __init__(self, first: Snapshot) -> None:
+        self._now = first
+        self._changing = threading.Lock()
+
+    @property
+    def now(self) -> Snapshot:
+        """The snapshot of now."""
+        return self._now
+
+    def update(self, change: Callable[[Snapshot], Snapshot]) -> None:
+        """Replace it by what it becomes; where that raises, it stays."""
+        with self._changing:
+            self._now = change(self._now)
