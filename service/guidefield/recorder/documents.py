@@ -43,6 +43,8 @@ COLUMN = 76
 WIDTH = 110
 """Characters of a line within which a list of plain values stays."""
 
+_to_json = json.JSONEncoder(ensure_ascii=False).encode
+
 
 def document_run(
     request: MotionRequest,
@@ -142,7 +144,7 @@ def readable(value: Any, indent: int = 0) -> str:
         return _readable_list(list(value), indent)
     if isinstance(value, str) and len(value) > LONGEST_TEXT:
         return f"{json.dumps(value[:LONGEST_TEXT])} … {len(value) - LONGEST_TEXT} more characters"
-    return json.dumps(msgspec.to_builtins(value), ensure_ascii=False)
+    return _to_json(msgspec.to_builtins(value))
 
 
 def _fields(message: msgspec.Struct) -> dict[str, Any]:
@@ -183,7 +185,8 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> list[str]:
     """A table whose last column is broken into lines, each a row: the viewer cuts what is too wide for it."""
     lines = [head, tuple("---" for _ in head)]
     for *first, last in rows:
-        begun, *more = textwrap.wrap(last, COLUMN, break_on_hyphens=False) or [""]
+        is_short = len(last) <= COLUMN
+        begun, *more = [last] if is_short else textwrap.wrap(last, COLUMN, break_on_hyphens=False)
         lines += [(*first, begun), *((*("" for _ in first), line) for line in more)]
     return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
 

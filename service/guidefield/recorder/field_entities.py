@@ -29,7 +29,7 @@ LONGEST_ARROW = 0.25
 FORCE_DECADES = 2.0
 """Powers of ten of force that the colours of points and the lengths of arrows tell apart."""
 
-RESOLUTION = 100
+RESOLUTION = 80
 """Pixels along the longer side of the picture."""
 
 EVALUATED_EVERY = 3
