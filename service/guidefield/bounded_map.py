@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 Key = TypeVar("Key", bound=Hashable)
 Value = TypeVar("Value")
@@ -66,6 +67,16 @@ READ_VERSIONS = Limit(32, 2**20)
 
 FOUND = Limit(2**18, 2**30)
 """Memoized results for robots, scenes and obstacles, see `memo`."""
+
+
+def content_key(*parts: Any) -> bytes:
+    """Return a key of contents: SHA-256 of the size and bytes of each buffer, such as an array."""
+    digest = hashlib.sha256()
+    for part in parts:
+        view = memoryview(part)
+        digest.update(view.nbytes.to_bytes(8, "little"))
+        digest.update(view if view.c_contiguous else view.tobytes())
+    return digest.digest()
 
 
 TRIMMED_BYTES = 2**26

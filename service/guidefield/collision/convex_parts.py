@@ -5,7 +5,6 @@ Those of a robot's bodies are one table for SIMD batches and proofs.
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap
+from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
 from guidefield.geometry.placements import moved
@@ -299,7 +298,7 @@ _KNOWN: BoundedMap[tuple[bytes, int], MeshTree] = BoundedMap(MESH_TREES)
 
 def known_surface(shape: Any) -> MeshTree:
     """The tree of a Coal mesh, made once for the same vertices."""
-    key = (hashlib.blake2b(shape.vertices().tobytes(), digest_size=32).digest(), int(shape.num_tris))
+    key = (content_key(shape.vertices()), int(shape.num_tris))
     tree = _KNOWN.get(key)
     if tree is None:
         (vertices, faces), hull = triangulation(shape), hull_vertices(shape)

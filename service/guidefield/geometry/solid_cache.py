@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Callable
 
 import numpy as np
 
-from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap
+from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
 from guidefield.geometry.closed import boundary, compact, merged_points
 from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import Solid, solid
@@ -64,7 +63,7 @@ _SOLIDS: BoundedMap[tuple[object, ...], Solid] = BoundedMap(SOLIDS)
 
 def solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
     """Return `solid` of these arguments, from the cache if it is there."""
-    return _find((_digest(vertices, triangles), widest_gap), lambda: _solid(vertices, triangles, widest_gap))
+    return _find((content_key(vertices, triangles), widest_gap), lambda: _solid(vertices, triangles, widest_gap))
 
 
 def near_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
@@ -73,7 +72,7 @@ def near_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float)
     def build() -> Solid:
         return coarse_solid(vertices, triangles) or solid_of_mesh(vertices, triangles, widest_gap)
 
-    return _find((_digest(vertices, triangles), widest_gap, "near"), build)
+    return _find((content_key(vertices, triangles), widest_gap, "near"), build)
 
 
 def filled_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
@@ -82,7 +81,7 @@ def filled_solid_of_mesh(vertices: Floats, triangles: Integers, widest_gap: floa
     def fill() -> Solid:
         return filled(near_solid_of_mesh(vertices, triangles, widest_gap))
 
-    return _find((_digest(vertices, triangles), widest_gap, "filled"), fill)
+    return _find((content_key(vertices, triangles), widest_gap, "filled"), fill)
 
 
 def clear_solids() -> None:
@@ -92,16 +91,14 @@ def clear_solids() -> None:
 
 def _solid(vertices: Floats, triangles: Integers, widest_gap: float) -> Solid:
     """Build a solid; one that is closed without its gaps is the same with them."""
-    if widest_gap > 0.0 and (closed := _SOLIDS.get((_digest(vertices, triangles), 0.0))) is not None and closed.closed:
+    if (
+        widest_gap > 0.0
+        and (closed := _SOLIDS.get((content_key(vertices, triangles), 0.0))) is not None
+        and closed.closed
+    ):
         return closed
     return solid(vertices, triangles, widest_gap)
 
 
 def _find(key: tuple[object, ...], build: Callable[[], Solid]) -> Solid:
     return _SOLIDS.find(key, build, lambda one: BYTES_PER_SOLID_FACE * len(one.owners))
-
-
-def _digest(vertices: Floats, triangles: Integers) -> bytes:
-    digest = hashlib.sha256(vertices.tobytes())
-    digest.update(triangles.tobytes())
-    return digest.digest()

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import hashlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
 
-from guidefield.bounded_map import READ_SCENES, BoundedMap
+from guidefield.bounded_map import READ_SCENES, BoundedMap, content_key
 from guidefield.collector import pause_collector
 from guidefield.messages import codec, requests
 from guidefield.messages.codec import Encoding
@@ -87,7 +86,7 @@ def _read(
         read_rest: Reads it with another scene instead of its own.
         size: Size of the request [bytes].
     """
-    digest = None if scene is None else hashlib.sha256(scene).digest()
+    digest = None if scene is None else content_key(scene)
     known = None if digest is None else _SCENES.get(digest)
     if known is not None:
         made = read_rest({"name": known.name})

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
+from guidefield.bounded_map import content_key
 from guidefield.messages import scene as messages
 from guidefield.messages.frozen_scenes import Derivation
 
@@ -73,4 +73,4 @@ _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 
 def _hashed(declared: object) -> bytes:
     """Hash what is declared, as MessagePack."""
-    return hashlib.blake2b(_ENCODER.encode(declared), digest_size=32).digest()
+    return content_key(_ENCODER.encode(declared))

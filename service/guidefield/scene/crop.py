@@ -12,12 +12,12 @@ the distances are those at all times: it is left out if it never gets near, and 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from guidefield.bounded_map import content_key
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.entries import Arrays
@@ -226,7 +226,7 @@ def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius:
     content = obstacle.recipe.content
     if content:
         known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, MAX_CROPPED_SHARE])}
-        content = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+        content = content_key(*known.values())
         points = remembered("points", known, found)["points"]
     else:
         points = found()["points"]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from guidefield.bounded_map import content_key
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.closed import used_alone
 from guidefield.geometry.entries import Arrays
@@ -90,7 +90,7 @@ def crop_surface(
     if not content:
         return _restored(found(), whole, b"")
     known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
-    own = hashlib.sha256(b"".join(one.tobytes() for one in known.values())).digest()
+    own = content_key(*known.values())
     return _restored(remembered("seen", known, found), whole, own)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +10,7 @@ from typing import Any, NamedTuple
 import coal
 import numpy as np
 
-from guidefield.bounded_map import TRIANGULATIONS, BoundedMap
+from guidefield.bounded_map import TRIANGULATIONS, BoundedMap, content_key
 from guidefield.geometry.cache import recalled, remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
@@ -173,7 +172,7 @@ def _identify(shape: Any) -> tuple[Any, ...]:
     """What a Coal mesh or hull is told from others by."""
     vertices, face, count = _faces(shape)
     some = tuple(face(i)[k] for i in (0, count // 2, count - 1) if count for k in range(3))
-    return type(shape), hashlib.blake2b(vertices.tobytes(), digest_size=32).digest(), count, some
+    return type(shape), content_key(vertices), count, some
 
 
 _KNOWN: BoundedMap[tuple[Any, ...], np.ndarray] = BoundedMap(TRIANGULATIONS)
