@@ -27,7 +27,6 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.plan import Planner, plan
 from guidefield.planner.task.problem import ConfigurationGoal
-from guidefield.scene.cloud_tables import cloud_tables
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.scene import Scene, build
 
@@ -86,7 +85,7 @@ def _row(given: Problems, problem: dict[str, Any], count: int, radius: float) ->
     if any(world.in_collision(given.group.expand_from_chart(z)) for z in given.ends(problem)):
         return None
     began = time.process_time()
-    cloud_tables(scene.obstacles[0])
+    _ = scene.obstacles[0].cloud.tables
     times["tables for lanes"] = _since(began)
     began = time.process_time()
     distance_tables(scene)

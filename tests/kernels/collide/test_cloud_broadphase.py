@@ -12,7 +12,7 @@ from guidefield.kernels.simd.blocks import AROUND
 from guidefield.kernels.simd.packing import pointers
 from guidefield.kernels.simd.vector import splat
 from guidefield.messages import scene as messages
-from guidefield.scene.cloud_tables import CloudTables, cloud_tables
+from guidefield.scene.cloud import CloudTables
 from guidefield.scene.obstacle import build
 
 RADIUS = 0.01
@@ -41,7 +41,9 @@ def cloud(count: int) -> tuple[np.ndarray, CloudTables]:
     points[count // 2 : count // 2 + count // 8] = points[: count // 8]
     points = points.astype(np.float32).astype(float)
     rows = [tuple(point) for point in points.tolist()]
-    return points, cloud_tables(build(messages.PointCloud(name="scan", points=rows, radius=RADIUS), 0))
+    cloud = build(messages.PointCloud(name="scan", points=rows, radius=RADIUS), 0).cloud
+    assert cloud is not None
+    return points, cloud.tables
 
 
 @pytest.mark.parametrize("count", SIZES)
