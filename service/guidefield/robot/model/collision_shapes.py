@@ -1,10 +1,11 @@
-"""Collision shapes from the mesh files of a URDF: Pinocchio places them, our reader reads them."""
+"""Collision shapes of a URDF: Pinocchio places them, our reader reads meshes, and tight hulls stand for these."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -13,11 +14,21 @@ from lxml import etree
 
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.bvh import bvh
+from guidefield.geometry.cache import recalled, remembered
+from guidefield.geometry.convex import convex
+from guidefield.geometry.entries import Arrays
+from guidefield.kernels.jit.compilers import load_imported
+from guidefield.parallel import run_queue
 from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh
-from guidefield.robot.model.shapes import know_triangulation
+from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh, unit_of
+from guidefield.robot.model.model import GeometryChoice
+from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_question, know_triangulation
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.links import THICKNESS
+from guidefield.system import usable_processors
+
+HARDLY_METRES = 10.0
+"""A link's mesh that is longer was probably drawn in millimetres [m]."""
 
 SLIVER = 1e-12
 """Twice the area of a triangle over its longest edge's square, up to which it is a line."""
@@ -72,26 +83,99 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
     return etree.tostring(root, encoding="unicode"), meshes
 
 
-def put_meshes(geometry: Any, meshes: Meshes) -> None:
-    """Give each shape that stands for a mesh its triangles.
+def settle(
+    model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], warnings: list[str]
+) -> tuple[GeometryChoice, ...]:
+    """Give each shape that stands for a mesh its triangles, or its hull where that is as tight.
 
     Args:
+        model: Pinocchio model that the geometry belongs to.
         geometry: Pinocchio geometry model of the text that `read_meshes` returned; changed in place.
         meshes: What it read.
+        uris: What the URDF calls a mesh, by the path of its file.
+        warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh has no inside
+            or is so large that its numbers are hardly metres.
+
+    Returns:
+        What was chosen for each shape.
     """
-    trees: dict[int, Any] = {}
+    choices = []
+    settled = _settled_meshes({id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)})
     for shape in geometry.geometryObjects:
-        if shape.name not in meshes:
-            continue
-        path, scale, mesh = meshes[shape.name]
-        if _has_area(mesh):
-            if id(mesh) not in trees:
-                trees[id(mesh)] = bvh(mesh.vertices, mesh.triangles)
-                know_triangulation(trees[id(mesh)], mesh.triangles)
-            shape.geometry, shape.meshPath, shape.meshScale = trees[id(mesh)], str(path), scale
-        else:
+        link = model.frames[shape.parentFrame].name
+        path, scale, mesh = meshes.get(shape.name) or (Path(), np.ones(3), None)
+        one = settled.get(id(mesh))
+        if mesh is not None and one is None:
             shape.geometry, placement = _thin_box(mesh.vertices)
             shape.placement = shape.placement * placement
+        if mesh is None or one is None:
+            choices.append(GeometryChoice(shape.name, link, type(shape.geometry).__name__.lower(), "primitive"))
+            continue
+        shape.geometry, shape.meshPath, shape.meshScale = one.shape, str(path), scale
+        uri = uris.get(str(path), shape.name)
+        if (extent := float(np.ptp(mesh.vertices, axis=0).max())) > HARDLY_METRES:
+            warnings.append(f"link {link!r}: mesh {uri!r} is {extent:.4g} m large: {_unit_hint(path)}")
+        choices.append(GeometryChoice(shape.name, link, "mesh", one.judged_as, one.stand_off))
+        if one.wall:
+            warnings.append(f"link {link!r}: mesh {uri!r}: {one.wall}")
+        if one.filled > 0.0:
+            warnings.append(
+                f"link {link!r}: mesh {uri!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
+            )
+    return tuple(choices)
+
+
+class _Settled(NamedTuple):
+    """As what a mesh is judged, how far that stands off [m], what it fills beyond that [m^3], why it has no inside."""
+
+    shape: Any
+    judged_as: str
+    stand_off: float
+    filled: float
+    wall: str
+
+
+def _settled_meshes(meshes: Mapping[int, FileMesh]) -> dict[int, _Settled]:
+    """As what each mesh is judged; new ones are found on all processors.
+
+    What is known is read by this thread alone: threads must not load kernels at the same time.
+    """
+    settled: dict[int, _Settled] = {}
+
+    def settle_one(key: int, mesh: FileMesh) -> None:
+        settled[key] = _settled(mesh, remembered(*hull_question(*mesh)))
+
+    works = []
+    for key, mesh in meshes.items():
+        known = recalled(*hull_question(*mesh))
+        if known is None:
+            works.append(functools.partial(settle_one, key, mesh))
+        else:
+            settled[key] = _settled(mesh, known)
+    if works:
+        load_imported("cover.", "distance.", "linalg.")
+        run_queue(iter(works), min(usable_processors(), len(works)))
+    return settled
+
+
+def _settled(mesh: FileMesh, found: Arrays) -> _Settled:
+    (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
+    if distance <= HULL_STAND_OFF:
+        return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
+    tree = bvh(*mesh)
+    know_triangulation(tree, mesh.triangles)
+    return _Settled(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
+
+
+def _unit_hint(path: Path) -> str:
+    """A question about the unit of a large mesh."""
+    if path.suffix.lower() == ".dae":
+        return f"its file states a unit of {unit_of(path):g} m; is that right?"
+    return 'are its numbers millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
+
+
+def _told_volume(volume: float) -> str:
+    return f"{1e6 * volume:.3g} cm^3" if volume < 1e-3 else f"{1e3 * volume:.3g} l"
 
 
 def _has_area(mesh: FileMesh) -> bool:

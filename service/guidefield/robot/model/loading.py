@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model import chart, followers, pairs, rest, shapes
+from guidefield.robot.model import chart, followers, pairs, rest
 from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
-from guidefield.robot.model.collision_shapes import put_meshes, read_meshes
+from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
 from guidefield.robot.model.frames import frame_index, joint_indices
 from guidefield.robot.model.groups import resolve_groups
 from guidefield.robot.model.mimic_limits import bind_ranges, describe_bound_rates
@@ -82,7 +82,7 @@ def load(
     described = semantics if isinstance(semantics, srdf.Srdf) else srdf.parse(semantics) if semantics else srdf.Srdf()
     source = dataclasses.replace(source, urdf_text=facts.text)
     warnings = list(facts.warnings)
-    model, geometry = _parse(name, source, facts, warnings)
+    model, geometry, meshes = _parse(name, source, facts, warnings)
     check_geometry_complete(facts, geometry, model)
     set_planar_axes(model, geometry, _planar_axes(facts, model))
     model = followers.with_unwrapped(with_ball_joints(name, model, card.ball_joints), facts)
@@ -91,7 +91,7 @@ def load(
     warnings += _differing_root(described, source.root_joint)
     if not geometry.ngeoms:
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
-    choices = shapes.settle(model, geometry, facts.meshes, warnings)
+    choices = settle(model, geometry, meshes, facts.meshes, warnings)
     laws = followers.laws(facts)
     joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
@@ -189,8 +189,8 @@ def _check_columns(name: str, joints: Sequence[Joint]) -> None:
                     )
 
 
-def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]) -> tuple[Any, Any]:
-    """Pinocchio's model and collision geometry, meshes read by our reader; its stated reason becomes ours."""
+def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]) -> tuple[Any, Any, Meshes]:
+    """Pinocchio's model and collision geometry, and the meshes for it; Pinocchio's stated reason becomes ours."""
     root = ROOT_JOINTS[source.root_joint]
     text, meshes = read_meshes(facts, warnings)
     names = neutral_names(text)
@@ -204,8 +204,7 @@ def _parse(name: str, source: RobotSource, facts: UrdfFacts, warnings: list[str]
             reason = names.restore_text(reason)
             raise RobotInvalid(f"robot {name!r} could not be read: {reason}", robot=name) from None
     names.restore(model, geometry)
-    put_meshes(geometry, meshes)
-    return model, geometry
+    return model, geometry, meshes
 
 
 def _joint(

@@ -1,17 +1,15 @@
-"""As what each collision shape is judged: primitives as they are, meshes by their hull where it is as tight."""
+"""Triangles and hulls of collision meshes, each found once, and how far a hull stands off its mesh."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import coal
 import numpy as np
 
 from guidefield.bounded_map import TRIANGULATIONS, BoundedMap, content_key
-from guidefield.geometry.cache import recalled, remembered
+from guidefield.geometry.cache import remembered
 from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.entries import Arrays
@@ -21,11 +19,6 @@ from guidefield.geometry.solid import Solid
 from guidefield.geometry.solid_cache import near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
-from guidefield.kernels.jit.compilers import load_imported
-from guidefield.parallel import run_queue
-from guidefield.robot.mesh_files.reading import unit_of
-from guidefield.robot.model.model import GeometryChoice
-from guidefield.system import usable_processors
 
 HULL_STAND_OFF = 0.005
 """A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m].
@@ -41,102 +34,8 @@ of hull and mesh coincide it takes the square of what is saved."""
 LEAST_FILLED = 0.01
 """An opening's hollow is worth telling if the hull gains more than this share of its volume by it."""
 
-HARDLY_METRES = 10.0
-"""A link's mesh that is longer was probably drawn in millimetres [m]."""
-
 WIDEST_GAP = 0.02
 """Gaps of a mesh's surface up to this extent are cracks, and closed; a mesh with wider ones has no inside [m]."""
-
-
-def settle(model: Any, geometry: Any, uris: Mapping[str, str], warnings: list[str]) -> tuple[GeometryChoice, ...]:
-    """Replace each mesh of a geometry model by its hull where that is as tight; say what was chosen.
-
-    Args:
-        model: Pinocchio model that the geometry belongs to.
-        geometry: Pinocchio geometry model; its meshes are replaced in place.
-        uris: What the URDF calls a mesh, by the path of its file.
-        warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh has no inside
-            or is so large that its numbers are hardly metres.
-    """
-    choices = []
-    settled = _all_settled(geometry)
-    for shape in geometry.geometryObjects:
-        link = model.frames[shape.parentFrame].name
-        if not _is_mesh(shape.geometry):
-            choices.append(GeometryChoice(shape.name, link, type(shape.geometry).__name__.lower(), "primitive"))
-            continue
-        one = settled[_file_of(shape)]
-        mesh = uris.get(shape.meshPath, shape.name)
-        if (extent := _extent(shape.geometry)) > HARDLY_METRES:
-            warnings.append(f"link {link!r}: mesh {mesh!r} is {extent:.4g} m large: {_unit_hint(Path(shape.meshPath))}")
-        shape.geometry = one.shape
-        choices.append(GeometryChoice(shape.name, link, "mesh", one.judged_as, one.stand_off))
-        if one.wall:
-            warnings.append(f"link {link!r}: mesh {mesh!r}: {one.wall}")
-        if one.filled > 0.0:
-            warnings.append(
-                f"link {link!r}: mesh {mesh!r} is judged by its hull, which fills {_told_volume(one.filled)} of hollows"
-            )
-    return tuple(choices)
-
-
-def _unit_hint(path: Path) -> str:
-    """A question about the unit of a large mesh."""
-    if path.suffix.lower() == ".dae":
-        return f"its file states a unit of {unit_of(path):g} m; is that right?"
-    return 'are its numbers millimetres? Then its <mesh> needs scale="0.001 0.001 0.001"'
-
-
-def _file_of(shape: Any) -> tuple[str, bytes]:
-    """What the meshes of two of Pinocchio's geometry objects are the same with: file and scale."""
-    return shape.meshPath, np.asarray(shape.meshScale).tobytes()
-
-
-def _all_settled(geometry: Any) -> dict[tuple[str, bytes], _Settled]:
-    """As what each mesh of a geometry model is judged, by file and scale; new ones are found on all processors.
-
-    What is known is read by this thread alone: threads must not load kernels at the same time.
-    """
-    meshes = {_file_of(one): one.geometry for one in geometry.geometryObjects if _is_mesh(one.geometry)}
-    settled: dict[tuple[str, bytes], _Settled] = {}
-
-    def settle_one(name: tuple[str, bytes], mesh: Any) -> None:
-        settled[name] = _settled(mesh, _remembered_hull(mesh))
-
-    works = []
-    for name, mesh in meshes.items():
-        known = recalled(*_hull_question(mesh))
-        if known is None:
-            works.append(functools.partial(settle_one, name, mesh))
-        else:
-            settled[name] = _settled(mesh, known)
-    if works:
-        load_imported("cover.", "distance.", "linalg.")
-        run_queue(iter(works), min(usable_processors(), len(works)))
-    return settled
-
-
-def _is_mesh(shape: Any) -> bool:
-    return isinstance(shape, coal.BVHModelBase)
-
-
-def _extent(mesh: Any) -> float:
-    """How long a Coal mesh is along the longest of its frame's axes [m]."""
-    return float(np.ptp(np.array(mesh.vertices()), axis=0).max())
-
-
-class _Settled(NamedTuple):
-    """As what a mesh is judged, how far that stands off [m], what it fills beyond that [m^3], why it has no inside."""
-
-    shape: Any
-    judged_as: str
-    stand_off: float
-    filled: float
-    wall: str
-
-
-def _told_volume(volume: float) -> str:
-    return f"{1e6 * volume:.3g} cm^3" if volume < 1e-3 else f"{1e3 * volume:.3g} l"
 
 
 def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -197,20 +96,12 @@ def hull_vertices(mesh: Any) -> np.ndarray | None:
     return found["vertices"] if len(found["triangles"]) else None
 
 
-def _settled(mesh: Any, found: Arrays) -> _Settled:
-    (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
-    if distance > HULL_STAND_OFF:
-        return _Settled(mesh, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
-    return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
-
-
 def _remembered_hull(mesh: Any) -> Arrays:
-    return remembered(*_hull_question(mesh))
+    return remembered(*hull_question(*triangulation(mesh)))
 
 
-def _hull_question(mesh: Any) -> tuple[str, Arrays, Callable[[], Arrays]]:
+def hull_question(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, Arrays, Callable[[], Arrays]]:
     """The name that a mesh's hull is kept under, what it depends on, and how it is found."""
-    vertices, triangles = triangulation(mesh)
     return "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
 
 
