@@ -85,7 +85,9 @@ class Answers(Generic[Found]):
     def keep(self, owner: object, asked: object, answer: Found) -> Found:
         """Store a result unless there is one already; return the stored one."""
         mark = vars(owner).get(_PLACE)
-        if mark is None or mark.owner != id(owner):
+        if mark is None:
+            mark = vars(owner).setdefault(_PLACE, _Mark(owner))  # another thread's, if that came first
+        elif mark.owner != id(owner):
             mark = vars(owner)[_PLACE] = _Mark(owner)
         kept = _FOUND.put((id(mark), self._number, asked), (answer,), size_of(answer))[0]
         latest = mark.asked.setdefault(self._number, {})

@@ -1,4 +1,4 @@
-"""What a robot needs before its first connection, found once: balls, convex parts, trees of meshes, points on links.
+"""Prepare a robot for its first connection: bounding spheres, convex parts, trees of meshes, points on links.
 
 It takes about a second for an arm whose links are meshes, some seconds for a humanoid. What one call found, another
 needn't find again, in whatever process: a preparation that was stopped goes on where it was.
@@ -18,7 +18,7 @@ from guidefield.collision.hulls import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid_cache import clear_solids
 from guidefield.memo import MemoSet
-from guidefield.robot.bodies.by_shape import Piece, found_at_once
+from guidefield.robot.bodies.by_shape import ShapeTask, find_in_parallel
 from guidefield.robot.bodies.convex_parts import MOST, PARTS
 from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
@@ -28,7 +28,7 @@ from guidefield.robot.model.model import RobotModel
 _log = logging.getLogger(__name__)
 
 Told = Callable[[str], None]
-"""Told before each piece of work what is prepared: such as ``covering link2, shape 3 of 8``."""
+"""Told before each task what is prepared: such as ``covering link2, shape 3 of 8``."""
 
 LONG = 1.0
 """A preparation that takes longer is worth a line in the log [s]."""
@@ -44,7 +44,7 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
 
     Args:
         robot: The robot.
-        deadline: Checked before each piece of work; what is found by then is kept.
+        deadline: Checked before each task; what is found by then is kept.
         told: Told what is being prepared, by one thread at a time.
 
     Raises:
@@ -54,20 +54,23 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
         return
     began = time.monotonic()
 
-    def progress(piece: Piece) -> None:
-        deadline.check(piece.told)
-        told(piece.told)
+    def progress(task: ShapeTask) -> None:
+        deadline.check(task.told)
+        told(task.told)
 
     covers, parts = COVERS.search(robot, DELTA), PARTS.search(robot, MOST)
     # the cover and the parts of a mesh one after the other, from the same solid
-    found_at_once(sorted([*covers.pieces, *parts.pieces], key=lambda piece: -piece.extent), progress)
+    unfound = sorted([*covers.tasks, *parts.tasks], key=lambda task: -task.extent)
+    find_in_parallel(unfound, progress)
     clear_solids()
     covers.keep()
     parts.keep()
-    found_at_once(_surfaces(robot), progress)
-    for lay_out in (link_bodies, surface_samples, hulls_of):
-        deadline.check("its links were laid out")
-        lay_out(robot)
+    whole = {"laying out the surfaces of": link_bodies, "spreading points on": surface_samples}
+    on_links = [
+        ShapeTask(f"{doing} {robot.name}", 0.0, functools.partial(find, robot)) for doing, find in whole.items()
+    ]
+    find_in_parallel([*_surfaces(robot), *on_links], progress, None if unfound else 1)
+    hulls_of(robot)
     _prepared.add(robot)
     if time.monotonic() - began > LONG:
         _log.info("prepared robot %s in %.1f s", robot.name, time.monotonic() - began)
@@ -76,10 +79,10 @@ def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lamb
 _prepared = MemoSet()
 
 
-def _surfaces(robot: RobotModel) -> list[Piece]:
+def _surfaces(robot: RobotModel) -> list[ShapeTask]:
     """The trees of the meshes, in the geometry's order."""
     return [
-        Piece.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
+        ShapeTask.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
         for index, shape in enumerate(robot.geometry.geometryObjects)
         if isinstance(shape.geometry, coal.BVHModelBase)
     ]

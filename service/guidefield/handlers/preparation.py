@@ -138,9 +138,7 @@ def prepare_links(world: World, deadline: Deadline) -> None:
     if is_laid_out(robot):
         return
     deadline.check(f"the links of {robot.name} were laid out")
-    prepare_robot(world)
-    closed_bodies(world.group)
-    robot_parts(world.group)
+    run_parallel(lambda: (closed_bodies(world.group), robot_parts(world.group)), lambda: prepare_robot(world))
     _laid_out.add(robot)
 
 

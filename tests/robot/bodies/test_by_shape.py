@@ -19,7 +19,7 @@ from guidefield.deadline import Deadline, DeadlineExpired
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.bodies import by_shape
-from guidefield.robot.bodies.by_shape import Piece
+from guidefield.robot.bodies.by_shape import ShapeTask
 from guidefield.robot.bodies.convex_parts import convex_parts, known_parts
 from guidefield.robot.bodies.sphere_cover import coverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog
@@ -179,18 +179,22 @@ def test_where_nothing_can_be_kept_all_is_found_all_the_same(tmp_path: Path, mon
     assert all(part is not None for part in known_parts(robot)[-3:])
 
 
-def test_a_robot_without_meshes_needs_few_pieces() -> None:
+def test_a_robot_without_meshes_needs_few_tasks() -> None:
     told: list[str] = []
     robot = load(box_arm("y", 4, size=0.2468))
     prepare(robot, told=told.append)
-    assert told == ["covering l0, shape 1 of 5"]
+    assert told == [
+        "covering l0, shape 1 of 5",
+        f"laying out the surfaces of {robot.name}",
+        f"spreading points on {robot.name}",
+    ]
     assert convex_parts(robot) == (None,) * 5
 
 
 def test_the_largest_shape_is_first(tmp_path: Path) -> None:
-    begun: list[Piece] = []
+    begun: list[ShapeTask] = []
     coverage(Catalog().load(many(tmp_path)), progress=begun.append)
-    extents = [piece.extent for piece in begun]
+    extents = [task.extent for task in begun]
     assert len(begun) >= 7
     assert extents == sorted(extents, reverse=True)
     assert all(np.isfinite(extents))

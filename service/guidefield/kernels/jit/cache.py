@@ -71,7 +71,8 @@ def use_kernel_folders() -> None:
 
 def is_kept(function: Callable[..., object]) -> bool:
     """Whether a function is one of the kernels whose machine code is kept."""
-    return _folder_of(Path(inspect.getfile(function))) is not None
+    file = Path(inspect.getfile(function))
+    return any(file.is_relative_to(folder) for folder in (KERNELS, *(known.folder for known in _OTHERS.values())))
 
 
 def keep_kernels_of(package: str, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is found once for each collision shape of a robot and kept on disk: piece by piece, in any order, at once."""
+"""What is found once for each collision shape of a robot and kept on disk: in any order, several at once."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ Question = tuple[str, Arrays, Callable[[], Arrays]]
 """What is found for a shape: the name it is kept under, what it depends on, and how it is found."""
 
 
-class Piece(NamedTuple):
-    """What has to be found for one shape, and those like it.
+class ShapeTask(NamedTuple):
+    """Work on one collision shape, and those like it, or on all shapes of a robot.
 
     Attributes:
         told: What is done, in a few words: such as ``covering link2, shape 3 of 8``.
-        extent: How large the shape is, which says about how long it takes [m]; 0 of what may well be known.
-        find: Finds it, and keeps it.
+        extent: How large the shape is, which says about how long it takes [m].
+        find: Finds the result, and keeps it.
     """
 
     told: str
@@ -39,42 +39,42 @@ class Piece(NamedTuple):
     find: Callable[[], object]
 
     @classmethod
-    def of(cls, doing: str, robot: RobotModel, index: int, extent: float, find: Callable[[], object]) -> Piece:
+    def of(cls, doing: str, robot: RobotModel, index: int, extent: float, find: Callable[[], object]) -> ShapeTask:
         """What is done about a robot's collision shape."""
         shapes = robot.geometry.geometryObjects
         link = robot.model.frames[shapes[index].parentFrame].name
         return cls(f"{doing} {link}, shape {index + 1} of {len(shapes)}", extent, find)
 
 
-Progress = Callable[[Piece], None]
-"""Called before each piece is begun, by one thread at a time."""
+Progress = Callable[[ShapeTask], None]
+"""Called before each task is begun, by one thread at a time."""
 
 
-def logged(piece: Piece) -> None:
+def logged(task: ShapeTask) -> None:
     """Say in the log what is done."""
-    _log.info("%s", piece.told)
+    _log.info("%s", task.told)
 
 
-def found_at_once(pieces: Sequence[Piece], progress: Progress) -> None:
-    """Find all of some pieces on all processors, each begun in its turn; what may well be known in this thread alone.
+def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: int | None = None) -> None:
+    """Do some tasks on all processors, each begun in its turn.
 
-    Threads must not load kernels at the same time, and to load them all takes longer than to read what is known.
+    Threads must not load kernels at the same time, so that all are loaded before.
 
     Args:
-        pieces: The longest should be first.
+        tasks: The longest should be first.
         progress: Where it raises, no more are begun, and that is raised.
+        threads: How many; 1 for what may well be known: to load all kernels takes longer than to read it.
     """
+    threads = min(threads or usable_processors(), len(tasks))
+    if threads > 1:
+        load_imported("cover.", "distance.", "linalg.")
 
     def begun() -> Iterator[Callable[[], object]]:
-        for piece in pieces:
-            progress(piece)
-            yield piece.find
+        for task in tasks:
+            progress(task)
+            yield task.find
 
-    at_once = 1
-    if any(piece.extent > 0.0 for piece in pieces):
-        load_imported("cover.", "distance.", "linalg.")
-        at_once = min(usable_processors(), len(pieces))
-    run_queue(begun(), at_once)
+    run_queue(begun(), max(threads, 1))
 
 
 class ByShape(Generic[Found]):
@@ -95,7 +95,7 @@ class ByShape(Generic[Found]):
     def all(self, robot: RobotModel, asked: Hashable, progress: Progress) -> tuple[Found | None, ...]:
         """What is found for each shape, in the geometry's order; what `progress` raises comes through."""
         search = self.search(robot, asked)
-        found_at_once(search.pieces, progress)
+        find_in_parallel(search.tasks, progress)
         return search.keep()
 
     def known(self, robot: RobotModel, asked: Hashable) -> tuple[Found | None, ...]:
@@ -111,10 +111,10 @@ class ByShape(Generic[Found]):
             None, self._asked_of(robot, asked), self._restored, lambda found: self._known.keep(robot, asked, found)
         )
 
-    def _asked_of(self, robot: RobotModel, asked: Hashable) -> list[tuple[Question | None, Callable[..., Piece]]]:
-        """What is found for each shape, in the geometry's order, and what makes a piece of it."""
+    def _asked_of(self, robot: RobotModel, asked: Hashable) -> list[tuple[Question | None, Callable[..., ShapeTask]]]:
+        """What is found for each shape, in the geometry's order, and what makes a task of it."""
         return [
-            (self._question(shape.geometry, asked), functools.partial(Piece.of, self._doing, robot, index))
+            (self._question(shape.geometry, asked), functools.partial(ShapeTask.of, self._doing, robot, index))
             for index, shape in enumerate(robot.geometry.geometryObjects)
         ]
 
@@ -123,31 +123,31 @@ class Search(Generic[Found]):
     """What is known of what was asked about a robot's shapes, and what isn't.
 
     Attributes:
-        pieces: What has to be found, the largest shape first.
+        tasks: What has to be found, the largest shape first.
     """
 
     def __init__(
         self,
         known: tuple[Found | None, ...] | None,
-        questions: Sequence[tuple[Question | None, Callable[..., Piece]]],
+        questions: Sequence[tuple[Question | None, Callable[..., ShapeTask]]],
         restored: Callable[[Arrays], Found | None],
         keep: Callable[[tuple[Found | None, ...]], tuple[Found | None, ...]],
     ) -> None:
         self._known, self._restored, self._keep = known, restored, keep
         self._names: list[str | None] = []
         self._answers: dict[str, Found | None] = {}
-        unfound: dict[str, Piece] = {}
-        for question, piece in questions:
+        unfound: dict[str, ShapeTask] = {}
+        for question, task_of in questions:
             name = None if question is None else name_of(*question)
             self._names.append(name)
             if question is None or name is None or name in self._answers or name in unfound:
                 continue
             arrays = recalled(*question)
             if arrays is None:
-                unfound[name] = piece(_extent(question[1]), functools.partial(self._find, name, question))
+                unfound[name] = task_of(_extent(question[1]), functools.partial(self._find, name, question))
             else:
                 self._answers[name] = restored(arrays)
-        self.pieces = sorted(unfound.values(), key=lambda piece: -piece.extent)
+        self.tasks = sorted(unfound.values(), key=lambda task: -task.extent)
 
     def found(self) -> tuple[Found | None, ...]:
         """What is known by now for each shape, in the geometry's order; None elsewhere."""

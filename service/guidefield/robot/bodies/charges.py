@@ -71,10 +71,17 @@ class RobotCharges:
 def robot_charges(robot: RobotModel) -> RobotCharges:
     """Charged points, capsules and repelling pairs of a robot; computed once for each."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
-    areas = [_area(vertices, triangles) for vertices, triangles in meshes]
+    areas = surface_areas(robot)
     spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
     shapes = tuple(_charged(vertices, triangles, spacing) for vertices, triangles in meshes)
     return RobotCharges(shapes, _repelling(robot, shapes))
+
+
+@memoized
+def surface_areas(robot: RobotModel) -> list[float]:
+    """Area of every collision shape, in the geometry's order [m^2]; computed once for each robot."""
+    meshes = (surface(shape.geometry) for shape in robot.geometry.geometryObjects)
+    return [surfaces.area_of(vertices[triangles]) for vertices, triangles in meshes]
 
 
 def surface(shape: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -124,13 +131,6 @@ def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Array
         "axis": np.array([capsule.p0, capsule.p1]),
         "radius": np.array([capsule.radius]),
     }
-
-
-def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    corners = vertices[triangles]
-    return float(
-        0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-    )
 
 
 def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tuple[int, int], ...]:

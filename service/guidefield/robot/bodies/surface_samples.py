@@ -6,7 +6,7 @@ import numpy as np
 
 from guidefield.geometry.charges import surface_points
 from guidefield.memo import memoized
-from guidefield.robot.bodies.charges import robot_charges, surface
+from guidefield.robot.bodies.charges import robot_charges, surface, surface_areas
 from guidefield.robot.model.model import RobotModel
 
 SPACING = 0.036
@@ -38,11 +38,6 @@ def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
             for charged in robot_charges(robot).shapes
         ]
     )
-    squares = sum(_area(*mesh) / spacing**2 for mesh, spacing in zip(meshes, spacings, strict=True))
+    squares = sum(area / spacing**2 for area, spacing in zip(surface_areas(robot), spacings, strict=True))
     spacings *= np.sqrt(max(1.0, _POINTS_PER_SQUARE * squares / MOST))
     return tuple(surface_points(*mesh, float(spacing)).points for mesh, spacing in zip(meshes, spacings, strict=True))
-
-
-def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
-    return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
