@@ -17,7 +17,7 @@ from guidefield.geometry.charges import SurfacePoints, surface_points
 from guidefield.geometry.entries import Arrays
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.scratch_space import collision_pairs, scratch_space
 from guidefield.robot.model.shapes import triangulation
 
 POINTS = 200
@@ -137,7 +137,7 @@ def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tup
     """Collision pairs that aren't always close: their gap at rest is at least `ALWAYS_CLOSE` radii."""
     data, geometry_data = robot.model.createData(), scratch_space(robot.geometry)
     pin.updateGeometryPlacements(robot.model, data, robot.geometry, geometry_data, robot.rest)
-    pairs = np.array([(pair.first, pair.second) for pair in robot.geometry.collisionPairs], np.int64).reshape(-1, 2)
+    pairs = collision_pairs(robot.geometry)
     radii = np.array([shape.capsule.radius for shape in shapes])
     least = ALWAYS_CLOSE * radii[pairs].max(axis=1)
     kept = _apart(geometry_data.oMg, shapes, pairs) >= least

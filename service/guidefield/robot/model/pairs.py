@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +13,7 @@ import pinocchio as pin
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
+from guidefield.robot.model.scratch_space import collision_pairs
 from guidefield.robot.model.self_contacts import SelfContacts
 from guidefield.robot.model.spaces import RobotConfiguration
 
@@ -59,16 +61,14 @@ def settle(
         said_by: Which of them; an MJCF says of every pair whether it is tested.
         rest: Configuration, shape (nq,), that is looked at besides the random ones.
     """
-    geometry.removeAllCollisionPairs()
-    geometry.addAllCollisionPairs()  # leaves out shapes on the same joint
-    tested = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-    adjacent = _adjacent(model, geometry, links)
+    joints_of = np.array([shape.parentJoint for shape in geometry.geometryObjects], np.int64)
+    tested = joints_of[:, None] != joints_of
+    adjacent = _adjacent(model, joints_of, links)
     reasons = {pair: f"{said_by}: {reason}" for pair, reason in disabled.items()}
     if not reasons and said_by == "SRDF":
         reasons = dict.fromkeys(adjacent, "adjacent")
-    for first, second in tested:  # of neighbours that are left out nobody asks how often they touch
-        if (names := frozenset((links[first], links[second]))) in adjacent and names in reasons:
-            geometry.removeCollisionPair(pin.CollisionPair(first, second))
+    # of neighbours that are left out nobody asks how often they touch
+    geometry.setCollisionPairs(tested & ~_are_among(links, adjacent & reasons.keys()), True)
     touching = _shares_touching(model, geometry, joints, links, rest, disabled)
     warnings = [
         f"the {said_by} disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
@@ -81,11 +81,9 @@ def settle(
             if disabled or said_by != "SRDF":
                 told = " and ".join(sorted(pair))
                 warnings.append(f"{told} always touch, though the {said_by} has them tested; left out")
-    geometry.removeAllCollisionPairs()
-    for first, second in tested:
-        if frozenset((links[first], links[second])) not in reasons:
-            geometry.addCollisionPair(pin.CollisionPair(first, second))
-    present = {frozenset((links[first], links[second])) for first, second in tested}
+    left_out = tested & _are_among(links, reasons)
+    geometry.setCollisionPairs(tested & ~left_out, True)
+    present = {frozenset((links[first], links[second])) for first, second in np.argwhere(left_out).tolist()}
     gone = sorted((pair for pair in reasons if pair in present), key=sorted)
     return Settled(tuple(PairLeftOut(_named(pair), reasons[pair]) for pair in gone), tuple(warnings))
 
@@ -99,15 +97,24 @@ def _named(pair: frozenset[str]) -> tuple[str, str]:
     return first, others[0] if others else first
 
 
-def _adjacent(model: Any, geometry: Any, links: Sequence[str]) -> set[frozenset[str]]:
-    """Pairs of links whose joints are parent and child."""
-    joints = [shape.parentJoint for shape in geometry.geometryObjects]
-    return {
-        frozenset((links[pair.first], links[pair.second]))
-        for pair in geometry.collisionPairs
-        if model.parents[joints[pair.first]] == joints[pair.second]
-        or model.parents[joints[pair.second]] == joints[pair.first]
-    }
+def _adjacent(model: Any, joints_of: np.ndarray, links: Sequence[str]) -> set[frozenset[str]]:
+    """Pairs of links whose joints are parent and child; `joints_of` is the joint of each shape, shape (n,)."""
+    parents = np.array(model.parents)[joints_of]
+    neighbours = (parents[:, None] == joints_of) & (joints_of > 0)[:, None]
+    return {frozenset((links[first], links[second])) for first, second in np.argwhere(neighbours).tolist()}
+
+
+def _are_among(links: Sequence[str], pairs: Collection[frozenset[str]]) -> np.ndarray:
+    """Tell of all pairs of shapes, of whose links these are the names, if pairs of links hold them, shape (n, n)."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(links))}
+    among = np.zeros((len(number), len(number)), np.bool_)
+    for pair in pairs:
+        known = [number[name] for name in pair if name in number]
+        if len(known) == len(pair):
+            among[known, known[::-1]] = True
+    of_shapes = np.array([number[name] for name in links], np.int64)
+    found: np.ndarray = among[of_shapes[:, None], of_shapes]
+    return found
 
 
 def _shares_touching(
@@ -125,19 +132,17 @@ def _shares_touching(
     """
     contacts = SelfContacts(model, geometry)
     rng = np.random.default_rng(0)
-    names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
-    counts = dict.fromkeys(names, 0)
+    pairs, counts = collision_pairs(geometry), Counter[frozenset[str]]()
     most = (1.0 - ALWAYS) * (SAMPLES + 1)
     for done, q in enumerate([rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]):
         contacts.place(q)
         found: set[frozenset[str]] = set()
         for k in contacts.find_near(TOUCH):
-            pair = names[k]
+            pair = frozenset((links[pairs[k, 0]], links[pairs[k, 1]]))
             tested = done - counts[pair] <= most or pair in disabled
             if tested and pair not in found and contacts.is_contact(k, TOUCH):
                 found.add(pair)
-        for pair in found:
-            counts[pair] += 1
+        counts.update(found)
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 

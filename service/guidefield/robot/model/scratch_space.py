@@ -1,4 +1,4 @@
-"""Pinocchio's scratch space for contacts and distances: it misses no contact, and forgets what it was asked before."""
+"""Pinocchio's geometry models: their pairs as an array, and scratch space for contacts and distances."""
 
 from __future__ import annotations
 
@@ -6,6 +6,15 @@ import warnings
 from typing import Any
 
 import coal
+import numpy as np
+
+
+def collision_pairs(geometry: Any) -> np.ndarray:
+    """Return the collision pairs of a geometry model in its order, shape (p, 2); a million take no second so."""
+    places = np.triu(np.asarray(geometry.collisionPairMapping) + 1)
+    first, second = np.nonzero(places)
+    pairs: np.ndarray = np.column_stack([first, second])[np.argsort(places[first, second])]
+    return pairs
 
 
 def scratch_space(geometry: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.met import all_as_met
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.scratch_space import collision_pairs, scratch_space
 from guidefield.robot.model.shapes import hull
 from guidefield.robot.model.spaces import RobotConfiguration
 
@@ -41,8 +41,7 @@ class SelfContacts:
             shape.computeLocalAABB()
         self._centres = [np.array(shape.aabb_center) for shape in shapes]
         radii = np.array([shape.aabb_radius for shape in shapes])
-        pairs = [(pair.first, pair.second) for pair in self.geometry.collisionPairs]
-        self._pairs = np.array(pairs, np.int64).reshape(-1, 2)
+        self._pairs = collision_pairs(self.geometry)
         self._reach = radii[self._pairs].sum(axis=1) * (1.0 + ROUNDING)
         self._hulls: dict[int, Any] = {}
 
