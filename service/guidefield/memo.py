@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import threading
 from collections.abc import Callable
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, cast
 
@@ -31,6 +32,9 @@ _PLACE = "_found"
 """Attribute of an object with its mark."""
 
 _numbers = itertools.count()
+
+_MARKING = threading.Lock()
+"""Held while an object is marked: two marks would lose the results of one thread."""
 
 
 class _Mark:
@@ -84,11 +88,10 @@ class Answers(Generic[Found]):
 
     def keep(self, owner: object, asked: object, answer: Found) -> Found:
         """Store a result unless there is one already; return the stored one."""
-        mark = vars(owner).get(_PLACE)
-        if mark is None:
-            mark = vars(owner).setdefault(_PLACE, _Mark(owner))  # another thread's, if that came first
-        elif mark.owner != id(owner):
-            mark = vars(owner)[_PLACE] = _Mark(owner)
+        with _MARKING:
+            mark = vars(owner).get(_PLACE)
+            if mark is None or mark.owner != id(owner):
+                mark = vars(owner)[_PLACE] = _Mark(owner)
         kept = _FOUND.put((id(mark), self._number, asked), (answer,), size_of(answer))[0]
         latest = mark.asked.setdefault(self._number, {})
         latest[asked] = latest.pop(asked, None)

@@ -103,7 +103,7 @@ FAULTS = {
     "empty geometry": ((BOX, ""), 6, "collision", "<geometry> with a shape"),
     "no geometry": ((f"<geometry>{BOX}</geometry>", ""), 6, "collision", "<geometry> with a shape"),
     "mesh without a name": ((BOX, "<mesh/>"), 6, "mesh", "must have 'filename'"),
-    "mesh scale": ((BOX, '<mesh filename="a.stl" scale="2"/>'), 6, "mesh", "3 finite numbers, got 1"),
+    "mesh scale": ((BOX, '<mesh filename="a.stl" scale="2 3"/>'), 6, "mesh", "3 finite numbers, got 2"),
     "mesh over the net": ((BOX, '<mesh filename="http://a.b/c.stl"/>'), 6, "mesh", "cannot be fetched"),
     "mesh of no package": ((BOX, '<mesh filename="package://lost/c.stl"/>'), 6, "mesh", "was not found"),
     "mesh elsewhere": ((BOX, '<mesh filename="/etc/c.stl"/>'), 6, "mesh", "outside what is allowed"),

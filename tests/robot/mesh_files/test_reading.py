@@ -201,6 +201,48 @@ def test_a_buffer_beside_a_file_is_read_from_its_folder_alone(tmp_path: Path) ->
         read_mesh(path)
 
 
+CONTENTS = {
+    ".stl": lambda: written.stl(BOX),
+    " .stl": lambda: written.stl_text(BOX),
+    ".obj": lambda: written.obj_polygons(BOX),
+    ".off": lambda: written.off(BOX),
+    ".ply": lambda: written.ply_text(BOX),
+    ".dae": lambda: written.dae(BOX),
+    ".gltf": lambda: written.gltf(BOX),
+    ".glb": lambda: written.gltf(BOX, binary=True),
+    ".3mf": lambda: written.three_mf(BOX),
+}
+
+
+@pytest.mark.parametrize("kind", CONTENTS)
+@pytest.mark.parametrize("suffix", READERS)
+def test_the_content_says_of_which_kind_a_file_is(kind: str, suffix: str, tmp_path: Path) -> None:
+    for name in (f"right{kind.strip()}", f"wrong{suffix}"):
+        (tmp_path / name).write_bytes(CONTENTS[kind]())
+    right, wrong = (read_mesh(tmp_path / name) for name in (f"right{kind.strip()}", f"wrong{suffix}"))
+    assert (wrong.vertices == right.vertices).all()
+    assert (wrong.triangles == right.triangles).all()
+
+
+@pytest.mark.parametrize("kind", [" .stl", ".obj", ".off", ".ply", ".dae", ".gltf"])
+@pytest.mark.parametrize("form", ["mark", "carriage returns"])
+def test_text_may_have_a_byte_order_mark_and_any_ends_of_lines(kind: str, form: str, tmp_path: Path) -> None:
+    content = CONTENTS[kind]()
+    other = b"\xef\xbb\xbf" + content if form == "mark" else content.replace(b"\n", b"\r\n")
+    for name, one in (("a", content), ("b", other)):
+        (tmp_path / f"{name}{kind.strip()}").write_bytes(one)
+    plain, odd = (read_mesh(tmp_path / f"{name}{kind.strip()}") for name in "ab")
+    assert (plain.vertices == odd.vertices).all()
+
+
+def test_an_stl_file_may_be_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(written.stl_text(BOX))
+    (tmp_path / "b.stl").write_bytes(b" ".join(written.stl_text(BOX).split()))
+    one, other = (read_mesh(tmp_path / name) for name in ("a.stl", "b.stl"))
+    assert (one.vertices == other.vertices).all()
+    assert (one.triangles == other.triangles).all()
+
+
 BOX = [part((0, 0, 0), (0.1, 0.2, 0.3))]
 PAGE = b"\n<!DOCTYPE html><html><body>404</body></html>"
 POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1284\n"

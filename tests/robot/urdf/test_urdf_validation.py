@@ -241,6 +241,12 @@ def test_what_other_tools_read_is_told_and_read(name: str) -> None:
     assert model.jointPlacements[1].translation.tolist() == [0.0, 0.0, 0.1]
 
 
+def test_a_scale_may_be_one_number() -> None:
+    hand = "package://example-robot-data/robots/panda_description/meshes/collision/hand.stl"
+    facts = check_urdf(ARM.replace(BOX, f'<mesh filename="{hand}" scale="2"/>'), MeshResolver.for_wire())
+    assert 'scale="2 2 2"' in facts.text
+
+
 def test_every_shape_of_a_collision_is_judged() -> None:
     two = f'{BOX}<sphere radius="0.3"/><origin xyz="9 9 9"/></geometry><geometry><cylinder radius="0.1" length="1"/>'
     facts = check_urdf(ARM.replace(BOX, two), NOWHERE)

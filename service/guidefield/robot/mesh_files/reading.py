@@ -33,6 +33,23 @@ READERS: dict[str, Callable[[bytes, Path], Triangles]] = {
 }
 """Reader by kind of file."""
 
+_MARKS: dict[str, re.Pattern[bytes]] = {
+    ".3mf": re.compile(rb"PK\x03\x04"),
+    ".dae": re.compile(rb"\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<COLLADA\b", re.DOTALL),
+    ".glb": re.compile(rb"glTF[\x01\x02]\0\0\0"),
+    ".gltf": re.compile(rb"\s*\{[^\0]*\"asset\""),
+    ".obj": re.compile(rb"[^\0]*?^v[ \t]+[-+.\d]+[ \t]+[-+.\d]+[ \t]+[-+.\d]", re.MULTILINE),
+    ".off": re.compile(rb"(?:ST)?C?N?OFF\s"),
+    ".ply": re.compile(rb"ply\r?\n"),
+    ".stl": re.compile(rb"\s*solid\b[^\0]*\bfacet\s+normal\b", re.IGNORECASE),
+}
+"""How files of each kind begin."""
+
+_BEGINNING = 65_536
+"""The number of bytes in which a mark is looked for."""
+
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
 POINTER = b"version https://git-lfs.github.com/spec/"
 PAGES = (b"<!doctype html", b"<html")
 
@@ -54,15 +71,17 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     """Read a mesh file.
 
     Args:
-        path: The file; its suffix says of which kind it is.
+        path: The file; its content says of which kind it is, or its suffix where that is unclear.
         scale: Factors along its axes, shape (3,).
 
     Raises:
         MeshFault: if it can't be read, has no triangles, or a vertex isn't within `FARTHEST_VERTEX`.
     """
     content = content_of(path)
+    if not _is_binary_stl(content):
+        content = content.removeprefix(_BYTE_ORDER_MARK)
     try:
-        vertices, triangles = READERS[path.suffix.lower()](content, path.parent)
+        vertices, triangles = READERS[_kind_of(content, path.suffix.lower())](content, path.parent)
     except MeshFault:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -78,6 +97,15 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     for array in (merged, kept):
         array.setflags(write=False)
     return FileMesh(merged, kept)
+
+
+def _kind_of(content: bytes, suffix: str) -> str:
+    """The kind of a file: its suffix, unless the content is without the mark of that and has the mark of another."""
+
+    def has_mark(kind: str) -> bool:
+        return (kind == ".stl" and _is_binary_stl(content)) or bool(_MARKS[kind].match(content, 0, _BEGINNING))
+
+    return suffix if has_mark(suffix) else next(filter(has_mark, _MARKS), suffix)
 
 
 def content_of(path: Path) -> bytes:
@@ -153,6 +181,11 @@ def _merged(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
     return merged, kept
 
 
+def _lines(content: bytes) -> bytes:
+    """Text with its lines' ends as one byte."""
+    return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+
+
 _COMMENT = re.compile(rb"#[^\n]*")
 _FREE = re.compile(rb"^[ \t]*(curv2?|surf)[ \t]", re.MULTILINE)
 _VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
@@ -167,7 +200,7 @@ def read_obj(content: bytes) -> Triangles:
     Raises:
         MeshFault: if it is malformed, or has free forms.
     """
-    text = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ")
+    text = _lines(content).replace(b"\\\n", b" ")
     if b"#" in text:
         text = _COMMENT.sub(b"", text)
     if free := _FREE.search(text):
@@ -213,7 +246,7 @@ def read_off(content: bytes) -> Triangles:
     Raises:
         MeshFault: if it is binary, of other than three dimensions, cut short or malformed.
     """
-    lines = [line for line in (row.partition(b"#")[0].split() for row in content.splitlines()) if line]
+    lines = [line for line in (row.partition(b"#")[0].split() for row in _lines(content).split(b"\n")) if line]
     if lines and (keyword := _KEYWORD.fullmatch(lines[0][0])):
         if keyword[2]:
             raise MeshFault(f"is of other than three dimensions ({lines[0][0].decode()}), which is not read")
@@ -243,6 +276,8 @@ FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute"
 
 _STL_VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 _FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE | re.IGNORECASE)
+_STL_WORD = re.compile(rb"\s+(facet|outer|vertex|endloop|endfacet|endsolid)\b", re.IGNORECASE)
+"""Words that begin a line, though some files have one line alone."""
 _SOLID = re.compile(rb"^[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 _END = re.compile(rb"^[ \t]*end[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 
@@ -257,18 +292,25 @@ def read_stl(content: bytes) -> Triangles:
         MeshFault: if it is cut short or malformed.
     """
     stated = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
-    if len(content) == HEADER + stated * FACET.itemsize:
+    if _is_binary_stl(content):
         return _binary(content, stated)
-    if content.lstrip()[:5].lower() == b"solid" and _FACET.search(content):
-        return _ascii(content.replace(b"\r\n", b"\n").replace(b"\r", b"\n"))
+    is_text = content.lstrip()[:5].lower() == b"solid"
+    if is_text and re.search(rb"\bfacet\s+normal\b", content, re.IGNORECASE):
+        text = _lines(content)
+        return _ascii(text if _FACET.search(text) else _STL_WORD.sub(rb"\n\1", text))
     if stated < 0:
-        if content.lstrip()[:5].lower() == b"solid":
+        if is_text:
             return np.empty((0, 3)), np.empty((0, 3), np.int64)
         raise MeshFault(f"is no STL: it has {len(content)} bytes, and a binary one at least {HEADER}")
     if len(content) > HEADER + stated * FACET.itemsize:  # some writers append what nobody asks for
         return _binary(content, stated)
     whole = (len(content) - HEADER) // FACET.itemsize
     raise MeshFault(f"is cut short or no STL: it states {stated} facets and holds {whole}")
+
+
+def _is_binary_stl(content: bytes) -> bool:
+    """Whether content has the length that it states as a binary STL file."""
+    return len(content) == HEADER + FACET.itemsize * int.from_bytes(content[80:HEADER], "little")
 
 
 def _binary(content: bytes, count: int) -> Triangles:

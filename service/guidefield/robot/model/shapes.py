@@ -101,7 +101,7 @@ def _remembered_hull(mesh: Any) -> Arrays:
 
 
 def hull_question(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, Arrays, Callable[[], Arrays]]:
-    """The name that a mesh's hull is kept under, what it depends on, and how it is found."""
+    """What the hull of a mesh, vertices (v, 3) and triangles (t, 3), is kept under, depends on, and is found by."""
     return "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
 
 

@@ -22,7 +22,7 @@ MARKS = (
 WIDE = {b"<\x00": "utf-16-le", b"\x00<": "utf-16-be"}
 """First bytes of XML in UTF-16 without a mark."""
 
-_DECLARED = re.compile(r"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""")
+_DECLARED = re.compile(r"""(?:\s|<!--.*?-->)*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._:-]+)["']""", re.DOTALL)
 _LONGEST_DECLARATION = 1024
 
 

@@ -155,6 +155,8 @@ def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complai
         sizes = numbers(shape, attribute, count, LARGEST_LENGTH) if count else None
         if sizes and (min(sizes) < 0.0 or (min(sizes) == 0.0 and owner.tag == "visual")):
             complain(shape, f"{attribute!r} of <{shape.tag}> must be positive, got {shape.get(attribute)!r}")
+    if shape.tag == "mesh" and len(shape.get("scale", "").split()) == 1:
+        shape.set("scale", " ".join([shape.get("scale")] * 3))  # as other tools read it
     scale = numbers(shape, "scale", 3, LARGEST_LENGTH) if shape.tag == "mesh" else None
     if scale and 0.0 in scale and owner.tag == "visual":
         complain(shape, f"'scale' of <mesh> must not be zero, got {shape.get('scale')!r}")

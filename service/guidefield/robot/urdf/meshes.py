@@ -144,7 +144,8 @@ class MeshResolver:
         if uri in self.given:
             return self.given[uri].resolve()
         if Path(uri).suffix.lower() not in MESH_SUFFIXES:
-            raise self._refused(uri, f"is not a mesh file; one ends in {', '.join(MESH_SUFFIXES)}")
+            kinds = ", ".join(MESH_SUFFIXES)
+            raise RobotInvalid(f"mesh {uri!r} is not a mesh file; one ends in {kinds}: convert it", uri=uri)
         outside = False
         for written in dict.fromkeys((uri, unquote(uri))):
             candidates = self._candidates(written)
@@ -259,7 +260,9 @@ class MeshResolver:
             name, _, path = rest.lstrip("/").partition("/")
             return [_folded(folder / path.lstrip("/")) for folder in self._holders(name)]
         if separator and scheme != "file":
-            raise self._refused(uri, "cannot be fetched; meshes are package://, model://, file:// or paths")
+            raise RobotInvalid(
+                f"mesh {uri!r} cannot be fetched; meshes are package://, model://, file:// or paths", uri=uri
+            )
         path = rest if separator else uri
         if path.startswith("/"):
             return [_folded(Path(path))]
