@@ -98,8 +98,8 @@ class Run:
         if self._progress is not None:
             self._progress.prepare(what)
 
-    def record(self, group: PlanningGroup, scene: Scene) -> _Observers:
-        """Return an observer of the run that reports its progress, and stores its recording at the end.
+    def record(self, group: PlanningGroup, scene: Scene) -> _Observers | None:
+        """Return an observer of the run that reports its progress, and stores its recording at the end; None without.
 
         Args:
             group: The joints that move.
@@ -112,7 +112,8 @@ class Run:
             self._recording = _Recording(self.run_id, self._request, self._destination, origin, scene, self._warnings)
         if self._progress is not None:
             self._progress.be_prepared()
-        return _Observers(self._progress, self._recording)
+        is_observed = self._progress is not None or self._recording is not None
+        return _Observers(self._progress, self._recording) if is_observed else None
 
     def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
         """Prove the motions of the run; without a proof the reply warns why.

@@ -218,14 +218,15 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         DeadlineExpired: if the deadline passed before any were found.
     """
     deadline = problem.deadline.at_least(LAST_SEARCH_S)
-    asked = _asked_along(trajectory, problem)
-    times, lengths, coarse, spans, curve, world = *asked, problem.world
-    known = _SEARCHED.of(trajectory, None)
-    if known is not MISSING and known[1]() is world:  # with its certificate
-        found = confirm(world, curve, coarse, spans, known[0])
+    known, world = _SEARCHED.of(trajectory, None), problem.world
+    if known is not MISSING and known[2]() is world:  # with its certificate
+        asked, found = known[:2]
+        found = confirm(world, asked.curve, asked.coarse, asked.spans, found)
     else:
+        asked = _asked_along(trajectory, problem)
         deadline.check("the motion was measured")
-        found = smallest_along(world, curve, coarse, spans, deadline=deadline)
+        found = smallest_along(world, asked.curve, asked.coarse, asked.spans, deadline=deadline)
+    times, lengths, coarse, spans, curve = asked
     closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
     start = world.group.expand_from_chart(curve.point_at(times[0]))
     # what is in the open at the start and touches nothing stays there
@@ -260,7 +261,7 @@ def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline:
     goal = Goal(problem.min_clearance, in_time=problem.scene.moves, spans=asked.spans, samples=asked.coarse)
     found = certify_curve(problem.world, asked.curve, goal, deadline)
     if found.obstacle:
-        _SEARCHED.keep(trajectory, None, (found, weakref.ref(problem.world)))
+        _SEARCHED.keep(trajectory, None, (asked, found, weakref.ref(problem.world)))
     return found.verdict
 
 
@@ -288,8 +289,8 @@ def _asked_along(trajectory: MotionInTime, problem: Conditions) -> _AskedAlong:
     return _AskedAlong(times, lengths, _coarse(times), spans, Curve(trajectory.bezier(), trajectory.piece_times()))
 
 
-_SEARCHED = Answers[tuple[Found, "weakref.ref[World]"]](1)
-"""What a certificate's search found along a motion, and in which world."""
+_SEARCHED = Answers[tuple[_AskedAlong, Found, "weakref.ref[World]"]](1)
+"""What a certificate's search was asked and found along a motion, and in which world."""
 
 
 def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, every: int = 1) -> ClearanceProfile:

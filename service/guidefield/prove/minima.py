@@ -66,10 +66,9 @@ def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Sma
         ContradictionError: if Coal measures another distance.
     """
     error = world_tables(world, in_time=True).error + SLACK + ACCURACY
-    for one in answers.values():
-        if one.pair < 0 or one.distance <= NEARLY:
-            continue
-        world.place(world.group.expand_from_chart(curve.point_at(one.time)))
+    apart = [one for one in answers.values() if one.pair >= 0 and one.distance > NEARLY]
+    for one, z in zip(apart, curve.at(np.array([one.time for one in apart])), strict=True):
+        world.place(world.group.expand_from_chart(z))
         put_obstacle(world, one.pair, one.time)
         measured, _ = world.distance(one.pair)
         off = error + with_coal_error(one.distance) - one.distance

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +60,22 @@ class Question(ReadOnly):
     times: TimeLimits
     longest_step: float = math.inf
     passages: tuple[Passage, ...] = ()
+
+    @cached_property
+    def rules(self) -> DescentRules:
+        """When Newton's steps are taken."""
+        settings = self.settings
+        return DescentRules(
+            steps=settings.newton_steps,
+            tries=settings.tries,
+            shorter=settings.shorter,
+            settled=settings.settled,
+            little=settings.little,
+            longest=settings.longest,
+            most_stretched=settings.most_stretched,
+            trusted=settings.trusted,
+            damping=settings.damping,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,26 +248,15 @@ class Descent(ReadOnly):
         of_times = time_barrier(self.question.times, spline.begin, spline.duration)
         return limit_barrier(spline.points, spline.step, self.question.limits) + of_times
 
-    def lowered(self, look: Look, limit_weight: float, steps: int) -> BSpline | None:
-        """A better motion as far as a look tells, after so many of Newton's steps at most; None where none is worth it.
+    def lower(self, look: Look, limit_weight: float, steps: int | None = None) -> BSpline | None:
+        """Return a better motion as far as a look tells, after some of Newton's steps; None where none is worth it.
 
         Args:
             look: At a motion strictly within limits.
             limit_weight: Of the limits' barrier.
-            steps: Newton's, at most.
+            steps: Maximum number of Newton's steps; None: that of the settings.
         """
-        settings, spline = self.question.settings, look.spline
-        rules = DescentRules(
-            steps=steps,
-            tries=settings.tries,
-            shorter=settings.shorter,
-            settled=settings.settled,
-            little=settings.little,
-            longest=settings.longest,
-            most_stretched=settings.most_stretched,
-            trusted=settings.trusted,
-            damping=settings.damping,
-        )
+        spline, rules = look.spline, self.question.rules
         points = spline.points.copy()
         step, begin, taken = newton_descent(
             look.model,
@@ -258,7 +264,7 @@ class Descent(ReadOnly):
             self.question.limits,
             self.question.times,
             look.constrained,
-            rules,
+            rules if steps is None else rules._replace(steps=steps),
             self.unit,
             self.question.longest_step,
             limit_weight,
@@ -281,7 +287,7 @@ class Descent(ReadOnly):
             limit_weight: Of the limits' barrier.
         """
         settings = self.question.settings
-        spline = self.lowered(look, limit_weight, settings.newton_steps)
+        spline = self.lower(look, limit_weight)
         stiffness = max(settings.least_stiffness, settings.softer * look.stiffness)
         for _ in range(settings.looks):
             if spline is None:

@@ -240,7 +240,8 @@ class _Descending:
                     break
                 before, (look, cost) = cost, stepped
                 self.steps += 1
-                self._problem.tell(PathRelaxed(look.spline.waypoints(), cost))
+                if self._problem.is_observed:
+                    self._problem.tell(PathRelaxed(look.spline.waypoints(), cost))
                 if before - cost < worth * abs(before):
                     break
         return look, cost
@@ -284,7 +285,7 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
             return spline
         loosened = dataclasses.replace(question, limits=_loosened(question.limits, settings.loosened * load))
         descent = Descent.of(loosened, spline, settings.samples)
-        spline = descent.lowered(descent.look(spline), settings.inward, settings.inward_steps) or spline
+        spline = descent.lower(descent.look(spline), settings.inward, settings.inward_steps) or spline
     return None
 
 

@@ -58,6 +58,11 @@ class Conditions(ReadOnly):
         """The path constraints on the group."""
         return ConstrainedFrames(self.group, self.path_constraints)
 
+    @property
+    def is_observed(self) -> bool:
+        """True if somebody watches: events that cost something are made then."""
+        return not isinstance(self.observer, Silent)
+
     def tell(self, event: Event) -> None:
         """Tell the observer."""
         self.observer.observe(event)
