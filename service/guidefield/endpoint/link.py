@@ -24,16 +24,14 @@ It is Zenoh's own: with 2 s a service that got hardly any of a busy machine lost
 """
 LONGEST_MESSAGE = 4 * codec.MAX_REQUEST_BYTES
 """Zenoh drops a larger message without a word [bytes]; what is between this and a payload's limit is refused."""
-RUNTIME = (
-    f"(rx: (worker_threads: 32), tx: (worker_threads: {MOST_THREADS + 4}), "
-    "net: (worker_threads: 4), app: (worker_threads: 4))"
-)
+RUNTIME = f"(rx: (worker_threads: 32), tx: (worker_threads: {MOST_THREADS + 4}))"
 """Zenoh's threads, unless the variable ZENOH_RUNTIME says otherwise.
 
 Where a link ends to which an answer is being sent, Zenoh blocks one of the threads that send until the answer's own
 thread gives up, for up to `READ_WITHIN`. So there are more of them than answers are sent at once; of four, Zenoh's own
 number, four stopped clients would keep every other link's answers waiting. Those that receive call the endpoint: of
-four, six links that flood it would keep the others' queries waiting three times as long.
+four, six links that flood it would keep the others' queries waiting three times as long. Those that keep the time of
+queries are as many as Zenoh's own, one: four wake one another twice for each query.
 """
 UNLESS_TOLD = {
     "scouting/multicast/enabled": "false",
