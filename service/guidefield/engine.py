@@ -163,7 +163,7 @@ class Engine:
         self._local_files = local_files
         self._compiled = False
         self._began = time.monotonic()
-        self._counters = Counter(answer_run=0, refused=0)
+        self._counters = Counter(answered=0, refused=0)
         self._handlers: dict[type, Callable[[Any], Reply]] = {
             requests.ReadRobots: self._read_robots,
             requests.ReadRobot: self._read_robot,

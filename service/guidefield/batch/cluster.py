@@ -20,13 +20,13 @@ from guidefield.errors import WorkerCrashed
 from guidefield.whole_file import write_whole
 
 AHEAD = 4
-"""How many requests are handed over for each core of the cluster."""
+"""Number of requests that are handed over for each core of the cluster."""
 CONNECT_WITHIN = 5.0
-"""How long a cluster may take to be there [s]."""
+"""Longest time to connect to a cluster [s]."""
 _COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-"""How a terminal is told to change its colour."""
+"""Escape sequences that change a terminal's colour."""
 ATTEMPTS = 3
-"""How often a request is asked again when its node or its worker is lost."""
+"""The largest number of times that a request is repeated after its node or worker was lost."""
 
 
 def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
@@ -49,7 +49,7 @@ def over_cluster(items: Iterable[Item], address: str) -> Iterator[Outcome]:
     except (ConnectionError, RuntimeError, ValueError) as error:
         raise CannotWork(f"there is no Ray cluster at {address!r}: {_COLOUR.sub('', str(error))}") from None
     try:
-        yield from _asked(ray, items)
+        yield from _answer_items(ray, items)
     finally:
         ray.shutdown()
 
@@ -65,7 +65,7 @@ def _require_listening(address: str) -> None:
         raise CannotWork(f"there is no Ray cluster at {address!r}: {error}") from None
 
 
-def _asked(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
+def _answer_items(ray: Any, items: Iterable[Item]) -> Iterator[Outcome]:
     remote = ray.remote(num_cpus=1, max_retries=ATTEMPTS)(_answer)
     left, asked, lost = iter(items), dict[Any, Item](), Counter[int]()
     while True:

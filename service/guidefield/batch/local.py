@@ -44,7 +44,7 @@ def answered(engine: Engine, request: bytes, record_to: Path | None, *, deferred
 
 
 def seconds_for(request: bytes) -> float:
-    """How long a worker may take for a request [s]."""
+    """Return the longest time that a worker may take for a request [s]."""
     try:
         decoded = codec.decode_request(request)
     except GuidefieldError:
@@ -55,10 +55,10 @@ def seconds_for(request: bytes) -> float:
 
 
 AHEAD = 4
-"""How many requests are handed over for each worker."""
+"""Number of requests that are handed over for each worker."""
 
 LOOK_UP = 0.5
-"""How often who waits for results looks up: a Ctrl-C that another thread takes doesn't wake it [s]."""
+"""Period of waking while waiting for results: a Ctrl-C that another thread takes doesn't wake it [s]."""
 
 _Job = TypeVar("_Job")
 
@@ -119,7 +119,7 @@ class RenderWorker:
 
 
 def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
-    """Render the recordings of a folder whose logs are there; why each isn't rendered yet, None if it is.
+    """Render the recordings of a folder from their logs; yield why each isn't rendered yet, None if it is.
 
     Raises:
         CannotWork: if no worker can be prepared.
@@ -137,7 +137,7 @@ def render_over_workers(folder: Path, workers: int) -> Iterator[str | None]:
 
 
 def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
-    """What comes of requests, in the order in which it does; of recordings the logs alone.
+    """Yield outcomes of requests, in the order in which they come; of recordings only the logs.
 
     Raises:
         CannotWork: if no worker can be prepared.
@@ -148,7 +148,7 @@ def over_workers(items: Iterable[Item], workers: int) -> Iterator[Outcome]:
 
 
 def _over_pool(setup: Setup, tasks: Iterable[tuple[_Job, Task]], workers: int) -> Iterator[tuple[_Job, Task]]:
-    """Have tasks done by workers; each with its job, once it is done.
+    """Have workers do tasks; yield each with its job when it is done.
 
     Raises:
         CannotWork: if no worker can be prepared.

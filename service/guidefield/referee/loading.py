@@ -1,4 +1,4 @@
-"""From a file to what the referee judges; the file's fields are told in referee.md."""
+"""Load cases from files; referee.md has the fields."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LARGEST = 2**29
 """The largest packed file that is read, unpacked [bytes]: a file of some kB could hold gigabytes."""
 
 MOMENT = 1e-9
-"""How long a motion of a single position is judged [s]."""
+"""Duration of a motion of a single position [s]."""
 
 Told = Mapping[str, Any]
 
@@ -71,7 +71,7 @@ def _unpack(packed: bytes) -> bytes:
 
 
 def case_of(told: Told, meshes: Meshes | None = None) -> Case:
-    """One case that a file tells.
+    """Make the case that a file describes.
 
     Args:
         told: The case.

@@ -69,7 +69,7 @@ def read(path: Path) -> np.ndarray:
             root, meshes = _scene(made.read_bytes())
         except (struct.error, ValueError, IndexError) as error:
             raise UnreadableMesh(f"what Assimp made of it can't be read: {error}") from None
-    placed = [np.empty((0, 3, 3)), *_placed(root, np.eye(4), meshes)]
+    placed = [np.empty((0, 3, 3)), *_place_meshes(root, np.eye(4), meshes)]
     triangles: np.ndarray = np.concatenate(placed)
     if not len(triangles):
         raise UnreadableMesh("Assimp finds no triangles in it")
@@ -107,14 +107,14 @@ def _run(*arguments: str) -> None:
         raise UnreadableMesh(f"Assimp can't read it: {' '.join(last[-2:])}")
 
 
-def _placed(node: _Node, above: np.ndarray, meshes: list[np.ndarray]) -> Iterator[np.ndarray]:
+def _place_meshes(node: _Node, above: np.ndarray, meshes: list[np.ndarray]) -> Iterator[np.ndarray]:
     """Triangles of a node's meshes and of all below it, (t, 3, 3) each, by a mirror turned round."""
     placement = above @ node.placement
     turned = slice(None, None, -1) if np.linalg.det(placement[:3, :3]) < 0.0 else slice(None)
     for index in node.meshes:
         yield (meshes[index] @ placement[:3, :3].T + placement[:3, 3])[:, turned]
     for child in node.children:
-        yield from _placed(child, placement, meshes)
+        yield from _place_meshes(child, placement, meshes)
 
 
 def _scene(content: bytes) -> tuple[_Node, list[np.ndarray]]:

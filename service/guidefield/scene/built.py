@@ -1,4 +1,4 @@
-"""Scenes that were built already: the last few are kept, known by their content."""
+"""Build scenes; the last few are kept, by content."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ MANY = 1000
 
 
 class BuiltScenes:
-    """The scenes that were built last.
+    """The last built scenes.
 
     Args:
-        limit: What is kept.
+        limit: The largest number of scenes and bytes.
     """
 
     def __init__(self, limit: Limit = BUILT_SCENES) -> None:
         self._scenes = BoundedMap[bytes, Scene](limit)
 
     def of(self, message: messages.Scene, deadline: Deadline = UNLIMITED) -> Scene:
-        """The scene that a message describes; raises as `build`.
+        """Build the scene of a message, unless it is there; raises as `build`.
 
         Args:
             message: The scene.
@@ -42,15 +42,15 @@ class BuiltScenes:
         content, parts = self._content(message, deadline)
         built = self._scenes.get(content)
         if built is None:
-            built = self._built(message, parts, deadline)
+            built = self._build(message, parts, deadline)
             size = BYTES_PER_FACE * built.faces  # as if none shared an obstacle
             built = self._scenes.put(content, built, size)
         return built
 
     def _content(self, message: messages.Scene, deadline: Deadline) -> tuple[bytes, dict[int, Content]]:
-        """Return the hash of a scene, and those of its meshes and clouds by index, as far as they were needed for it.
+        """Return the hash of a scene, and the hashes of those of its meshes and clouds that were hashed, by index.
 
-        Of a scene that is ours it is found once; of one that was changed, of what changed alone.
+        A frozen scene is hashed once; one that was derived from another, by its change alone.
         """
         changes: list[tuple[messages.Scene, FrozenFacts, Derivation]] = []
         while (mine := frozen_facts(message)) is not None and mine.content is None and mine.before is not None:
@@ -71,9 +71,9 @@ class BuiltScenes:
             known.content = content
         return content, parts
 
-    def _built(self, message: messages.Scene, parts: dict[int, Content], deadline: Deadline) -> Scene:
-        """A scene that isn't there yet: of the one that is there of those that it was before, else anew."""
-        found = self._before(message)
+    def _build(self, message: messages.Scene, parts: dict[int, Content], deadline: Deadline) -> Scene:
+        """Build a scene, reusing the last built scene that it was derived from."""
+        found = self._find_before(message)
         many = _has_many(message) if found is None else are_many([message.obstacles[k] for k in found[1].fresh], MANY)
         if many:
             deadline.check(f"scene {message.name} was built")
@@ -82,8 +82,8 @@ class BuiltScenes:
                 return scenes.build(message, parts)
             return scenes.changed(found[0], message, found[1], parts)
 
-    def _before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
-        """The last scene that a message was made of by changes and that is there, and where obstacles stood in it."""
+    def _find_before(self, message: messages.Scene) -> tuple[Scene, Rows] | None:
+        """Return the last built scene that a message was derived from, and the rows of its obstacles there."""
         rows: Rows | None = None
         while (mine := frozen_facts(message)) is not None and mine.before is not None:
             before = mine.before.scene()

@@ -71,7 +71,7 @@ class NearestObstacles(NamedTuple):
     some: Scene | None
 
     def of(self, scene: Scene) -> Scene:
-        """Return what is kept of the scene that this was found of."""
+        """Return the kept part of the scene that this was found for."""
         return self.some or scene
 
 
@@ -219,7 +219,7 @@ def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
 def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
     """Crop a cloud; a large one is read from disk if it was cropped before."""
 
-    def found() -> Arrays:
+    def find() -> Arrays:
         chosen = nearest_parts(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)
         return {"points": cloud.points[chosen] if chosen.mean() <= MAX_CROPPED_SHARE else np.empty((0, 3))}
 
@@ -227,9 +227,9 @@ def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius:
     if content:
         known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, MAX_CROPPED_SHARE])}
         content = content_key(*known.values())
-        points = remembered("points", known, found)["points"]
+        points = remembered("points", known, find)["points"]
     else:
-        points = found()["points"]
+        points = find()["points"]
     if not len(points):
         return None
     points.setflags(write=False)

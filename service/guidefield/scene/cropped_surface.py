@@ -84,17 +84,17 @@ def crop_surface(
         most: None is returned if a larger share of its triangles is kept.
     """
 
-    def found() -> Arrays:
-        return _found(whole(), solids(), solid, centre, radius, most)
+    def find() -> Arrays:
+        return _find_parts(whole(), solids(), solid, centre, radius, most)
 
     if not content:
-        return _restored(found(), whole, b"")
+        return _restored(find(), whole, b"")
     known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
     own = content_key(*known.values())
-    return _restored(remembered("seen", known, found), whole, own)
+    return _restored(remembered("seen", known, find), whole, own)
 
 
-def _found(
+def _find_parts(
     surface: tuple[np.ndarray, np.ndarray],
     solids: list[np.ndarray],
     solid: bool,
@@ -157,7 +157,7 @@ def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray,
 
 
 def anchor_of(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return a place from which the sides of a solid are told within a ball, see `ray_winding.surely_outside_seen`.
+    """Return a place from which the sides of a solid are known within a ball, see `ray_winding.surely_outside_seen`.
 
     It is the ball's centre, or the place around it about which most is free of the surface.
 

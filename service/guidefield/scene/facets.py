@@ -1,7 +1,7 @@
-"""The triangles of an obstacle as Coal takes them: one tree, or where there are very many, trees of neighbours.
+"""Coal trees of an obstacle's triangles: one, or for very many triangles one for each patch of neighbours.
 
-Coal sorts triangles into a tree in one call that nobody can interrupt, for three microseconds each. Of a scanned hall a
-robot meets a corner: the trees of all that is elsewhere are never made.
+Coal sorts triangles into a tree in one call that nobody can interrupt, for three microseconds each. In a scanned
+hall a robot meets a corner: the trees of all other patches are never made.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Facets:
     """Triangles that Coal judges as a surface.
 
     Args:
-        count: How many there are.
+        count: Their number.
         made: Makes their vertices (v, 3) [m], each used, and the triangles (t, 3), in the obstacle's own frame.
-        content: What they are known by, where what is found for them is kept on disk; else nothing.
+        content: Their hash, if results for them are kept on disk; else empty.
         box: As the property, if it is at hand.
     """
 
@@ -73,14 +73,14 @@ class Patches:
 
     Args:
         surface: Makes the vertices (v, 3) [m] and triangles (t, 3); not before they are needed.
-        content: What they are known by: of many it is kept on disk which are neighbours. Nothing if it isn't kept.
+        content: Their hash, if the patches are kept on disk; else empty.
     """
 
     def __init__(self, surface: Whole, content: bytes = b"") -> None:
         self._make = surface
 
         def write(room: Room) -> Arrays:
-            return _written(*self._surface, room)
+            return _write_patches(*self._surface, room)
 
         known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
         made = made_in_place("patches", known, write) if content else write(in_memory)
@@ -119,7 +119,7 @@ class Patches:
             yield float(apart[index]), index
 
 
-def _written(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
+def _write_patches(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
     """Triangles in the order of their patches, shape (t, 3), and the boxes about these, shape (k, 6) [m]."""
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
     made = room({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})

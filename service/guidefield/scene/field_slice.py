@@ -118,15 +118,15 @@ def _interpolated(tables: FieldTables, plane: SlicePlane, rows: int, columns: in
         return field
     down, across = (_weights(count, few) for count, few in zip((rows, columns), coarse, strict=True))
 
-    def spread(values: np.ndarray) -> np.ndarray:
+    def interpolate(values: np.ndarray) -> np.ndarray:
         fine: np.ndarray = down @ values.reshape(coarse) @ across.T
         return fine.ravel()
 
     potential = np.maximum(field.potential, np.finfo(float).tiny)  # 0 where nothing is charged
-    fine = np.exp(spread(np.log(potential))) * (field.potential.max() > 0.0)
+    fine = np.exp(interpolate(np.log(potential))) * (field.potential.max() > 0.0)
     slopes = (field.gradient / potential[:, None]).T
-    gradient = np.column_stack([spread(slope) for slope in slopes]) * fine[:, None]
-    found = Field(fine, gradient, spread(field.curvature), spread(field.winding))
+    gradient = np.column_stack([interpolate(slope) for slope in slopes]) * fine[:, None]
+    found = Field(fine, gradient, interpolate(field.curvature), interpolate(field.winding))
     near = np.flatnonzero(fine > math.pi / (every * plane.size[0] / columns))  # a wall is within two larger pixels
     for values, exact in zip(
         found, field_at_points(tables, plane.points(rows, columns).reshape(-1, 3)[near]), strict=True

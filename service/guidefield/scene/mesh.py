@@ -1,4 +1,4 @@
-"""The mesh of an obstacle and what is known of it, kept on disk where it is large."""
+"""The mesh of an obstacle and facts about it; those of a large mesh are kept on disk."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class JudgedMesh:
     """The facts of a mesh that are known before its triangles are looked at.
 
     Attributes:
-        count: How many triangles it has.
+        count: Its number of triangles.
         extent: Its largest extent along an axis [m].
         solid: As of `MeshSurface`.
         hull: As there.
         warnings: As there.
-        surface: Its vertices (v, 3) [m] and triangles (t, 3), as there; of a large mesh read from disk when asked.
-        content: What it is known by on disk; of a small one nothing.
+        surface: Returns its vertices (v, 3) [m] and triangles (t, 3), as there; read from disk for a large mesh.
+        content: Its hash, if it is large; else empty.
     """
 
     count: int
@@ -61,10 +61,10 @@ def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMes
         content: The hash of both.
 
     Returns:
-        What is known of it; None if its triangles have no area.
+        Its facts; None if its triangles have no area.
     """
     if not is_large(count_of(corners)):
-        surface = _judged(points_in(points), corners_in(corners))
+        surface = _judge(points_in(points), corners_in(corners))
         return None if surface is None else as_judged(surface)
     large = _LargeMesh(points, corners, content)
     return _restored(remembered("mesh", large.known, large.find_facts), lambda: large.surface, content)
@@ -82,20 +82,20 @@ class _LargeMesh:
         self.known = {"content": np.frombuffer(content, np.uint8)}
 
     @cached_property
-    def _judged(self) -> MeshSurface | None:
-        return _judged(points_in(self._points), corners_in(self._corners))
+    def _judgement(self) -> MeshSurface | None:
+        return _judge(points_in(self._points), corners_in(self._corners))
 
     @cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
         """Its vertices (v, 3) [m] and triangles (t, 3)."""
-        found = remembered("surface", self.known, lambda: _arrays_of(self._judged))
-        vars(self).pop("_judged", None)
+        found = remembered("surface", self.known, lambda: _arrays_of(self._judgement))
+        vars(self).pop("_judgement", None)
         return found["vertices"], found["triangles"].astype(np.int64)
 
     def find_facts(self) -> Arrays:
         """Return the facts of its surface, and keep that on disk."""
-        made = _facts_of(self._judged)
-        if self._judged is not None:
+        made = _facts_of(self._judgement)
+        if self._judgement is not None:
             _ = self.surface
         return made
 
@@ -112,7 +112,7 @@ def extent_of(points: np.ndarray) -> float:
     return float(extents(points).max())
 
 
-def _judged(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
+def _judge(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
     mesh = joined_mesh(vertices, triangles)
     if not is_large(len(triangles)) or not has_area(mesh.vertices, mesh.triangles):
         surface = surface_of(mesh)

@@ -120,7 +120,7 @@ def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[n
 
 
 def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
-    """An obstacle at rest where its trajectory has it at some time.
+    """Return an obstacle at rest at a placement of its trajectory.
 
     A placement takes the place of the obstacle's own. It moves the corners of a polygon, the points of a cloud and the
     plane of a half-space as they are declared.
@@ -128,46 +128,46 @@ def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
     return POSED[type(message)](message, placement)
 
 
-def _placed(message: Any, placement: Any) -> messages.Obstacle:
-    return _replaced(
+def _place(message: Any, placement: Any) -> messages.Obstacle:
+    return _replace(
         message,
         position=tuple(placement.translation.tolist()),
         quaternion_xyzw=tuple(pin.Quaternion(placement.rotation).normalized().coeffs().tolist()),
     )
 
 
-def _centred(message: Any, placement: Any) -> messages.Obstacle:
-    return _replaced(message, position=tuple(placement.translation.tolist()))
+def _place_centre(message: Any, placement: Any) -> messages.Obstacle:
+    return _replace(message, position=tuple(placement.translation.tolist()))
 
 
-def _cornered(message: Any, placement: Any) -> messages.Obstacle:
+def _place_corners(message: Any, placement: Any) -> messages.Obstacle:
     corners = [tuple(placement.act(np.array(corner, float)).tolist()) for corner in message.vertices]
-    return _replaced(message, vertices=corners)
+    return _replace(message, vertices=corners)
 
 
 def _plane(message: Any, placement: Any) -> messages.Obstacle:
     normal = placement.rotation @ np.array(message.normal, float)
     offset = message.offset + float(normal @ placement.translation)
-    return _replaced(message, normal=tuple(normal.tolist()), offset=offset)
+    return _replace(message, normal=tuple(normal.tolist()), offset=offset)
 
 
 def _points(message: Any, placement: Any) -> messages.Obstacle:
-    return _replaced(message, points=moved(placement, points_in(message.points)).tolist())
+    return _replace(message, points=moved(placement, points_in(message.points)).tolist())
 
 
 POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
-    messages.Box: _placed,
-    messages.Cylinder: _placed,
-    messages.Capsule: _placed,
-    messages.Mesh: _placed,
-    messages.Sphere: _centred,
-    messages.Polygon: _cornered,
+    messages.Box: _place,
+    messages.Cylinder: _place,
+    messages.Capsule: _place,
+    messages.Mesh: _place,
+    messages.Sphere: _place_centre,
+    messages.Polygon: _place_corners,
     messages.HalfSpace: _plane,
     messages.PointCloud: _points,
 }
 """How the message of a kind is posed."""
 
 
-def _replaced(message: Any, **fields: Any) -> messages.Obstacle:
+def _replace(message: Any, **fields: Any) -> messages.Obstacle:
     moved: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
     return moved
