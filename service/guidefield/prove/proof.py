@@ -39,8 +39,7 @@ from guidefield.prove.curve import Curve
 from guidefield.prove.search import Found, Goal, SearchLog, search
 from guidefield.prove.tables import WorldTables, world_tables
 from guidefield.read_only import ReadOnly, read_only
-from guidefield.scene.movers import movers
-from guidefield.scene.swept import motion_of
+from guidefield.scene.movers import motion_of, movers
 
 ROWS = 4096
 """Rows that there is room for at first: a Panda's motion has some hundred."""

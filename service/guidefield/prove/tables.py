@@ -24,10 +24,9 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.joint_table import joints_of
-from guidefield.scene.movers import movers
+from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.points import points_in
 from guidefield.scene.scene import Scene, build, unplaced
-from guidefield.scene.swept import motion_of
 
 ROUNDED = 1e-5
 """What single precision gives away for hulls whose corners are within some hundred metres [m]."""

@@ -1,17 +1,137 @@
-"""The obstacles of a scene that move, and what there is about each of them; made once for each scene."""
+"""Moving obstacles of a scene, balls about them, and their swept volumes: boxes about the balls between placements.
+
+On a screw from a place to another that is c away, a point goes a way of length L at one speed. So it stays within
+sqrt(L^2 - c^2) / 2 of the straight line between the two: anywhere else the way by it were longer.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.memo import memoized
 from guidefield.read_only import ReadOnly
+from guidefield.scene.motion import ObstacleMotion, ball_rates
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
-from guidefield.scene.swept import MovingBall, Swept, gaps_from_boxes, motion_of, moving_ball, swept
+
+ROUNDING = 1e-6
+"""Margin of the boxes, of a metre, and of each metre of distance from the origin and of travel."""
+
+EVERYWHERE = np.repeat([-np.inf, np.inf], 3)
+"""The box about a half-space."""
+
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+
+
+class MovingBall(NamedTuple):
+    """A ball about an obstacle that moves.
+
+    Attributes:
+        centre: In the frame of the motion, shape (3,) [m].
+        radius: Its radius [m].
+    """
+
+    centre: np.ndarray
+    radius: float
+
+
+class Swept(NamedTuple):
+    """The swept volumes of moving obstacles.
+
+    Attributes:
+        boxes: Lower, then upper corners of boxes along the world's axes that they stay in: before one moves, between
+            each of its placements and the next, and after that, one obstacle behind the other, shape (n, 6)
+            [m, world]. Those of a half-space are everything.
+        first: Index of the first box of each obstacle, shape (m,).
+        speeds: The largest speed at which each loses distance during that, shape (n,); 0 for a half-space [m/s].
+    """
+
+    boxes: np.ndarray
+    first: np.ndarray
+    speeds: np.ndarray
+
+
+def motion_of(obstacle: Obstacle) -> ObstacleMotion:
+    """Return the motion of an obstacle that moves."""
+    assert obstacle.motion is not None, "only what moves is asked for"
+    return obstacle.motion
+
+
+def moving_ball(obstacle: Obstacle) -> MovingBall | None:
+    """Return a ball about an obstacle that moves; None for a half-space."""
+    if obstacle.endless:
+        return None
+    (low, high), placement = obstacle.box, obstacle.placement
+    if obstacle.cloud is not None:
+        middle = 0.5 * (low + high)
+    else:
+        vertices = obstacle.vertices
+        middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
+    corners = (low + _CORNERS * (high - low)) @ placement.rotation.T + placement.translation
+    centre = np.asarray(motion_of(obstacle).placements[0].actInv(middle))
+    return MovingBall(centre, float(np.linalg.norm(corners - middle, axis=1).max()) + obstacle.rounding)
+
+
+def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
+    """Return the swept volumes of moving obstacles.
+
+    Args:
+        obstacles: They all move.
+        balls: About each, `moving_ball`.
+    """
+    motions = [motion_of(one) for one in obstacles]
+    counts = np.array([len(motion.times) for motion in motions], int)
+    if not len(counts):
+        return Swept(np.empty((0, 6)), np.empty(0, int), np.empty(0))
+    origin = np.zeros(3)
+    centres = [origin if ball is None else ball.centre for ball in balls]
+    radii = np.array([0.0 if ball is None else ball.radius for ball in balls])
+    there = np.array([at.act(c) for motion, c in zip(motions, centres, strict=True) for at in motion.placements])
+    steps = np.repeat(np.arange(len(counts)), counts - 1)
+    twists = np.concatenate([motion.twists for motion in motions])
+    lasting = np.concatenate([np.diff(motion.times) for motion in motions])
+    of_centre, angular = ball_rates(twists, np.array(centres)[steps], 0.0)[0], np.linalg.norm(twists[:, 3:], axis=1)
+    begins = np.delete(np.arange(len(there)), np.cumsum(counts) - 1)
+    way, straight = of_centre * lasting, np.linalg.norm(there[begins + 1] - there[begins], axis=1)
+    # a row before each obstacle's first placement, one for each step, one after its last
+    first = np.cumsum(counts + 1) - (counts + 1)
+    of_row = np.repeat(np.arange(len(counts)), counts + 1)
+    at_step = np.delete(np.arange(len(of_row)), np.concatenate([first, first + counts]))
+    aside, speeds = np.zeros(len(of_row)), np.zeros(len(of_row))
+    aside[at_step] = 0.5 * np.sqrt(np.maximum(way**2 - straight**2, 0.0))
+    speeds[at_step] = of_centre + radii[steps] * angular
+    far = np.abs(there).max(axis=1)
+    before = np.arange(len(of_row)) - of_row
+    after = np.minimum(before, np.repeat(np.cumsum(counts) - 1, counts + 1))
+    before = np.maximum(before - 1, np.repeat(np.cumsum(counts) - counts, counts + 1))
+    wide = aside + radii[of_row] + ROUNDING * (1.0 + np.maximum(far[before], far[after]) + aside)
+    low, high = np.minimum(there[before], there[after]), np.maximum(there[before], there[after])
+    boxes = np.hstack([low - wide[:, None], high + wide[:, None]])
+    endless = np.array([ball is None for ball in balls])[of_row]
+    boxes[endless], speeds[endless] = EVERYWHERE, 0.0
+    return Swept(boxes, first, speeds)
+
+
+def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Bound the distances of points in boxes from places in a ball.
+
+    Args:
+        boxes: Lower, then upper corners, shape (n, 6) [m].
+        centre: Of the ball, shape (3,) [m].
+        radius: Its radius [m].
+
+    Returns:
+        At least, and at most, both of shape (n,) [m].
+    """
+    below, above = boxes[:, :3] - centre, centre - boxes[:, 3:]
+    least = np.linalg.norm(np.maximum(np.maximum(below, above), 0.0), axis=1) - radius
+    most = np.linalg.norm(np.maximum(np.abs(below), np.abs(above)), axis=1) + radius
+    return least, most
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +139,15 @@ class Movers(ReadOnly):
     """Obstacles that move.
 
     Attributes:
-        indices: Which they are of the scene's obstacles, ascending, shape (m,).
-        obstacles: Each of them.
-        balls: About each; None about a half-space.
-        boxes: About their shapes along their own axes, shape (m, 2, 3) [m].
-        rounded: What they are rounded by, shape (m,) [m].
-        times: When each is on its placements [s].
-        speeds: How fast each loses distance at most from one placement to the next; 0 of a half-space [m/s].
-        swept: Where they get.
-        endless: Whether any is a half-space.
+        indices: Their indices in the scene, ascending, shape (m,).
+        obstacles: The obstacles.
+        balls: A ball about each; None about a half-space.
+        boxes: Boxes about their shapes along their own axes, shape (m, 2, 3) [m].
+        rounded: Radii by which they are rounded, shape (m,) [m].
+        times: The times of each one's placements [s].
+        speeds: The largest speed at which each loses distance from one placement to the next; 0 for a half-space [m/s].
+        swept: Their swept volumes.
+        endless: True if any is a half-space.
     """
 
     indices: np.ndarray
@@ -41,7 +161,7 @@ class Movers(ReadOnly):
     endless: bool
 
     def near(self, centre: np.ndarray, radius: float, margin: float) -> np.ndarray:
-        """Which of them come within a margin [m] of a ball at any time.
+        """Find those that come within a margin [m] of a ball at any time.
 
         Args:
             centre: Of the ball, shape (3,) [m, world].
@@ -58,7 +178,7 @@ class Movers(ReadOnly):
 
 @memoized
 def movers(scene: Scene) -> Movers:
-    """The obstacles of a scene that move."""
+    """Return the moving obstacles of a scene."""
     indices = [index for index in scene.others if scene.obstacles[index].motion is not None]
     obstacles = tuple(scene.obstacles[index] for index in indices)
     balls = tuple(map(moving_ball, obstacles))

@@ -8,9 +8,9 @@ import pytest
 
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
+from guidefield.scene.movers import EVERYWHERE, gaps_from_boxes, moving_ball, swept
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import build
-from guidefield.scene.swept import EVERYWHERE, gaps_from_boxes, moving_ball, swept
 from tests.scene.test_motion import KINDS
 
 BOUNDED = [one for one in KINDS if not isinstance(one, messages.HalfSpace)]
