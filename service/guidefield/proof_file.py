@@ -1,8 +1,7 @@
-"""Motions with their proofs in one file: what the referee checks again (referee.md)."""
+"""Write motions with their proofs to one file, which the referee checks (referee.md)."""
 
 from __future__ import annotations
 
-import hashlib
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -18,10 +17,9 @@ from guidefield.prove.curve import Curve
 from guidefield.prove.proof import Proof, prove
 from guidefield.prove.search import Goal
 from guidefield.prove.verdict import Reason
+from guidefield.referee.proof import FORMAT, digest
 from guidefield.robot.model.spaces import ChartCurves
 from guidefield.whole_file import write_whole
-
-FORMAT = "guidefield proofs 1"
 
 MOMENT = 1e-9
 """Time that a motion of one position takes [s]: the referee judges it for as long."""
@@ -90,15 +88,6 @@ def pack_arrays(arrays: Mapping[str, np.ndarray]) -> bytes:
     named: dict[str, Any] = {"format": np.array(FORMAT), "digest": np.array(digest(arrays)), **arrays}
     np.savez_compressed(content, **named)
     return content.getvalue()
-
-
-def digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """SHA-256, in hexadecimal, of the names, types, shapes and bytes of arrays, in the order of their names."""
-    found = hashlib.sha256()
-    for name in sorted(arrays):
-        array = np.ascontiguousarray(arrays[name])
-        found.update(f"{name} {array.dtype.str} {array.shape};".encode() + array.tobytes())
-    return found.hexdigest()
 
 
 def curve_of(motion: Motion) -> Curve:

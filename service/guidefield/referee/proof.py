@@ -6,6 +6,7 @@ import hashlib
 import json
 import zipfile
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -121,7 +122,7 @@ def load_proofs(path: Path) -> list[tuple[dict[str, Any], Proof]]:
         raise UnusableFile(f"{path.name} is no proof: {error}") from None
 
 
-def digest(arrays: dict[str, np.ndarray]) -> str:
+def digest(arrays: Mapping[str, np.ndarray]) -> str:
     """SHA-256, in hexadecimal, of the names, types, shapes and bytes of arrays, in the order of their names."""
     found = hashlib.sha256()
     for name in sorted(arrays):
