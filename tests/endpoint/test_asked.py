@@ -61,11 +61,20 @@ class _Query:
 
 
 def _asked(query: _Query, counted: list[str] | None = None) -> Asked:
-    return Asked(query, "local", (counted if counted is not None else []).append)  # type: ignore[arg-type]
+    return Asked(query, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
+
+
+def _send_at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
+    send()
+    return True
+
+
+def _let_in(_read: keys.Query, _size: int) -> None:
+    pass
 
 
 def test_a_query_is_read_as_it_came() -> None:
-    read = _asked(_Query("guidefield/local/scenes/a", b"{}", "application/msgpack", "delete=")).read()
+    read = _asked(_Query("guidefield/local/scenes/a", b"{}", "application/msgpack", "delete=")).read(_let_in)
     assert (read.key, read.parameters, read.payload) == (("scenes", "a"), {"delete": ""}, b"{}")
     assert read.encoding is Encoding.MSGPACK
 
@@ -74,7 +83,7 @@ def test_a_query_is_read_as_it_came() -> None:
     "name", [None, "", "zenoh/bytes", "zenoh/string", "application/json", "application/json;utf-8", "text/json"]
 )
 def test_json_is_what_is_meant_unless_something_else_is_said(name: str | None) -> None:
-    assert _asked(_Query("guidefield/local/info", b"{}", name)).read().encoding is Encoding.JSON
+    assert _asked(_Query("guidefield/local/info", b"{}", name)).read(_let_in).encoding is Encoding.JSON
 
 
 @pytest.mark.parametrize(
@@ -88,13 +97,13 @@ def test_json_is_what_is_meant_unless_something_else_is_said(name: str | None) -
 )
 def test_what_cannot_be_read_is_refused(query: _Query, says: str) -> None:
     with pytest.raises(MalformedRequest, match=says):
-        _asked(query).read()
+        _asked(query).read(_let_in)
 
 
 def test_the_reply_has_a_concrete_key_and_the_encoding_of_the_query() -> None:
     query = _Query("guidefield/*/info", encoding="application/msgpack")
     asked = _asked(query)
-    asked.read()
+    asked.read(_let_in)
     asked.answer((True, b"x"))
     assert query.replies == [("guidefield/local/info", b"x", "application/msgpack")]
     assert query.dropped == 1
@@ -138,7 +147,7 @@ def test_a_future_settles_its_query() -> None:
     for outcome, replies, errors in (((True, b"r"), 1, 0), ((False, b"e"), 0, 1), (WorkerCrashed("died"), 0, 1)):
         query = _Query("guidefield/local/plan", b"{}", "application/msgpack")
         asked = _asked(query)
-        asked.read()
+        asked.read(_let_in)
         future: Future[Any] = Future()
         future.add_done_callback(asked.settle)
         future.set_exception(outcome) if isinstance(outcome, Exception) else future.set_result(outcome)

@@ -35,15 +35,6 @@ Post = Callable[[Asker, int, Callable[[], None]], bool]
 """Has an answer sent to who asked, of a size [bytes]; whether it will be."""
 
 
-def _at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
-    send()
-    return True
-
-
-def _anybody(_told: keys.Query, _size: int) -> None:
-    pass
-
-
 def _unread() -> ServerBusy:
     return ServerBusy("too much waits to be read by this client already; read that first", retry_after=RETRY_AFTER)
 
@@ -74,7 +65,7 @@ class Asked:
         post: Has the answer sent.
     """
 
-    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None], post: Post = _at_once) -> None:
+    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None], post: Post) -> None:
         self._query = query
         self._prefix = f"guidefield/{instance}"
         self._key = str(query.key_expr)
@@ -85,7 +76,7 @@ class Asked:
         self._post = post
         self._open = threading.Lock()
 
-    def read(self, let_in: Callable[[keys.Query, int], None] = _anybody) -> keys.Query:
+    def read(self, let_in: Callable[[keys.Query, int], None]) -> keys.Query:
         """Read the query.
 
         Args:
