@@ -102,12 +102,12 @@ def closest_pairs(
     """
     search, own = new_search(moving, np.zeros(LOG_ROWS)), moving.pairs.own.shape[0]
     every = own + moving.pairs.moving.shape[0] * moving.obstacles.roots.shape[0]
-    likely_own, likely = -1, -1
     for i in range(configurations.shape[0]):
         _place_configuration(moving, configurations[i], times[i], search)
-        distances_out[i, 0] = _find_closest(moving, search, 0, own, within, likely_own, pairs_out[i, 0])
-        distances_out[i, 1] = _find_closest(moving, search, own, every, within, likely, pairs_out[i, 1])
-        likely_own, likely = max(pairs_out[i, 0, 0], -1), max(pairs_out[i, 1, 0], -1)
+        for kind in range(2):
+            first, past = (0, own) if kind == 0 else (own, every)
+            likely = max(pairs_out[i - 1, kind, 0], -1) if i > 0 else -1
+            distances_out[i, kind] = _find_closest(moving, search, first, past, within, likely, pairs_out[i, kind])
 
 
 @compiled(void(MOVING_ROBOT, MATRIX, SCALAR, INDICES_OUT))

@@ -1,4 +1,7 @@
-"""The smallest distances at samples of a motion, and about the smallest of these: the first answers of a search."""
+"""The smallest distances at samples of a motion, and about the smallest of these: the first answers of a search.
+
+All parts are compiled into their callers: what is long is called from one place, in a loop.
+"""
 
 from __future__ import annotations
 
@@ -178,18 +181,18 @@ def nearest_obstacle(moving: MovingRobot, search: Search, verdict: Floats, likel
     The likely pair, where that isn't -1, is measured first. Kinds of pairs are those of a verdict, shape (VERDICT,).
     """
     search.mover_reach[:] = 0.0
-    found, nearest, reach = np.inf, -1, FIRST_REACH
-    if likely >= 0:
-        found, nearest = pair_distance(moving, likely, search.place, np.inf, search.query), likely
-    elif moving.obstacles.roots.shape[0] <= ALL_AT_ONCE:
-        reach = np.inf
-    while found == np.inf and reach < np.inf:
-        count = list_obstacles(moving, search, verdict, reach)
+    found, nearest, is_last = np.inf, -1, False
+    reach = np.inf if moving.obstacles.roots.shape[0] <= ALL_AT_ONCE else FIRST_REACH
+    while True:
+        if likely >= 0:
+            search.near[0], count = likely, 1
+        else:
+            is_last = found < np.inf or reach == np.inf
+            count = list_obstacles(moving, search, verdict, max(found, 0.0) if is_last else reach)
         found, nearest = _find_nearest(moving, search, count, found, nearest)
-        if reach > FARTHEST:
+        if is_last or (likely < 0 and reach > FARTHEST):
             return found, nearest
-        reach *= 2.0
-    return _find_nearest(moving, search, list_obstacles(moving, search, verdict, max(found, 0.0)), found, nearest)
+        likely, reach = -1, reach if likely >= 0 else 2.0 * reach
 
 
 @uncounted
@@ -246,17 +249,27 @@ def sample_motion(
     """Sample a motion at parameters and at ends of spans within it: see `prove_along`."""
     count, nearest, own_nearest = parameters.shape[0], -1, -1
     has_own = is_judged(verdict, OWN_PAIRS) and moving.pairs.own.shape[0] > 0
-    for p in range(count):
-        place_at(moving, parameters[p], search.place, search.scratch)
-        distances_out[p], nearest = _sample(moving, search, 0, parameters[p], nearest, questions, verdict)
-        if has_own and (p % every == 0 or p == count - 1):
-            _, own_nearest = _sample(moving, search, 1, parameters[p], own_nearest, questions, verdict)
-    for q in range(questions.shape[0]):
-        for side in range(2 if nearest >= 0 and questions[q, OWN] == 0.0 else 0):
-            at = questions[q, SINCE if side == 0 else UNTIL]
-            if parameters[0] < at < parameters[count - 1]:
-                place_at(moving, at, search.place, search.scratch)
-                _, nearest = _sample(moving, search, 0, at, nearest, questions, verdict)
+    for step in range(2 * (count + questions.shape[0])):
+        p, odd, own = step // 2, step % 2, 0
+        if p < count:
+            own, at = odd, parameters[p]
+            if own == 1 and not (has_own and (p % every == 0 or p == count - 1)):
+                continue
+        else:
+            at = questions[p - count, SINCE if odd == 0 else UNTIL]
+            within = parameters[0] < at < parameters[count - 1]
+            if nearest < 0 or questions[p - count, OWN] != 0.0 or not within:
+                continue
+        if own == 0:
+            place_at(moving, at, search.place, search.scratch)
+        likely = own_nearest if own == 1 else nearest
+        found, likely = _sample(moving, search, own, at, likely, questions, verdict)
+        if own == 1:
+            own_nearest = likely
+            continue
+        nearest = likely
+        if p < count:
+            distances_out[p] = found
 
 
 @uncounted
