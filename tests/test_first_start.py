@@ -88,7 +88,7 @@ def told_of(path: Path, *cores: tuple[int, int, str]) -> str:
     """The processor of a machine whose cores have a model, a speed [MHz] and flags each."""
     told = (dict(zip(("model", "speed", "flags"), core, strict=True)) for core in cores)
     path.write_text("".join(CORE.format(number=number, **core) for number, core in enumerate(told)))
-    return first_start.processor.__wrapped__(path)
+    return first_start.name_processor(path)
 
 
 def test_the_processor_is_what_it_can_do_and_not_how_fast_it_runs(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_the_processor_is_what_it_can_do_and_not_how_fast_it_runs(tmp_path: Path
     one = told_of(told, (85, 2000, "sse avx avx512f"))
     assert one == told_of(told, (85, 3100, "avx sse avx512f"), (85, 800, "sse avx avx512f"))
     others = [told_of(told, (85, 2000, "sse avx")), told_of(told, (106, 2000, "sse avx avx512f"))]
-    assert len({one, *others, first_start.processor.__wrapped__(tmp_path / "nowhere")}) == 4
+    assert len({one, *others, first_start.name_processor(tmp_path / "nowhere")}) == 4
 
 
 def test_machine_code_for_another_processor_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
