@@ -129,7 +129,7 @@ class Cloud:
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A tiny triangle at every point: where its corners are the same, Coal (3.0.3) takes the distance of spheres for 0.
+    """Make a tiny triangle at every point: if its corners are the same, Coal (3.0.3) takes distances of spheres for 0.
 
     Args:
         points: Shape (n, 3) [m], in any frame.
@@ -143,7 +143,7 @@ def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Icosahedra that contain the balls around the points: what stands for a cloud where faces are needed.
+    """Make icosahedra that contain the balls around the points, for uses that need faces.
 
     Their vertices stand 1.26 radii from the points.
 
@@ -163,7 +163,7 @@ def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
 
 
 def cloud_charges(points: np.ndarray, radius: float) -> Charges:
-    """Every point with the area that is nearest to it on the surface, at most that of its own ball.
+    """Charge every point by the area that is nearest to it on the surface, at most that of its own ball.
 
     Of a large cloud points are put together first: those in each cube of a grid.
 
@@ -179,7 +179,7 @@ def cloud_charges(points: np.ndarray, radius: float) -> Charges:
 
 @memoized
 def covering(cloud: Cloud, most: int) -> Cloud:
-    """A cloud of at most so many points whose balls contain those of another.
+    """Cover a cloud by one with fewer points, whose balls contain its balls.
 
     Args:
         cloud: The other.
@@ -191,7 +191,7 @@ def covering(cloud: Cloud, most: int) -> Cloud:
 
 
 def _put_together(points: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most so many points (k, 3) in place of more, (n, 3), and which of them each stands for, shape (n,)."""
+    """Merge points (n, 3) to at most `most`, (k, 3); return these, and the index of its one for each, shape (n,)."""
     if len(points) <= most:
         return points, np.arange(len(points))
     low = points.min(axis=0)

@@ -37,7 +37,7 @@ RELATIVE_ROUNDING = 1e-9
 """Bounds on distances are wider by this, in metres and for each metre that places are from the origin."""
 
 MANY_MOVING = 16
-"""Among so many moving obstacles some are left out, however few there are: each is looked at at many times."""
+"""Number of moving obstacles from which some are left out: each is evaluated at many times."""
 
 KEPT_BALLS = 2
 """Crops of an obstacle that are kept: tables of crops of large meshes are large."""
@@ -76,7 +76,7 @@ class NearestObstacles(NamedTuple):
 
 
 def has_many(scene: Scene) -> bool:
-    """Return whether a scene has so many obstacles, or so many that move, that it pays to leave some out."""
+    """Return whether a scene has enough obstacles, or moving ones, for it to pay to leave some out."""
     return (
         len(scene.obstacles) >= MANY or sum(scene.obstacles[k].motion is not None for k in scene.others) >= MANY_MOVING
     )

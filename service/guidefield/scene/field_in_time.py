@@ -1,4 +1,4 @@
-"""The field of a scene at points of several times: what moves is evaluated in its own frame."""
+"""The field of a scene at points of several times: moving obstacles are evaluated in their own frames."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def field_in_time(
     Args:
         scene: What is charged.
         points: Shape (n, p, 3) [m, world].
-        times: When each row of points is looked at, shape (n,) [s]; None: all obstacles are where they are at first.
+        times: The time of each row of points, shape (n,) [s]; None: all obstacles are at their first placements.
         origin: A place in the midst of the points [m, world].
 
     Returns:
@@ -63,14 +63,14 @@ def field_of_movers(scene: Scene, points: np.ndarray, times: np.ndarray | None) 
 
 
 def _move(motion: Any, time: float) -> np.ndarray:
-    """From where an obstacle is at first to where it is at a time [s], shape (4, 4)."""
+    """Return the motion of an obstacle from its first placement to that at a time [s], shape (4, 4)."""
     move: np.ndarray = (motion.at(time) * motion.placements[0].inverse()).homogeneous
     return move
 
 
 @memoized
 def _movers(scene: Scene) -> tuple[tuple[FieldTables, Any], ...]:
-    """The field of each moving obstacle where it is at first, in single precision, and its motion."""
+    """Return the field of each moving obstacle at its first placement, in single precision, and its motion."""
     movers = [(index, scene.obstacles[index]) for index in scene.others]
     return tuple(
         (single_precision(scene.of([index]).tables, one.placement.translation), one.motion)

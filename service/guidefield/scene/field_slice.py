@@ -28,7 +28,7 @@ NEAREST = 0.015
 """Distance of a wall that has the brightest colour; what is nearer has it too [m]."""
 
 LEAST_DECADES = 0.5
-"""The colours span at least so many powers of ten."""
+"""The least number of powers of ten that the colours span."""
 
 SOLID_COLOR = (98, 101, 108)
 """Inside of solids."""
@@ -85,7 +85,7 @@ def field_slice(
         plane: Where, e.g. one of `slice_plane.planes_along` the tip's path.
         resolution: Pixels along the longer side.
         origin: A place near the rectangle for which the field's tables are kept [m, world]; None: its centre.
-        every: The field is evaluated at one in so many pixels of a row and of a column, and interpolated between.
+        every: The field is evaluated at every n-th pixel of a row and of a column, and interpolated between.
 
     Raises:
         ValueError: if the resolution is not positive.

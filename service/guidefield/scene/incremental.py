@@ -125,7 +125,7 @@ class Rows:
 
     @cached_property
     def in_place(self) -> bool:
-        """True if those that stayed stand where they stood, and there are as many as before."""
+        """True if those that stayed keep their indices, and the number is the same as before."""
         return self.count == self.before and self.fresh == self.gone
 
     @property

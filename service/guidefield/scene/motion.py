@@ -122,8 +122,8 @@ def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[n
 def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
     """Return an obstacle at rest at a placement of its trajectory.
 
-    A placement takes the place of the obstacle's own. It moves the corners of a polygon, the points of a cloud and the
-    plane of a half-space as they are declared.
+    The placement replaces the obstacle's own. It moves the declared corners of a polygon, points of a cloud and plane
+    of a half-space.
     """
     return POSED[type(message)](message, placement)
 
@@ -165,7 +165,7 @@ POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = 
     messages.HalfSpace: _plane,
     messages.PointCloud: _points,
 }
-"""How the message of a kind is posed."""
+"""Functions that pose the message of each kind."""
 
 
 def _replace(message: Any, **fields: Any) -> messages.Obstacle:

@@ -36,9 +36,9 @@ class Obstacle:
     Attributes:
         message: Its declaration.
         recipe: Makes the rest of it.
-        placed: What lanes' kernels know it by, `PLACED`, if it is a primitive; else empty.
-        warnings: What was odd about it but harmless.
-        motion: How it moves; None at rest.
+        placed: Its row `PLACED` for the kernels of SIMD batches, if it is a primitive; else empty.
+        warnings: Harmless oddities of it.
+        motion: Its motion; None at rest.
         cloud: Its points and their radius, if it is a cloud.
         cropped: Its surface, if it is a part of another obstacle's; see `crop`.
     """
@@ -151,7 +151,7 @@ class Obstacle:
 
     @cached_property
     def surfaces(self) -> tuple[Triangulated, ...]:
-        """The triangles of what isn't convex in its own frame: those of each solid, or of the thin surface."""
+        """The triangles of a non-convex obstacle, in its own frame: those of each solid, or of the thin surface."""
         if self.cropped is not None:
             return self.cropped.parts
         vertices, triangles = self.recipe.surface(self.message)
@@ -177,7 +177,7 @@ def build_all(declared: Sequence[messages.Obstacle], contents: Mapping[int, Cont
 
     Args:
         declared: Their declarations.
-        contents: What some of them are known by, by their indices, where it is at hand.
+        contents: Hashes of some of them, by index, where they are at hand.
 
     Raises:
         SceneInvalid: as `build`.
@@ -196,8 +196,8 @@ def build(
 
     Args:
         message: Its declaration.
-        index: Where it stands in the scene, for error messages.
-        content: What it is known by, where it is at hand.
+        index: Its index in the scene, for error messages.
+        content: Its hash, where it is at hand.
         sheet: As of `build_sheets`, of a polygon at rest, where it is at hand.
 
     Raises:

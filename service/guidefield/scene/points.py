@@ -1,4 +1,4 @@
-"""Points and triangles as they are declared: as triples, or packed."""
+"""Read declared points and triangles, in triples or packed."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from guidefield.messages.values import Float32Array, Uint32Array
 
 
 def points_in(points: Points) -> np.ndarray:
-    """Points that a message holds, shape (n, 3) [m]."""
+    """Return the points of a message, shape (n, 3) [m]."""
     if isinstance(points, Float32Array):
         return np.frombuffer(points.float32, "<f4").reshape(-1, 3).astype(float)
     return _triples(points, float)
 
 
 def corners_in(triangles: Triangles) -> np.ndarray:
-    """The corners of triangles that a message holds, by number, shape (t, 3)."""
+    """Return the indices of triangles' corners in a message, shape (t, 3)."""
     if isinstance(triangles, Uint32Array):
         return np.frombuffer(triangles.uint32, "<u4").reshape(-1, 3).astype(np.int64)
     return _triples(triangles, np.int64)
@@ -44,12 +44,12 @@ def count_of(some: Points | Triangles) -> int:
 
 
 def are_many(declared: Sequence[messages.Obstacle | messages.GuidePlane], most: int) -> bool:
-    """Return whether obstacles or guide planes have so many corners, triangles, points and places, or are so many."""
+    """Return whether obstacles or guide planes with their corners, triangles, points and places are at least `most`."""
     return len(declared) >= most or len(declared) + sum(map(_parts, declared)) >= most
 
 
 def _parts(declared: messages.Obstacle | messages.GuidePlane) -> int:
-    """Of how many corners, triangles, points and places it is declared; 0 of a primitive that rests."""
+    """Count the corners, triangles, points and places of a declaration; 0 for a primitive at rest."""
     match declared:
         case messages.GuidePlane():
             return len(declared.vertices)

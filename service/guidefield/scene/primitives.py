@@ -18,7 +18,7 @@ from guidefield.scene.flat import axes_across
 from guidefield.scene.recipe import Charges, Recipe
 
 HALF_SPACE_PATCH = 4.0
-"""Side of the square that stands for a half-space in drawings [m]."""
+"""Side of the square that represents a half-space in drawings [m]."""
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""The parts of an obstacle, each made of its declaration when something asks for it; its charges are one."""
+"""The recipe of an obstacle: functions that make its parts from its declaration, on demand, such as its charges."""
 
 from __future__ import annotations
 
@@ -41,13 +41,12 @@ class Recipe(NamedTuple):
         body: Of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3.
         surface: Of its message: a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3).
         charged: Of its message and ``T_world_shape``: its share of the field.
-        solid: Whether it has an inside; else it is a thin surface.
-        convex: Whether Coal judges it as one convex body: distances are signed then.
-        facets: The triangles that Coal judges, of what isn't convex; None of what is.
-        placement: ``T_world_shape`` where it is known before the body is made.
-        extent: Largest extent along an axis of its own frame [m] of what is declared by points.
-        content: What the geometry of a large mesh or cloud is known by: what is found for it is kept on disk; else
-            nothing.
+        solid: True if it has an inside; else it is a thin surface.
+        convex: True if Coal judges it as one convex body: distances are signed then.
+        facets: The triangles that Coal judges; None for a convex body.
+        placement: ``T_world_shape``, if it is known before the body is made.
+        extent: Largest extent along an axis of its own frame [m], if it is declared by points.
+        content: Hash of the geometry of a large mesh or cloud, whose results are kept on disk; else empty.
     """
 
     body: Callable[[Any], tuple[Any, Any]]

@@ -40,7 +40,7 @@ class Scene(SharedAnswer):
         name: Its name.
         obstacles: In the message's order.
         guide_planes: In the order in which they lead through the scene.
-        warnings: What was odd about obstacles but harmless; each names its obstacle.
+        warnings: Harmless oddities of obstacles; each names its obstacle.
     """
 
     message: messages.Scene
@@ -66,17 +66,17 @@ class Scene(SharedAnswer):
 
     @cached_property
     def most_faces(self) -> int:
-        """Of how many triangles or points its largest obstacle is; 0 if all are convex."""
+        """The number of triangles or points of its largest obstacle; 0 if all are convex."""
         return max((one.faces for one in self._others()), default=0)
 
     @cached_property
     def faces(self) -> int:
-        """Of how many triangles and points all of them are that aren't convex."""
+        """The number of triangles and points of all obstacles that aren't convex."""
         return sum(one.faces for one in self._others())
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Of its obstacles."""
+        """The names of its obstacles."""
         return frozenset(one.name for one in self.obstacles)
 
     @cached_property
@@ -134,7 +134,7 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
 
     Args:
         message: Obstacles and guide planes as declared.
-        contents: What some of its obstacles are known by, by their indices, where it is at hand.
+        contents: Hashes of some of its obstacles, by index, where they are at hand.
 
     Raises:
         SceneInvalid: if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
@@ -152,12 +152,12 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
 
 
 def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
-    """Build a scene from its message where one that it was changed from is built: only obstacles that are others.
+    """Build a scene from its message and the scene that it was derived from; only other obstacles are built.
 
     Args:
         before: The scene before.
         message: Obstacles as declared; guide planes are those from before.
-        rows: Where its obstacles stood there.
+        rows: The rows of its obstacles there.
         contents: As `build` takes them.
 
     Raises:
@@ -168,19 +168,19 @@ def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mappin
 
 
 def declared_with(message: messages.Scene, obstacles: list[messages.Obstacle]) -> messages.Scene:
-    """A scene as it is declared, but with some of its obstacles alone: these aren't checked again."""
+    """Return a declared scene with other obstacles, which aren't checked again."""
     some = copy.copy(message)
     msgspec.structs.force_setattr(some, "obstacles", obstacles)
     return some
 
 
 def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: messages.Scene) -> Scene:
-    """A scene that has the obstacles of another one, and some others.
+    """Make a scene that has the obstacles of another one, and some others.
 
     Args:
         before: The other one.
-        rows: Where the obstacles stood there.
-        fresh: Those that are others.
+        rows: The rows of the obstacles there.
+        fresh: The other obstacles.
         message: Its declaration, with the guide planes from before.
     """
     warned = before.warnings or any(one.warnings for one in fresh)
@@ -212,13 +212,13 @@ def _held_at(scene: Scene, time: float) -> Scene:
 
 
 HELD = 2
-"""So many times are kept at which obstacles that move are held: at first, and in the end, are asked for often."""
+"""Number of times at which scenes with held obstacles are kept: the first and the last are asked for often."""
 
 _held = memoized_by(lambda scene: scene, _held_at, HELD)
 
 
 def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:
-    """An obstacle that moves as it is from a time on [s]."""
+    """Return a moving obstacle from a time on [s]."""
     declared = message.trajectory
     assert declared is not None, "it moves"
     if motion.end <= time:
@@ -246,12 +246,12 @@ def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
 
 
 def _charge_of_each(obstacles: tuple[Obstacle, ...], kind: str) -> np.ndarray:
-    """The charge of every face of one kind."""
+    """Return the charge of every face of one kind."""
     return np.concatenate([np.empty(0), *(np.full(len(getattr(one.charges, kind)), one.charge) for one in obstacles)])
 
 
 def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:
-    """Rows of one kind of closed form from all obstacles, each with its charge behind."""
+    """Return the rows of one kind of closed form of all obstacles, each with its charge behind."""
     rows = [np.insert(getattr(one.charges, kind), width, one.charge, axis=1) for one in obstacles]
     return np.concatenate([np.empty((0, width + 1)), *rows])
 
@@ -260,7 +260,7 @@ _NONE = bytes(PLACED.size)
 
 
 def rows_of(obstacles: Sequence[Obstacle]) -> np.ndarray:
-    """`PLACED` of each obstacle, shape (n, 12), read-only; zeros of one that is no primitive."""
+    """Return `PLACED` of each obstacle, shape (n, 12), read-only; zeros if it is no primitive."""
     return np.frombuffer(b"".join([one.placed or _NONE for one in obstacles])).reshape(-1, PLACED.size // 8)
 
 
@@ -272,7 +272,7 @@ def _over(known: np.ndarray, rows: Rows, scene: Scene) -> np.ndarray:
 
 @incremental(_over)
 def placed_rows(scene: Scene) -> np.ndarray:
-    """`PLACED` of each obstacle of a scene, shape (n, 12), read-only; made once."""
+    """Return `PLACED` of each obstacle of a scene, shape (n, 12), read-only; made once."""
     return rows_of(scene.obstacles)
 
 

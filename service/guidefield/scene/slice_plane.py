@@ -53,7 +53,7 @@ class SlicePlane:
         return corners
 
     def pixels(self, resolution: int) -> tuple[int, int]:
-        """Rows and columns of a picture with so many pixels along its longer side.
+        """Return the rows and columns of a picture, given the pixels along its longer side.
 
         Raises:
             ValueError: if `resolution` is not positive.
