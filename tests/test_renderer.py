@@ -127,7 +127,7 @@ def test_what_takes_too_much_memory_is_given_up(rendering: Callable[..., Renderi
     asked = rendering(EngineSetup, memory=1 << 20)
     asked.await_that(lambda: len(asked.done) == 3)
     assert asked.kinds() == {"lost"}
-    assert "took more than 1 MiB of memory" in (asked.recordings.folder / "r2.lost").read_text()
+    assert "rendering it takes more than 1 MiB of memory" in (asked.recordings.folder / "r2.lost").read_text()
 
 
 def test_a_disk_that_refuses_is_asked_again(rendering: Callable[..., Rendering], tmp_path: Path, caplog) -> None:

@@ -107,11 +107,14 @@ class Renderer:
             if self._closed.is_set():
                 return
             self._deaths[named] += 1
-            why = death.message.partition(";")[0]
-            if "mebibytes" not in death.details and self._deaths[named] < MAX_ATTEMPTS:
-                self._postpone(named, why)
+            told, memory = death.message.partition(";")[0], death.details.get("mebibytes")
+            if memory is not None:
+                self._give_up(named, f"rendering it takes more than {memory} MiB of memory")
+            elif self._deaths[named] < MAX_ATTEMPTS:
+                self._postpone(named, told)
                 return
-            self._give_up(named, f"it can't be rendered: {why}, {self._deaths[named]} times")
+            else:
+                self._give_up(named, f"it can't be rendered: {told}, {MAX_ATTEMPTS} times")
         else:
             if not done:
                 self._postpone(named, refusal.decode())
