@@ -181,7 +181,7 @@ def _peers_row(
 def judged(world: World, curve: Curve) -> Judged:
     """A motion on the exact geometry: distances by branch and bound, hits `JUDGED_STEP` apart."""
     fine = np.unique(np.linspace(curve.times[:-1], curve.times[1:], FINER))
-    points = curve.at(fine)[0]
+    points = curve.at(fine)
     lengths = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
     places = np.linspace(0.0, lengths[-1], max(2, int(np.ceil(lengths[-1] / JUDGED_STEP)) + 1))
     samples = np.column_stack([np.interp(places, lengths, column) for column in points.T])
