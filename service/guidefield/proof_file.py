@@ -28,7 +28,7 @@ SAMPLES = 33
 """Samples that the smallest distance along a motion is first looked for at."""
 
 WRITING_S_PER_ITEM = 1.2e-5
-"""Longest time to write an obstacle, triangle, point or knot down [s]: 11 us for one of 100,000 boxes, 5 for one of a
+"""Longest time to write an obstacle, triangle, point or knot down [s]: 11 us for one of 100,000 boxes, 2 for one of a
 million triangles or points."""
 
 
