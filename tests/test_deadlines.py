@@ -59,4 +59,4 @@ def test_a_service_goes_on_with_what_was_late_and_the_next_request_finds_it(ask:
 
 
 def test_a_small_request_is_answered_as_soon_as_the_worker_is_free(ask: Ask) -> None:
-    assert ask(msgspec.json.encode(SMALL | {"recording": "off", "allowed_planning_time": 60.0}))[1] == "SUCCESS"
+    assert ask(msgspec.json.encode(SMALL | {"recording": "off", "allowed_planning_time": 15.0}))[1] == "SUCCESS"

@@ -319,7 +319,8 @@ def planned(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     def answer_plan(request: Any, robot: Any, scene: Any, **about: Any) -> Any:
         asked.append(about)
         reply = plan_reply(about["run_id"])
-        about["record"](None, scene).finish(reply, PlainMotion(GROUP, scene, lambda: None, PackedMotion))
+        if (recording := about["record"](None, scene)) is not None:
+            recording.finish(reply, PlainMotion(GROUP, scene, lambda: None, PackedMotion))
         return reply
 
     monkeypatch.setattr("guidefield.handlers.plan.answer_plan", answer_plan)

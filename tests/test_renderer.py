@@ -66,7 +66,8 @@ class Rendering:
             assert time.monotonic() < until
             if (process := self.process) is not None:  # a busy machine leaves it no processor
                 with contextlib.suppress(OSError):
-                    os.sched_setscheduler(process, os.SCHED_OTHER, os.sched_param(0))
+                    for thread in Path(f"/proc/{process}/task").iterdir():
+                        os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
             time.sleep(0.01)
 
     @property

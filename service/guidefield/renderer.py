@@ -60,7 +60,7 @@ class Renderer:
         patience: float = 0.0,
     ) -> None:
         self._pool = Pool(_Setup(setup), workers=1, memory=memory)
-        self._recordings, self._note, self._patience = recordings, note, patience
+        self._recordings, self._note, self._patience, self._memory = recordings, note, patience, memory
         self._waiting: list[Named] = []
         self._deaths = Counter[Named]()
         self._closed = threading.Event()
@@ -107,9 +107,9 @@ class Renderer:
             if self._closed.is_set():
                 return
             self._deaths[named] += 1
-            told, memory = death.message.partition(";")[0], death.details.get("mebibytes")
-            if memory is not None:
-                self._give_up(named, f"rendering it takes more than {memory} MiB of memory")
+            told = death.message.partition(";")[0]
+            if "mebibytes" in death.details or "MemoryError" in told:
+                self._give_up(named, f"rendering it takes more than {self._memory >> 20} MiB of memory")
             elif self._deaths[named] < MAX_ATTEMPTS:
                 self._postpone(named, told)
                 return

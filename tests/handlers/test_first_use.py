@@ -65,7 +65,7 @@ def test_what_steps_pick_up_is_prepared_before_their_time_begins() -> None:
     for obstacle, known in ((scene.obstacles[0], True), (scene.obstacles[1], False)):
         there = AttachedObject(obstacle, "l2", Placement(position=(0.1, 0.2, 0.3)))
         held = holding(robot, [there], nowhere)
-        assert (not COVERS.search(held, DELTA).pieces and not PARTS.search(held, MOST).pieces) == known
+        assert (not COVERS.search(held, DELTA).tasks and not PARTS.search(held, MOST).tasks) == known
 
 
 def test_what_cannot_be_picked_up_is_refused_when_the_request_is_answered() -> None:

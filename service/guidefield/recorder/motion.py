@@ -243,7 +243,7 @@ def _expanded(group: PlanningGroup, configurations: Sequence[Configuration] | Co
 def placed_links(group: PlanningGroup, expanded: ModelConfigurations, links: tuple[str, ...]) -> np.ndarray:
     """Position and quaternion of some links at configurations of the model (n, model.nq): (n, links, 7) [m, world]."""
     placed = np.empty((len(expanded), len(links), 7))
-    place_frames(joints_of(group), _links(group, links), AT_ORIGIN, expanded, placed)
+    place_frames(joints_of(group), _links(group, links), AT_ORIGIN, np.ascontiguousarray(expanded), placed)
     return placed
 
 
