@@ -88,37 +88,11 @@ def nearest_body_of_each(
     nothing = 0.0 * p[0]
     best, bx, by, bz = nothing + cutoff * cutoff, nothing, nothing, nothing
     for k in range(count):
-        square, ax, ay, az = _away_from_body(p, candidates[k], tables, best, math.inf, scratch)
+        square, ax, ay, az = _away_from_body(p, candidates[k], tables, best, scratch)
         nearer = square < best
         best = select(nearer, square, best)
         bx, by, bz = select(nearer, ax, bx), select(nearer, ay, by), select(nearer, az, bz)
     return _signed(best, bx, by, bz)
-
-
-@uncounted
-def body_distance_of_each(
-    p: Lanes3, body: int, tables: DistanceTables, cutoff: float, depth: float, scratch: Floats
-) -> Signed:
-    """Signed distance of points to a body.
-
-    Args:
-        p: The points in the world [m].
-        body: Index of the body.
-        tables: The bodies.
-        cutoff: Distance beyond which nothing is looked for, positive [m].
-        depth: How deep inside a solid its surface is looked for [m]; may be infinite.
-        scratch: Of `ROWS` times `LANES_64` numbers.
-
-    Returns:
-        Distances [m], and unit vectors (3); the cutoff and zero beyond it.
-    """
-    nothing = 0.0 * p[0]
-    most = nothing + cutoff * cutoff
-    square, ax, ay, az = _away_from_body(p, body, tables, most, depth, scratch)
-    near = square < most
-    return _signed(
-        select(near, square, most), select(near, ax, nothing), select(near, ay, nothing), select(near, az, nothing)
-    )
 
 
 @uncounted
@@ -130,7 +104,7 @@ def _signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
 
 
 @uncounted
-def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, depth: float, scratch: Floats) -> Away:
+def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, scratch: Floats) -> Away:
     """From a body, in the world; where a distance isn't below the best, by the square of a signed one, any that isn't.
 
     Args:
@@ -138,7 +112,6 @@ def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, 
         body: Index of the body.
         tables: The bodies.
         best: Squares of signed distances [m²].
-        depth: How deep inside a solid its surface is looked for [m].
         scratch: Of `ROWS` times `LANES_64` numbers.
     """
     T, nothing = tables.placements[body], 0.0 * p[0]
@@ -160,7 +133,7 @@ def _away_from_body(p: Lanes3, body: int, tables: DistanceTables, best: Vector, 
     elif kind == CLOUD:
         square, ax, ay, az = _away_from_cloud(q, body, tables, best, scratch)
     else:
-        square, ax, ay, az = _away_from_surface(q, gap, body, tables, best, depth, scratch)
+        square, ax, ay, az = _away_from_surface(q, gap, body, tables, best, scratch)
     ax, ay, az = turned_by(T, ax, ay, az)
     return square, ax, ay, az
 
@@ -339,9 +312,9 @@ def _nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best: Vec
 
 @uncounted
 def _away_from_surface(
-    p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, depth: float, scratch: Floats
+    p: Lanes3, gap: Vector, body: int, tables: DistanceTables, best: Vector, scratch: Floats
 ) -> Away:
-    """As `distance_from_surface`; infinite where it isn't below the best, the square of a signed distance.
+    """As `body_distance`; infinite where it isn't below the best, the square of a signed distance.
 
     Args:
         p: Points in the frame of the surface [m].
@@ -349,7 +322,6 @@ def _away_from_surface(
         body: Index of the body.
         tables: The bodies.
         best: Squares of signed distances [m²].
-        depth: How deep inside a solid its surface is looked for [m].
         scratch: Of `ROWS` times `LANES_64` numbers.
     """
     surfaces, span, solid = tables.surfaces, span_of(tables, body), tables.kinds[body] != SHEET
@@ -358,14 +330,13 @@ def _away_from_surface(
     store(scratch, LANES_64, p[1])
     store(scratch, 2 * LANES_64, p[2])
     store(scratch, 3 * LANES_64, gap)
-    store(scratch, 4 * LANES_64, largest_of(best, 0.0))
     for i in range(LANES_64):
         x, y, z = scratch[i], scratch[LANES_64 + i], scratch[2 * LANES_64 + i]
-        nearest, near = int(scratch[_FOUND * LANES_64 + i]), math.sqrt(scratch[4 * LANES_64 + i])
+        nearest = int(scratch[_FOUND * LANES_64 + i])
         if nearest >= 0:
             d, nx, ny, nz = signed_distance(x, y, z, surfaces, nearest, solid)
-        elif solid and scratch[3 * LANES_64 + i] == 0.0 and depth > near:
-            d, nx, ny, nz = distance_inside(x, y, z, body, tables, depth)
+        elif solid and scratch[3 * LANES_64 + i] == 0.0:
+            d, nx, ny, nz = distance_inside(x, y, z, body, tables, math.inf)
         else:
             d, nx, ny, nz = math.inf, 0.0, 0.0, 0.0
         _write_signed(i, d, nx, ny, nz, scratch)
