@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -19,6 +19,7 @@ from guidefield.engines import Engines
 from guidefield.messages.identities import PLAIN
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.pool.pool import DEFAULT_MEMORY
+from guidefield.pool.process import Work
 from guidefield.renderer import MAX_ATTEMPTS, Renderer
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import RunDatabase
@@ -26,6 +27,14 @@ from guidefield.worker import EngineSetup
 
 PATIENCE = 300.0
 PLAN = PlanRequest("ur5", "table", JointsGoal({"elbow_joint": 1.2}), guide_planes=[], recording="summary")
+
+
+@dataclass(frozen=True)
+class Awake(module._Setup):
+    """Prepares the process without the lowest priority: a busy machine would leave it no processor."""
+
+    def __call__(self) -> Work:
+        return partial(module._render, self.engines.engines())
 
 
 class Dying(EngineSetup):
@@ -64,10 +73,6 @@ class Rendering:
         until = time.monotonic() + PATIENCE
         while not so():
             assert time.monotonic() < until
-            if (process := self.process) is not None:  # a busy machine leaves it no processor
-                with contextlib.suppress(OSError):
-                    for thread in Path(f"/proc/{process}/task").iterdir():
-                        os.sched_setscheduler(int(thread.name), os.SCHED_OTHER, os.sched_param(0))
             time.sleep(0.01)
 
     @property
@@ -82,6 +87,7 @@ class Rendering:
 @pytest.fixture
 def rendering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Rendering]]:
     monkeypatch.setattr(module, "RETRY_INTERVAL_S", 0.1)
+    monkeypatch.setattr(module, "_Setup", Awake)
     database, made = RunDatabase(tmp_path), list[Rendering]()
 
     def make(setup: type[EngineSetup], memory: int = DEFAULT_MEMORY) -> Rendering:
