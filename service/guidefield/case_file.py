@@ -25,7 +25,7 @@ from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
 from guidefield.messages.values import Placement
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.mesh_files.reading import companions, read_mesh
+from guidefield.robot.mesh_files.reading import companions, plain_file, read_mesh
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.model import JointKind, RobotModel, RobotSource
 from guidefield.robot.model.shapes import hull
@@ -192,9 +192,10 @@ def _describe_robot(robot: RobotModel, placement: Placement) -> dict[str, Any]:
     for mesh in root.iter("mesh"):
         path = Path(mesh.get("filename"))
         folder = folders.setdefault(str(path), f"{len(folders)}")
-        for name in (path.name, *companions(path)):
-            files[f"{folder}/{name}"] = base64.b64encode((path.parent / name).read_bytes()).decode()
-        mesh.set("filename", f"{folder}/{path.name}")
+        own, content = plain_file(path)  # other readers go by the ending
+        for name, data in ((own, content), *((name, (path.parent / name).read_bytes()) for name in companions(path))):
+            files[f"{folder}/{name}"] = base64.b64encode(data).decode()
+        mesh.set("filename", f"{folder}/{own}")
     return {
         "urdf": etree.tostring(root, encoding="unicode"),
         "root_joint": robot.source.root_joint,

@@ -98,3 +98,13 @@ def test_a_shell_in_double_precision_is_that_of_a_mesh_in_single(tmp_path: Path)
     assert judge(case_of(told)).answer is Answer.FREE
     shell["vertices"][0][0] += 1e-4
     assert judge(case_of(told)).answer is Answer.FALSE_PART
+
+
+@pytest.mark.parametrize("kind", ["stl", "stl text", "obj materials", "ply text", "dae nodes", "gltf nodes", "3mf"])
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_a_mesh_of_another_ending_or_with_a_byte_order_mark_is_read(kind: str, mark: bytes, tmp_path: Path) -> None:
+    suffix, writer = WRITERS[kind]
+    content, wrong = writer(TWO), ".obj" if suffix.lower() == ".stl" else ".stl"
+    is_text = content[:256].isascii() and b"\0" not in content[:256]
+    path = urdf_of(tmp_path, f"mesh{wrong}", (mark if is_text else b"") + content)
+    assert judge(case_of(told_of(world_at(path)))).answer is Answer.CONTACT

@@ -138,8 +138,9 @@ def prepare_links(world: World, deadline: Deadline) -> None:
     if is_laid_out(robot):
         return
     deadline.check(f"the links of {robot.name} were laid out")
-    run_parallel(lambda: closed_bodies(world.group), lambda: prepare_robot(world))
-    robot_parts(world.group)  # most batches have read them already
+    prepare_robot(world)
+    closed_bodies(world.group)
+    robot_parts(world.group)
     _laid_out.add(robot)
 
 

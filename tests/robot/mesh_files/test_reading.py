@@ -315,3 +315,12 @@ def test_nodes_that_contain_themselves_or_double_are_refused(nodes: bytes, tmp_p
     path.write_bytes(content[:start] + nodes + content[end:])
     with pytest.raises(MeshFault, match=r"contain themselves|instances counted"):
         read_mesh(path)
+
+
+@pytest.mark.parametrize("piece", ["<!---->", "<!--", "\nv 1 1", "facet \n", "solid ", '{"asset', "<?xml ?>", "  "])
+def test_the_kind_of_a_hostile_file_is_told_at_once(piece: str, tmp_path: Path) -> None:
+    for suffix in READERS:
+        path = tmp_path / f"m{suffix}"
+        path.write_text(piece * (2**16 // len(piece)))
+        with pytest.raises(MeshFault):
+            read_mesh(path)

@@ -92,11 +92,11 @@ def nearest_body_of_each(
         nearer = square < best
         best = select(nearer, square, best)
         bx, by, bz = select(nearer, ax, bx), select(nearer, ay, by), select(nearer, az, bz)
-    return _signed(best, bx, by, bz)
+    return _make_signed(best, bx, by, bz)
 
 
 @uncounted
-def _signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
+def _make_signed(square: Vector, ax: Vector, ay: Vector, az: Vector) -> Signed:
     """By squares of signed distances, and vectors as in `Away`."""
     distance = root(magnitude(square))
     over = 1.0 / largest_of(distance, NEXT_TO)
@@ -270,7 +270,7 @@ def _square(x: Vector, y: Vector, z: Vector) -> Vector:
 
 
 @uncounted
-def _nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best: Vector, scratch: Floats) -> None:
+def _find_nearest_triangles(p: Lanes3, surfaces: SurfaceTables, span: Span, best: Vector, scratch: Floats) -> None:
     """Write the nearest triangle of a tree to each point, where it is nearer than the best so far, else -1.
 
     Args:
@@ -325,7 +325,7 @@ def _away_from_surface(
         scratch: Of `ROWS` times `LANES_64` numbers.
     """
     surfaces, span, solid = tables.surfaces, span_of(tables, body), tables.kinds[body] != SHEET
-    _nearest_triangles(p, surfaces, span, largest_of(best, 0.0), scratch)
+    _find_nearest_triangles(p, surfaces, span, largest_of(best, 0.0), scratch)
     store(scratch, 0, p[0])
     store(scratch, LANES_64, p[1])
     store(scratch, 2 * LANES_64, p[2])

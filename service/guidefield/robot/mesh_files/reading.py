@@ -35,7 +35,7 @@ READERS: dict[str, Callable[[bytes, Path], Triangles]] = {
 
 _MARKS: dict[str, re.Pattern[bytes]] = {
     ".3mf": re.compile(rb"PK\x03\x04"),
-    ".dae": re.compile(rb"\s*(?:<\?xml[^>]*>\s*)?(?:<!--.*?-->\s*)*<COLLADA\b", re.DOTALL),
+    ".dae": re.compile(rb"\s*(?:<\?xml[^>]*>\s*)?(?:<!--(?:(?!-->).)*-->\s*)*<COLLADA\b", re.DOTALL),
     ".glb": re.compile(rb"glTF[\x01\x02]\0\0\0"),
     ".gltf": re.compile(rb"\s*\{[^\0]*\"asset\""),
     ".obj": re.compile(rb"[^\0]*?^v[ \t]+[-+.\d]+[ \t]+[-+.\d]+[ \t]+[-+.\d]", re.MULTILINE),
@@ -77,11 +77,9 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     Raises:
         MeshFault: if it can't be read, has no triangles, or a vertex isn't within `FARTHEST_VERTEX`.
     """
-    content = content_of(path)
-    if not _is_binary_stl(content):
-        content = content.removeprefix(_BYTE_ORDER_MARK)
+    kind, content = _kind_and_content(path)
     try:
-        vertices, triangles = READERS[_kind_of(content, path.suffix.lower())](content, path.parent)
+        vertices, triangles = READERS[kind](content, path.parent)
     except MeshFault:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -97,6 +95,24 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     for array in (merged, kept):
         array.setflags(write=False)
     return FileMesh(merged, kept)
+
+
+def plain_file(path: Path) -> tuple[str, bytes]:
+    """Return the name and content of a mesh file as any reader takes it: with the ending of what it holds, no mark.
+
+    Raises:
+        MeshFault: if the file can't be read.
+    """
+    kind, content = _kind_and_content(path)
+    return path.name if kind == path.suffix.lower() else f"{path.name}{kind}", content
+
+
+def _kind_and_content(path: Path) -> tuple[str, bytes]:
+    """Return the kind of a mesh file and its bytes, without a byte order mark."""
+    content = content_of(path)
+    if not _is_binary_stl(content):
+        content = content.removeprefix(_BYTE_ORDER_MARK)
+    return _kind_of(content, path.suffix.lower()), content
 
 
 def _kind_of(content: bytes, suffix: str) -> str:

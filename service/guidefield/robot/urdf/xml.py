@@ -19,7 +19,7 @@ Element = Any
 LARGEST_LENGTH = 1e6
 """No part of a robot is larger, or further from the next one [m]; beyond, placements would lose all digits."""
 
-_LATE_HEAD = re.compile(r"(?:\s|<!--(?:(?!-->).)*-->)+<\?xml\s[^>]*\?>", re.DOTALL)
+_LATE_HEAD = re.compile(r"(?!<\?xml)\s*(?:<!--(?:(?!-->).)*-->\s*)*<\?xml\s[^>]*\?>", re.DOTALL)
 """An XML declaration behind blank lines or comments, where XML has none."""
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
