@@ -162,7 +162,8 @@ def convert(plain: Any, kind: Any) -> Any:
     try:
         try:
             return msgspec.convert(plain, kind)
-        except msgspec.ValidationError:
+        # msgspec 0.23 asks whatever has items for those of a message, an array too, which says that it has no such.
+        except (msgspec.ValidationError, LookupError, TypeError, ValueError):
             plain = replace_arrays(plain)
             return msgspec.convert(plain, kind)
     except msgspec.ValidationError as error:
