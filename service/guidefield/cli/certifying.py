@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import warnings
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.messages.scene import Scene
+from guidefield.scene_files.reading import SUFFIXES, read_scene
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
 """Suffixes of motion files."""
@@ -182,31 +183,45 @@ def make_robot_reference(
         if xacro_args:
             raise MalformedRequest(f"--xacro-arg goes with a .xacro file, not with the robot {robot!r}")
         return robot
+    folders = [str(folder) for folder in package_dirs]
+    srdf_path = None if srdf is None else str(srdf)
+    arguments = split_xacro_arguments(xacro_args)
+    return requests.UrdfFile(robot, srdf_path=srdf_path, package_dirs=folders, xacro_args=arguments)
+
+
+def split_xacro_arguments(xacro_args: Sequence[str]) -> dict[str, str | bool | int | float]:
+    """Split arguments of xacro, each ``name:=value``, into names and values.
+
+    Raises:
+        MalformedRequest: if one isn't of this form.
+    """
     arguments: dict[str, str | bool | int | float] = {}
     for argument in xacro_args:
         name, separator, value = argument.partition(":=")
         if not (name and separator):
             raise MalformedRequest(f"--xacro-arg must be name:=value, got {argument!r}")
         arguments[name] = value
-    folders = [str(folder) for folder in package_dirs]
-    srdf_path = None if srdf is None else str(srdf)
-    return requests.UrdfFile(robot, srdf_path=srdf_path, package_dirs=folders, xacro_args=arguments)
+    return arguments
 
 
-def read_scene_reference(scene: str) -> requests.SceneReference:
-    """Return the scene of an argument: a name, or the content of a `.json` file.
+def read_scene_reference(scene: str, **options: Any) -> requests.SceneReference:
+    """Return the scene of an argument: a name, or what a file of any kind holds; print what is odd about it.
+
+    Args:
+        scene: The argument.
+        options: Those of `Scene.read`.
 
     Raises:
-        MalformedRequest: if the file can't be read, or holds no scene.
+        SceneInvalid: if the file can't be read.
     """
-    if not scene.endswith(".json"):
+    if not scene.lower().endswith(SUFFIXES):
         return scene
-    try:
-        content = Path(scene).read_bytes()
-    except OSError as error:
-        raise MalformedRequest(f"the scene can't be read: {scene}: {error.strerror}", path=scene) from None
-    decoded: Scene = codec.decode(content, Scene)
-    return decoded
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        read = read_scene(scene, **options)
+    for one in said:
+        typer.echo(f"warning: {one.message}", err=True)
+    return read
 
 
 def make_certify_request(

@@ -9,9 +9,10 @@ from __future__ import annotations
 import enum
 import os
 import sys
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import msgspec
 import typer
@@ -26,6 +27,7 @@ from guidefield.cli.certifying import (
     read_scene_reference,
     replay_proofs,
     run_referee,
+    split_xacro_arguments,
 )
 from guidefield.cli.documentation import pages_table, show_page
 from guidefield.cli.files import require_writable
@@ -43,13 +45,15 @@ from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
 from guidefield.engine import answer
-from guidefield.errors import GuidefieldError, MalformedRequest, Status
+from guidefield.errors import GuidefieldError, MalformedRequest, SceneInvalid, Status
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
+from guidefield.messages.faults import list_choices
 from guidefield.messages.quotas import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
+from guidefield.scene_files.reading import SUFFIXES
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
 
@@ -58,6 +62,8 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+scenes_app = typer.Typer(help="Read scenes from files and store them at a service.", no_args_is_help=True)
 
 out = Console()
 err = Console(stderr=True)
@@ -76,6 +82,17 @@ ProofFile = Annotated[
 ]
 ObjectiveOption = Annotated[
     requests.Objective | None, typer.Option(help="What the motion is optimised for, in place of the request's.")
+]
+SceneOption = Annotated[
+    str | None, typer.Option(help="A scene, by its name or by a file of any kind, in place of the request's.")
+]
+Scale = Annotated[float, typer.Option(help="Factor of the lengths in the scene's file: 0.001 for millimetres.")]
+Radius = Annotated[
+    float | None, typer.Option(help="Of the balls about the points of a scene that is a cloud, in metres.")
+]
+PackageFolders = Annotated[
+    list[Path] | None,
+    typer.Option("--package-dir", help="A folder that holds packages or models that a file names; can be repeated."),
 ]
 XacroArguments = Annotated[
     list[str] | None, typer.Option("--xacro-arg", help="name:=value, an argument of a .xacro file; can be repeated.")
@@ -118,6 +135,9 @@ def plan(
     ] = None,
     proof: ProofFile = None,
     objective: ObjectiveOption = None,
+    scene: SceneOption = None,
+    scale: Scale = 1.0,
+    radius: Radius = None,
 ) -> None:
     """Plan in this process, without a service.
 
@@ -126,7 +146,7 @@ def plan(
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _set_objective(_read_request(request), objective)
+    asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     compile_kernels(err.print)
     _report(answer(asked, record_to=record, proof_to=proof), output)
 
@@ -137,11 +157,11 @@ def certify(
     robot: Annotated[
         str | None, typer.Option(help="A robot, by its name or by its .urdf, .xacro or .xml (MJCF) file.")
     ] = None,
-    scene: Annotated[str | None, typer.Option(help="A scene, by its name or by its .json file.")] = None,
+    scene: SceneOption = None,
+    scale: Scale = 1.0,
+    radius: Radius = None,
     srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
-    package_dir: Annotated[
-        list[Path] | None, typer.Option(help="A folder that holds packages of a robot file's meshes; can be repeated.")
-    ] = None,
+    package_dir: PackageFolders = None,
     xacro_arg: XacroArguments = None,
     time_step: Annotated[
         float | None, typer.Option(help="Between rows, where the file has no times, in seconds.")
@@ -184,7 +204,7 @@ def certify(
         raise typer.Exit(0 if replay_proofs(Path(motion), allowed_time) else 1)
     given = {
         "robot": None if robot is None else make_robot_reference(robot, srdf, package_dir or [], xacro_arg or []),
-        "scene": None if scene is None else read_scene_reference(scene),
+        "scene": _read_scene(scene, scale, radius, package_dir),
         "time_step": time_step,
         "interpolation": interpolation,
         "min_clearance": min_clearance,
@@ -216,12 +236,15 @@ def query(
         typer.Option(help="Ask for a proof that the motion is free, to here (.npz).", callback=require_writable),
     ] = None,
     objective: ObjectiveOption = None,
+    scene: SceneOption = None,
+    scale: Scale = 1.0,
+    radius: Radius = None,
 ) -> None:
     """Ask a service for a plan, a verdict or kinematics.
 
     Exit code 0 where there is a plan or an answer, 1 where the reply is an honest "no", 2 for an error.
     """
-    asked = _set_objective(_read_request(request), objective)
+    asked = _set_objective(_read_request(request, _read_scene(scene, scale, radius)), objective)
     if proof is not None and isinstance(asked, requests.MotionRequest):
         asked = msgspec.structs.replace(asked, proof=True)
     with _connect(connect, name, config, user) as client:
@@ -238,6 +261,14 @@ def query(
         if isinstance(reply, MotionReply):
             reply = fetch_files(client, reply, record, proof)
     _report(reply, output)
+
+
+class UpAxis(enum.StrEnum):
+    """The axis that is up in a file."""
+
+    X = "x"
+    Y = "y"
+    Z = "z"
 
 
 class RecordingTime(enum.StrEnum):
@@ -378,9 +409,7 @@ def robots(
         typer.Argument(help="A robot, by its name or by its .urdf, .xacro or .xml file, to be told all about it."),
     ] = None,
     srdf: Annotated[Path | None, typer.Option(help="The SRDF of a robot file.")] = None,
-    package_dir: Annotated[
-        list[Path] | None, typer.Option(help="A folder that holds packages of a robot file's meshes; can be repeated.")
-    ] = None,
+    package_dir: PackageFolders = None,
     xacro_arg: XacroArguments = None,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
@@ -479,7 +508,54 @@ def docs(
         show_page(subject, out)
 
 
+@scenes_app.command("import")
+def import_scene(
+    file: Annotated[Path, typer.Argument(help="A mesh, a cloud, a MoveIt .scene, URDF, xacro, SDF or MJCF.")],
+    named: Annotated[str | None, typer.Option("--as", help="Name of the scene; else that of the file.")] = None,
+    scale: Scale = 1.0,
+    up: Annotated[UpAxis | None, typer.Option(help="The axis that is up in the file, where it doesn't say it.")] = None,
+    radius: Radius = None,
+    package_dir: PackageFolders = None,
+    xacro_arg: XacroArguments = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="An object, model or link that is left out with all below it; can be repeated."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Write the scene here, as JSON, instead.", callback=require_writable),
+    ] = None,
+    connect: Connect = None,
+    name: ServiceName = None,
+    config: ClientConfig = None,
+    user: User = None,
+) -> None:
+    """Read a scene from a file of any kind, and store it at a service; or write it to a file."""
+    scene = read_scene_reference(
+        str(file),
+        name=named,
+        scale=scale,
+        up=up,
+        radius=radius,
+        package_dirs=package_dir or (),
+        xacro_args=split_xacro_arguments(xacro_arg or ()),
+        without=without or (),
+    )
+    if isinstance(scene, str):
+        raise SceneInvalid(f"{scene!r} is no scene file; one ends in {', '.join(SUFFIXES)}")
+    said = f"{len(scene.obstacles)} obstacles: {list_choices([one.name for one in scene.obstacles])}"
+    if output is not None:
+        output.write_bytes(codec.encode(scene))
+        typer.echo(f"{output}: {said}")
+        return
+    with _connect(connect, name, config, user) as client:
+        for sentence in client.store_scene(scene):
+            typer.echo(f"warning: {sentence}", err=True)
+    typer.echo(f"scene {scene.name!r} is stored, {said}")
+
+
 app.add_typer(runs_app, name="runs")
+app.add_typer(scenes_app, name="scenes")
 app.command()(replay)
 
 
@@ -490,13 +566,26 @@ def _connect(endpoints: list[str] | None, name: str | None, config: Path | None,
         raise typer.BadParameter(str(error), param_hint="'--config'" if not endpoints else "'--connect'") from None
 
 
-def _read_request(path: Path) -> requests.Request:
+def _read_scene(
+    scene: str | None, scale: float, radius: float | None, package_dirs: Sequence[Path] | None = None
+) -> requests.SceneReference | None:
+    """Return the scene of the options."""
+    if scene is None:
+        return None
+    return read_scene_reference(scene, scale=scale, radius=radius, package_dirs=package_dirs or ())
+
+
+def _read_request(path: Path, scene: requests.SceneReference | None = None) -> requests.Request:
+    """Read a request, with another scene if one is given."""
     try:
         content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
         raise MalformedRequest(f"the request can't be read: {path}: {error.strerror}", path=str(path)) from None
     try:
-        return codec.decode_request(content)
+        if scene is None:
+            return codec.decode_request(content)
+        fields = codec.decode(content, dict[str, Any])
+        return codec.decode_request({**fields, "scene": msgspec.to_builtins(scene)})
     except MalformedRequest as error:
         where = "standard input" if str(path) == "-" else path
         raise MalformedRequest(f"{where}: {error.message}", **error.details) from None

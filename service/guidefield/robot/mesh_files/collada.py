@@ -13,7 +13,7 @@ import numpy as np
 from lxml import etree
 
 from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Triangles, check_indices, floats, integers
+from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices, floats, integers
 from guidefield.robot.mesh_files.placed import Collected
 from guidefield.robot.mesh_files.polygons import triangulate, triangulate_with_holes
 
@@ -25,8 +25,8 @@ WITHOUT_FACES = ("lines", "linestrips")
 _STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
 
 
-def read_collada(content: bytes) -> Triangles:
-    """Read a COLLADA file. Skins are read as the mesh in its bind pose, lines are left out.
+def read_collada(content: bytes) -> Objects:
+    """Read a COLLADA file, each node as an object. Skins are read as the mesh in its bind pose, lines are left out.
 
     Raises:
         MeshFault: if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no
@@ -36,9 +36,22 @@ def read_collada(content: bytes) -> Triangles:
     collected = Collected()
     for geometry, placement in document.instances(collected.visit):
         collected.add(document.mesh(geometry), placement)
-    vertices, triangles = collected.triangles()
-    unit = collada_unit(document.root)
-    return (vertices if unit == 1.0 else vertices * unit), triangles
+    objects, unit = collected.objects(), collada_unit(document.root)
+    return objects if unit == 1.0 else objects._replace(vertices=objects.vertices * unit)
+
+
+def read_up_axis(content: bytes) -> str:
+    """Return the axis that a COLLADA file says to be up: `x`, `y` or `z`; y where it says none.
+
+    Raises:
+        MeshFault: if the file isn't COLLADA, or the axis is none of these.
+    """
+    asset = _child(_root(content), "asset")
+    stated = None if asset is None else _child(asset, "up_axis")
+    axis = "Y_UP" if stated is None else (stated.text or "").strip()
+    if axis not in ("X_UP", "Y_UP", "Z_UP"):
+        raise MeshFault(f"has <up_axis>{axis}</up_axis>, which must be X_UP, Y_UP or Z_UP")
+    return axis[0].lower()
 
 
 def read_unit(content: bytes) -> float:
@@ -87,12 +100,12 @@ class _Document:
         self._meshes: dict[Element, Triangles] = {}
         self._sources: dict[Element, np.ndarray] = {}
 
-    def instances(self, visit: Callable[[int], None]) -> Iterator[tuple[Element, np.ndarray]]:
-        """Yield each `<geometry>` of the scene with its placement, shape (4, 4); `visit` gets each node's depth."""
+    def instances(self, visit: Callable[[int, str], None]) -> Iterator[tuple[Element, np.ndarray]]:
+        """Yield each `<geometry>` and its placement, shape (4, 4); `visit` gets a node's depth and name."""
         pending = [(node, np.eye(4), 0) for node in reversed(_children(self._visual_scene(), "node"))]
         while pending:
             node, above, depth = pending.pop()
-            visit(depth)
+            visit(depth, node.get("name") or node.get("id", ""))
             placement, below = above @ _placement(node), []
             for child in node:
                 match _tag(child):

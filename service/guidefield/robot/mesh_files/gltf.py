@@ -15,7 +15,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Triangles, check_indices
+from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices
 from guidefield.robot.mesh_files.placed import Collected
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -24,10 +24,14 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 """Extensions under which geometry is packed in ways that aren't read."""
 INSTANCED = "EXT_mesh_gpu_instancing"
+MAX_ZEROS = 1_000_000
+"""An accessor of more values without a buffer, which are 0, is refused."""
 
 
-def read_gltf(content: bytes, folder: Path | None) -> Triangles:
-    """Read a glTF file. Skins and morph targets are read as the mesh at its node, lines and points are left out.
+def read_gltf(content: bytes, folder: Path | None) -> Objects:
+    """Read a glTF file, each node as an object.
+
+    Skins and morph targets are read as the mesh at its node, lines and points are left out.
 
     Args:
         content: The file, of either form.
@@ -37,7 +41,7 @@ def read_gltf(content: bytes, folder: Path | None) -> Triangles:
         MeshFault: if it is malformed, its geometry is packed, or a buffer isn't in the folder.
     """
     document, binary = _document(content)
-    return _Gltf(document, binary, folder).triangles()
+    return _Gltf(document, binary, folder).objects()
 
 
 def buffer_files(content: bytes) -> list[str]:
@@ -84,8 +88,8 @@ class _Gltf:
         if packed := [name for name in COMPRESSED if name in document.get("extensionsRequired", ())]:
             raise MeshFault(f"packs its geometry by {packed[0]}, which is not read; export it without")
 
-    def triangles(self) -> Triangles:
-        """Return the meshes of the scene as one."""
+    def objects(self) -> Objects:
+        """Return the meshes of the scene, those of each node as an object."""
         try:
             return self._collected()
         except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
@@ -93,14 +97,14 @@ class _Gltf:
                 raise
             raise MeshFault(f"is no proper glTF file: {type(error).__name__}: {error}") from None
 
-    def _collected(self) -> Triangles:
+    def _collected(self) -> Objects:
         nodes, meshes = self._document.get("nodes", []), self._document.get("meshes", [])
         collected, read = Collected(), dict[int, list[Triangles]]()
         pending = [(index, np.eye(4), 0) for index in reversed(self._roots(nodes))]
         while pending:
             index, above, depth = pending.pop()
             node = _entry(nodes, index, "node")
-            collected.visit(depth)
+            collected.visit(depth, str(node.get("name", "")))
             if INSTANCED in node.get("extensions", {}):
                 raise MeshFault(f"has instances by {INSTANCED}, which is not read; export them as nodes")
             placement = above @ _placement(node)
@@ -112,7 +116,7 @@ class _Gltf:
                 for one in read[number]:
                     collected.add(one, placement)
             pending += [(child, placement, depth + 1) for child in reversed(node.get("children", []))]
-        return collected.triangles()
+        return collected.objects()
 
     def _roots(self, nodes: Sequence[Any]) -> list[int]:
         """The nodes that the scene shows; where there is no scene, those that are nobody's children."""
@@ -147,9 +151,12 @@ class _Gltf:
             raise MeshFault(f"has an accessor of {accessor['type']} where {kind} belongs")
         width, count = WIDTHS[kind], accessor["count"]
         form = np.dtype(COMPONENTS[accessor["componentType"]])
-        values: np.ndarray = np.zeros((count, width), form)
         if "bufferView" in accessor:
             values = self._view(accessor["bufferView"], accessor.get("byteOffset", 0), form, count, width)
+        elif count <= MAX_ZEROS:
+            values = np.zeros((count, width), form)
+        else:
+            raise MeshFault(f"has an accessor whose count is {count} without a buffer, at most {MAX_ZEROS} are read")
         if sparse := accessor.get("sparse"):
             at, new = sparse["indices"], sparse["values"]
             kinds = np.dtype(COMPONENTS[at["componentType"]])

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from guidefield.robot.mesh_files.fault import MeshFault
 
 Triangles = tuple[np.ndarray, np.ndarray]
 """Vertices (v, 3) [m, the file's frame] and the triangles (t, 3) between them, as the file has them."""
+
+
+class Objects(NamedTuple):
+    """The triangles of a mesh file, and the objects that they belong to.
+
+    Attributes:
+        vertices: Shape (v, 3) [m, the file's frame].
+        triangles: Shape (t, 3), those of an object one after the other.
+        firsts: Name and first triangle of each object, in their order; none where the file divides nothing.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    firsts: tuple[tuple[str, int], ...] = ()
 
 
 def floats(text: bytes, what: str) -> np.ndarray:

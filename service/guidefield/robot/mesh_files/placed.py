@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Triangles
+from guidefield.robot.mesh_files.numbers import Objects, Triangles
 
 MAX_TRIANGLES = 20_000_000
 """A file of more triangles, instances counted, is refused: nested instances can double with each level."""
@@ -21,10 +21,11 @@ class Collected:
     def __init__(self) -> None:
         self._vertices: list[np.ndarray] = []
         self._triangles: list[np.ndarray] = []
+        self._firsts: list[tuple[str, int]] = []
         self._count = self._total = self._nodes = 0
 
-    def visit(self, depth: int) -> None:
-        """Count a node at a depth.
+    def visit(self, depth: int, name: str = "") -> None:
+        """Count a node at a depth; what is added until the next one is an object of its name.
 
         Raises:
             MeshFault: if there are more than `MAX_NODES`, or it is deeper than `MAX_DEPTH`.
@@ -34,6 +35,7 @@ class Collected:
             raise MeshFault(f"has nodes that are nested more than {MAX_DEPTH} deep, or contain themselves")
         if self._nodes > MAX_NODES:
             raise MeshFault(f"has more than {MAX_NODES} nodes, instances counted")
+        self._firsts.append((name, self._total))
 
     def add(self, mesh: Triangles, placement: np.ndarray) -> None:
         """Add an instance of a mesh; a placement that mirrors it turns its triangles, so that they face outwards.
@@ -62,3 +64,7 @@ class Collected:
         if not self._vertices:
             return np.empty((0, 3)), np.empty((0, 3), np.int64)
         return np.concatenate(self._vertices), np.concatenate(self._triangles)
+
+    def objects(self) -> Objects:
+        """Return all instances, those of each node as an object."""
+        return Objects(*self.triangles(), tuple(self._firsts))

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from guidefield.geometry.closed import compact
-from guidefield.robot.mesh_files.collada import read_collada, read_unit
+from guidefield.robot.mesh_files.collada import read_collada, read_unit, read_up_axis
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.gltf import beside, buffer_files, read_gltf
-from guidefield.robot.mesh_files.numbers import Triangles, check_indices, floats, integers
+from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices, floats, integers
 from guidefield.robot.mesh_files.ply import read_ply
 from guidefield.robot.mesh_files.polygons import triangulate
 from guidefield.robot.mesh_files.three_mf import UNITS, read_three_mf, stated_unit
@@ -21,14 +21,14 @@ from guidefield.robot.mesh_files.three_mf import UNITS, read_three_mf, stated_un
 FARTHEST_VERTEX = 1e4
 """No vertex may be farther than this from its link along an axis [m]: a larger link is a mistake in its units."""
 
-READERS: dict[str, Callable[[bytes, Path], Triangles]] = {
+READERS: dict[str, Callable[[bytes, Path], Objects]] = {
     ".3mf": lambda content, _: read_three_mf(content),
     ".dae": lambda content, _: read_collada(content),
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".obj": lambda content, _: read_obj(content),
-    ".off": lambda content, _: read_off(content),
-    ".ply": lambda content, _: read_ply(content),
+    ".off": lambda content, _: Objects(*read_off(content)),
+    ".ply": lambda content, _: Objects(*read_ply(content)),
     ".stl": lambda content, _: read_stl(content),
 }
 """Reader by kind of file."""
@@ -77,9 +77,35 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     Raises:
         MeshFault: if it can't be read, has no triangles, or a vertex isn't within `FARTHEST_VERTEX`.
     """
+    vertices, triangles, _ = _scaled_objects(path, scale)
+    return _merged(vertices, triangles)
+
+
+def read_objects(path: Path, scale: np.ndarray | None = None) -> list[tuple[str, FileMesh]]:
+    """Read the objects of a mesh file: nodes, groups or solids with their names, "" for those without one.
+
+    Args:
+        path: The file, as for `read_mesh`.
+        scale: Factors along its axes, shape (3,).
+
+    Raises:
+        MeshFault: as `read_mesh`.
+    """
+    vertices, triangles, firsts = _scaled_objects(path, scale)
+    names, begins = ["", *(name for name, _ in firsts)], [0, *(first for _, first in firsts)]
+    ends = [*begins[1:], len(triangles)]
+    objects = []
+    for name, begin, end in zip(names, begins, ends, strict=True):
+        if end > begin:
+            used, rows = np.unique(triangles[begin:end], return_inverse=True)
+            objects.append((name, _merged(vertices[used], rows.reshape(-1, 3))))
+    return objects
+
+
+def _scaled_objects(path: Path, scale: np.ndarray | None) -> Objects:
     kind, content = _kind_and_content(path)
     try:
-        vertices, triangles = READERS[kind](content, path.parent)
+        vertices, triangles, firsts = READERS[kind](content, path.parent)
     except MeshFault:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -91,10 +117,7 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
     if not len(triangles):
         raise MeshFault("has no triangles")
     _check_places(vertices, triangles)
-    merged, kept = _merged(vertices, triangles)
-    for array in (merged, kept):
-        array.setflags(write=False)
-    return FileMesh(merged, kept)
+    return Objects(vertices, triangles, firsts)
 
 
 def plain_file(path: Path) -> tuple[str, bytes]:
@@ -164,6 +187,18 @@ def unit_of(path: Path) -> float:
     return read_unit(content_of(path)) if path.suffix.lower() == ".dae" else 1.0
 
 
+def up_axis(path: Path) -> str:
+    """Return the axis that is up in a mesh file by its kind, `x`, `y` or `z`, which `read_mesh` doesn't turn.
+
+    A glTF file has y up, a COLLADA file says it, and for all others it is z.
+
+    Raises:
+        MeshFault: if a COLLADA file can't be read.
+    """
+    kind, content = _kind_and_content(path)
+    return read_up_axis(content) if kind == ".dae" else "y" if kind in (".gltf", ".glb") else "z"
+
+
 def ignored_unit(path: Path) -> str | None:
     """Return the name of a unit other than metres that a file states and that isn't applied, as 3MF files do.
 
@@ -188,13 +223,15 @@ def _check_places(vertices: np.ndarray, triangles: np.ndarray) -> None:
         )
 
 
-def _merged(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices at one place merged; triangles without three of them left out, if others are left."""
+def _merged(vertices: np.ndarray, triangles: np.ndarray) -> FileMesh:
+    """Merge vertices at one place; leave out triangles without three of them, if others are left."""
     finite = np.where(np.isfinite(vertices), vertices, 0.0)  # those that no triangle uses may be anything
     merged, kept, _ = compact(finite, triangles)
     if not len(kept):
-        return finite[triangles.reshape(-1)], np.arange(3 * len(triangles)).reshape(-1, 3)
-    return merged, kept
+        merged, kept = finite[triangles.reshape(-1)], np.arange(3 * len(triangles)).reshape(-1, 3)
+    for array in (merged, kept):
+        array.setflags(write=False)
+    return FileMesh(merged, kept)
 
 
 def _lines(content: bytes) -> bytes:
@@ -208,10 +245,12 @@ _VERTEX = re.compile(rb"^[ \t]*v[ \t]+([^\n]*)", re.MULTILINE)
 _FACE = re.compile(rb"^[ \t]*fo?[ \t]+([^\n]*)", re.MULTILINE)
 _OTHERS = re.compile(rb"/[^\s]*")
 """Texture coordinates and normals of a corner."""
+_OBJECT = re.compile(rb"^[ \t]*o[ \t]+([^\n]*)", re.MULTILINE)
+_GROUP = re.compile(rb"^[ \t]*g[ \t]+([^\n]*)", re.MULTILINE)
 
 
-def read_obj(content: bytes) -> Triangles:
-    """Read an OBJ file. Groups, objects and materials divide no vertices; lines and points are left out.
+def read_obj(content: bytes) -> Objects:
+    """Read an OBJ file, its objects, or groups where it has none. Lines and points are left out.
 
     Raises:
         MeshFault: if it is malformed, or has free forms.
@@ -238,7 +277,22 @@ def read_obj(content: bytes) -> Triangles:
         corners = np.where(corners < 0, corners + before + 1, corners)
     corners = corners - 1
     check_indices(corners, len(vertices))
-    return vertices, triangulate(vertices, corners, sizes)
+    objects = list(_OBJECT.finditer(text) if _OBJECT.search(text) else _GROUP.finditer(text))
+    places = [found.start() for found in _FACE.finditer(text)] if objects else []
+    before = np.r_[0, np.cumsum(np.maximum(sizes - 2, 0))]
+    return Objects(vertices, triangulate(vertices, corners, sizes), _firsts(objects, places, before))
+
+
+def _firsts(heads: Sequence[re.Match[bytes]], places: Sequence[int], before: np.ndarray) -> tuple[tuple[str, int], ...]:
+    """Return the name and the first triangle of each object of a text.
+
+    Args:
+        heads: Its heads, each with its name.
+        places: Where each face begins.
+        before: Number of triangles before each face and at the end, shape (f + 1,).
+    """
+    rows = before[np.searchsorted(places, [head.start() for head in heads])].tolist()
+    return tuple((head[1].decode(errors="replace").strip(), row) for head, row in zip(heads, rows, strict=True))
 
 
 def _vertices(rows: list[bytes]) -> np.ndarray:
@@ -294,12 +348,12 @@ _STL_VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IG
 _FACET = re.compile(rb"^[ \t]*facet\b", re.MULTILINE | re.IGNORECASE)
 _STL_WORD = re.compile(rb"\s+(facet|outer|vertex|endloop|endfacet|endsolid)\b", re.IGNORECASE)
 """Words that begin a line, though some files have one line alone."""
-_SOLID = re.compile(rb"^[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
+_SOLID = re.compile(rb"^[ \t]*solid\b([^\n]*)", re.MULTILINE | re.IGNORECASE)
 _END = re.compile(rb"^[ \t]*end[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 
 
-def read_stl(content: bytes) -> Triangles:
-    """Read an STL file.
+def read_stl(content: bytes) -> Objects:
+    """Read an STL file; one of text by its solids.
 
     Its first word doesn't tell its kind: many a binary file begins with ``solid``. The length does, which a binary file
     states as a number of facets.
@@ -316,7 +370,7 @@ def read_stl(content: bytes) -> Triangles:
         return _ascii(text if _FACET.search(text) else _STL_WORD.sub(rb"\n\1", text))
     if stated < 0:
         if is_text:
-            return np.empty((0, 3)), np.empty((0, 3), np.int64)
+            return Objects(np.empty((0, 3)), np.empty((0, 3), np.int64))
         raise MeshFault(f"is no STL: it has {len(content)} bytes, and a binary one at least {HEADER}")
     if len(content) > HEADER + stated * FACET.itemsize:  # some writers append what nobody asks for
         return _binary(content, stated)
@@ -329,19 +383,22 @@ def _is_binary_stl(content: bytes) -> bool:
     return len(content) == HEADER + FACET.itemsize * int.from_bytes(content[80:HEADER], "little")
 
 
-def _binary(content: bytes, count: int) -> Triangles:
+def _binary(content: bytes, count: int) -> Objects:
     corners = np.frombuffer(content, FACET, count, HEADER)["corners"]
-    return corners.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3)
+    return Objects(corners.reshape(-1, 3).astype(np.float64), np.arange(3 * count).reshape(-1, 3))
 
 
-def _ascii(content: bytes) -> Triangles:
-    facets = len(_FACET.findall(content))
+def _ascii(content: bytes) -> Objects:
+    places = [found.start() for found in _FACET.finditer(content)]
+    facets = len(places)
     rows = _STL_VERTEX.findall(content)
     if len(rows) != 3 * facets:
         raise MeshFault(f"is cut short or malformed: it has {facets} facets and {len(rows)} vertices")
-    if len(_END.findall(content)) < len(_SOLID.findall(content)):
+    solids = list(_SOLID.finditer(content))
+    if len(_END.findall(content)) < len(solids):
         raise MeshFault("is cut short: a solid has no 'endsolid'")
     vertices = floats(b" ".join(rows), "vertices")
     if len(vertices) != 9 * facets:
         raise MeshFault(f"has vertices that are not three numbers: {len(vertices)} numbers for {len(rows)} of them")
-    return vertices.reshape(-1, 3), np.arange(3 * facets).reshape(-1, 3)
+    firsts = _firsts(solids, places, np.arange(facets + 1))
+    return Objects(vertices.reshape(-1, 3), np.arange(3 * facets).reshape(-1, 3), firsts)

@@ -15,7 +15,7 @@ import numpy as np
 from lxml import etree
 
 from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Triangles, check_indices, floats, integers
+from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices, floats, integers
 from guidefield.robot.mesh_files.placed import Collected
 
 Element = Any
@@ -29,8 +29,8 @@ UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254,
 _STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": True, "remove_comments": True}
 
 
-def read_three_mf(content: bytes) -> Triangles:
-    """Read a 3MF file.
+def read_three_mf(content: bytes) -> Objects:
+    """Read a 3MF file, by its objects.
 
     Raises:
         MeshFault: if it is no archive, is malformed, or names what isn't in it.
@@ -42,17 +42,17 @@ def read_three_mf(content: bytes) -> Triangles:
     pending = [(package.start, item, np.eye(4), 0) for item in reversed(items)]
     while pending:
         part, reference, above, depth = pending.pop()
-        collected.visit(depth)
         named = next((value for key, value in reference.attrib.items() if _local(key) == "path"), None)
         part = part if named is None else named.lstrip("/")
         found = package.object(part, reference.get("objectid", ""))
+        collected.visit(depth, found.get("name", ""))
         placement = above @ _placement(reference)
         if (mesh := _child(found, "mesh")) is not None:
             collected.add(_mesh(mesh), placement)
         components = _child(found, "components")
         below = [] if components is None else _children(components, "component")
         pending += [(part, component, placement, depth + 1) for component in reversed(below)]
-    return collected.triangles()
+    return collected.objects()
 
 
 def stated_unit(content: bytes) -> str:

@@ -21,6 +21,8 @@ _ROOT = re.compile(r"(?:\ufeff|\s+|<\?.*?\?>|<!--.*?-->)*+<mujoco(?:include)?[\s
 _FILE = re.compile(r"""\bfile[a-z]*\s*=\s*(?:"([^"]*)"|'([^']*)')""")
 MOST_ELEMENTS = 20_000
 """Elements that an MJCF sent as text may have once MuJoCo has repeated what it repeats."""
+MOST_FILE_ELEMENTS = 100_000
+"""The same of one in a file, and of each file that it includes."""
 MOST_SAMPLES = 2**22
 """Pixels or heights that an element of it may make MuJoCo compute."""
 MOST_PARAMETER = 200
@@ -62,9 +64,16 @@ def compile_file(path: Path) -> CompiledModel:
         RobotInvalid: if the package `mujoco` is missing, or if MuJoCo refuses the file; with MuJoCo's reason.
     """
     mujoco = import_mujoco()
-    model, warnings = _compiled(path.name, lambda: mujoco.MjModel.from_xml_path(str(path)))
-    files = (Path(file) for file in mujoco.mju_getXMLDependencies(str(path)))
-    return CompiledModel(model, tuple(path.parent / file for file in files), warnings)
+
+    def load() -> tuple[Any, tuple[Path, ...]]:
+        files = tuple(path.parent / file for file in mujoco.mju_getXMLDependencies(str(path)))
+        for file in files:
+            if file.is_file() and is_mjcf(text := file.read_text(errors="replace")):
+                _bounded(text, MOST_FILE_ELEMENTS)
+        return mujoco.MjModel.from_xml_path(str(path)), files
+
+    (model, files), warnings = _compiled(path.name, load)
+    return CompiledModel(model, files, warnings)
 
 
 def compile_text(text: str) -> CompiledModel:
@@ -82,13 +91,13 @@ def compile_text(text: str) -> CompiledModel:
             file=file,
         )
     mujoco = import_mujoco()
-    bounded = _bounded(text)
+    bounded = _bounded(text, MOST_ELEMENTS)
     model, warnings = _compiled("MJCF", lambda: mujoco.MjModel.from_xml_string(bounded))
     return CompiledModel(model, (), warnings)
 
 
-def _bounded(text: str) -> str:
-    """Return an MJCF without its buffers; it may stand for no more than `MOST_ELEMENTS`, nor for larger pictures.
+def _bounded(text: str, most: int) -> str:
+    """Return an MJCF without its buffers; it may stand for no more than `most` elements, nor for larger pictures.
 
     A line of MJCF can stand for any number of bodies, which MuJoCo would make without asking.
 
@@ -105,8 +114,8 @@ def _bounded(text: str) -> str:
         within = 1.0 if above is None else times[above]
         times[element] = within * (_product(element, "count") if _tag(element) in _REPEATED else 1.0)
         total += times[element]
-        if total > MOST_ELEMENTS:
-            raise fault(element, f"the MJCF stands for more than {MOST_ELEMENTS} elements", limit=MOST_ELEMENTS)
+        if total > most:
+            raise fault(element, f"the MJCF stands for more than {most} elements", limit=most)
         if _tag(element) == "mesh" and max(_numbers(element, "params"), default=0.0) > MOST_PARAMETER:
             raise fault(element, f"'params' of <mesh> are too large: each is at most {MOST_PARAMETER}")
         sizes = _COMPUTED.get(_tag(element), ())

@@ -137,7 +137,7 @@ class GeomWriter:
 
     def _ellipsoid(self, *semi_axes: float) -> str:
         if semi_axes not in self._uris:
-            ball = _circumscribed()
+            ball = circumscribed_ball()
             vertices = ball.vertices * np.array(semi_axes)
             name = "ellipsoid " + " ".join(f"{one:g}" for one in semi_axes)
             self._uris[semi_axes] = self._keep(name, vertices, ball.faces)
@@ -160,8 +160,8 @@ def stl(vertices: np.ndarray, triangles: np.ndarray) -> bytes:
     return bytes(80) + len(triangles).to_bytes(4, "little") + records.tobytes()
 
 
-def _circumscribed() -> Any:
-    """A polyhedron about the unit ball, as trimesh has it."""
+def circumscribed_ball() -> Any:
+    """Make a polyhedron that contains the unit ball, `trimesh.Trimesh`."""
     from trimesh.creation import icosphere
 
     ball = icosphere(subdivisions=SUBDIVISIONS)

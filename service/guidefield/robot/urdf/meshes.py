@@ -26,12 +26,14 @@ MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"
 """Kinds of mesh files that are read."""
 
 PACKAGE_SCHEMES = ("package", "model")
+FOLDERS_OF_ENVIRONMENT = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
+"""Variables that name folders of packages or models."""
 CATALOG_PACKAGE = "example-robot-data"
 MAX_LISTED = 6
 """Files that an error lists."""
 
 SEND_IT = "send it with the robot: `meshes` of `Client.store_robot`"
-NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-dir of `guidefield robots`"
+NAME_ITS_FOLDER = "name the folder of its package: `package_dirs`, or --package-dir"
 
 
 @functools.cache
@@ -128,23 +130,24 @@ class MeshResolver:
             advice=NAME_ITS_FOLDER,
         )
 
-    def resolve(self, uri: str) -> Path:
-        """Return the file that a mesh URI means, as an absolute path without links.
+    def resolve(self, uri: str, suffixes: Sequence[str] = MESH_SUFFIXES) -> Path:
+        """Return the file that a URI means, as an absolute path without links.
 
         A URI may have escapes (`%20` is a blank); a file of the name as written comes first.
-        A file that is found elsewhere than its URI says is noted in `remarks`.
+        A mesh that is found elsewhere than its URI says is noted in `remarks`; nothing else is searched.
 
         Args:
             uri: `package://name/…`, `model://name/…`, `file://…`, or an absolute or relative path.
+            suffixes: Those that it may have.
 
         Raises:
-            RobotInvalid: if the URI is of another kind, the file isn't a mesh, is missing, lies outside the allowed
+            RobotInvalid: if the URI or its suffix is of another kind, the file is missing, lies outside the allowed
                 folders, or may be any of several; names the URI and what is allowed.
         """
         if uri in self.given:
             return self.given[uri].resolve()
-        if Path(uri).suffix.lower() not in MESH_SUFFIXES:
-            kinds = ", ".join(MESH_SUFFIXES)
+        if Path(uri).suffix.lower() not in suffixes:
+            kinds = ", ".join(suffixes)
             raise RobotInvalid(f"mesh {uri!r} is not a mesh file; one ends in {kinds}: convert it", uri=uri)
         outside = False
         for written in dict.fromkeys((uri, unquote(uri))):
@@ -155,7 +158,7 @@ class MeshResolver:
                     self._compare(uri, path, inside)
                 return self._confined(uri, path)
             outside = bool(candidates) and not inside
-        found = self._search(uri)
+        found = self._search(uri) if suffixes is MESH_SUFFIXES else None
         if found is not None:
             return found
         if outside:
@@ -249,7 +252,7 @@ class MeshResolver:
         for group in groups.values():
             uri, remark = group[0]
             others = f", {len(group) - 1} more of its folder likewise" if len(group) > 1 else ""
-            what = "mesh" if Path(uri).suffix.lower() in MESH_SUFFIXES else "package"
+            what = _kind(uri) if Path(uri).suffix else "package"
             said.append(f"{what} {uri!r} is not there; {str(remark.file)!r} is taken for it{others}")
         return said
 
@@ -261,7 +264,7 @@ class MeshResolver:
             return [_folded(folder / path.lstrip("/")) for folder in self._holders(name)]
         if separator and scheme != "file":
             raise RobotInvalid(
-                f"mesh {uri!r} cannot be fetched; meshes are package://, model://, file:// or paths", uri=uri
+                f"{_kind(uri)} {uri!r} cannot be fetched; files are package://, model://, file:// or paths", uri=uri
             )
         path = rest if separator else uri
         if path.startswith("/"):
@@ -275,8 +278,12 @@ class MeshResolver:
 
     def _refused(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
         allowed = [_printable(folder) for folder in self.folders] if self.told is None else list(self.told)
-        words = f"mesh {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
+        words = f"{_kind(uri)} {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
         return RobotInvalid(f"{words}; {advice}" if advice else words, uri=uri, allowed=allowed)
+
+
+def _kind(uri: str) -> str:
+    return "mesh" if Path(uri).suffix.lower() in MESH_SUFFIXES else "file"
 
 
 def _catalog_packages() -> dict[str, Path]:
@@ -293,8 +300,8 @@ def _enclosing_package(folder: Path) -> dict[str, Path]:
 
 
 def _package_dirs_of_environment() -> list[Path]:
-    """Return the folders of packages that a ROS environment names; those of Pinocchio's own search."""
-    roots = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    """Return the folders of packages and models that an environment of ROS or Gazebo names."""
+    roots = os.pathsep.join(os.environ.get(name, "") for name in FOLDERS_OF_ENVIRONMENT).split(os.pathsep)
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [*(Path(root) for root in roots if root), *(Path(prefix) / "share" for prefix in prefixes if prefix)]
 

@@ -25,7 +25,7 @@ _LATE_HEAD = re.compile(r"(?!<\?xml)\s*(?:<!--(?:(?!-->).)*-->\s*)*<\?xml\s[^>]*
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-_A = {"URDF": "a", "SRDF": "an", "MJCF": "an"}
+_A = {"URDF": "a", "SRDF": "an", "MJCF": "an", "SDF": "an"}
 EXPAND_IT = "expand it first (xacro robot.urdf.xacro > robot.urdf); a local file that ends in .xacro is expanded"
 _XACRO = "http://www.ros.org/wiki/xacro"
 _XACRO_DEFINITIONS = ("macro", "property", "arg")
@@ -67,13 +67,13 @@ def parse(text: str, warnings: list[str] | None = None) -> Element:
 
 
 def root_of(text: str, kind: str, warnings: list[str]) -> Element:
-    """The root element of a URDF, an SRDF or an MJCF, read as strictly as `parse` says.
+    """The root element of a URDF, an SRDF, an MJCF or an SDF, read as strictly as `parse` says.
 
     Elements and attributes with a prefix that isn't declared, such as Gazebo's `sensor:camera`, are left out.
 
     Args:
         text: What is read.
-        kind: "URDF", "SRDF" or "MJCF".
+        kind: "URDF", "SRDF", "MJCF" or "SDF".
         warnings: Gets a sentence for each prefix that isn't declared.
 
     Raises:

@@ -1,0 +1,165 @@
+"""Collect the shapes of a file as the obstacles of a scene: placed, scaled, named and checked."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from guidefield.errors import RobotInvalid, SceneInvalid
+from guidefield.messages.faults import list_choices, suggest
+from guidefield.messages.scene import MOST_OBSTACLES, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
+from guidefield.messages.triples import MAX_VERTICES, Points
+from guidefield.messages.values import LARGEST, Float32Array, Uint32Array
+from guidefield.robot.mesh_files.fault import MeshFault
+
+TO_Z_UP = {
+    "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "y": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+    "z": np.eye(3),
+}
+"""Rotation from a frame with an axis up to one with z up, by that axis; those of COLLADA and glTF."""
+
+LONGEST_NAME = 240
+"""Of an obstacle in a file, in characters: a number may follow it."""
+
+
+class SceneBuilder:
+    """Makes a scene of the shapes of a file.
+
+    Args:
+        without: Names whose obstacles, and those of all below them, are left out.
+
+    Attributes:
+        scale: Factor of all lengths.
+        turn: Rotation from the file's frame to the world, shape (3, 3).
+        warnings: Sentences about what is odd but harmless.
+    """
+
+    def __init__(self, scale: float, without: Collection[str]) -> None:
+        self.scale, self.turn = scale, np.eye(3)
+        self.warnings: list[str] = []
+        self._without, self._left_out = set(without), set[str]()
+        self._names: dict[str, None] = {}
+        self._obstacles: list[tuple[str, type[Obstacle], dict[str, Any]]] = []
+
+    def add(
+        self,
+        kind: type[Obstacle],
+        name: str,
+        placement: Any,
+        owners: Collection[str] = (),
+        where: str = "",
+        **sizes: Any,
+    ) -> None:
+        """Add an obstacle.
+
+        Args:
+            kind: Its class.
+            name: Its name in the file; several may have the same.
+            placement: pinocchio.SE3 of its frame in the file's; a half-space is below the frame's z = 0.
+            owners: Names of all that holds it.
+            where: The beginning of a message about it, such as its line.
+            sizes: Fields of the class in the file's unit: numbers, or arrays of vertices (v, 3), triangles (t, 3) or
+                points (n, 3).
+
+        Raises:
+            SceneInvalid: if it has no name, too long a one, or a size that isn't positive, or there are too many.
+        """
+        self._names.update(dict.fromkeys((name, *owners)))
+        if left_out := self._without.intersection((name, *owners)):
+            self._left_out |= left_out
+            return
+        if not 0 < len(name) <= LONGEST_NAME:
+            raise SceneInvalid(f"{where}a name must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}")
+        if len(self._obstacles) == MOST_OBSTACLES:
+            raise SceneInvalid(f"{where}it has more than {MOST_OBSTACLES} obstacles, which is the most of a scene")
+        fields = {}
+        for field, size in sizes.items():
+            with np.errstate(over="ignore", invalid="ignore"):
+                scaled = size if field == "triangles" else np.multiply(size, self.scale)
+            if field in ("vertices", "points", "triangles"):
+                _check_rows(scaled, f"{where}obstacle {name!r}", field)
+            elif not (np.isfinite(scaled).all() and np.min(scaled) > 0.0):
+                raise SceneInvalid(f"{where}obstacle {name!r}: `{field}` must be positive, got {size}")
+            fields[field] = scaled
+        self._obstacles.append((name, kind, self._placed(kind, placement, fields)))
+        try:
+            self._obstacles[-1][1](name=name, **self._obstacles[-1][2])
+        except ValueError as error:
+            raise SceneInvalid(f"{where}obstacle {name!r}: {error}") from None
+
+    def scene(self, name: str) -> Scene:
+        """Return the scene; where several obstacles have the same name, numbers follow it: `leg/0`, `leg/1`.
+
+        Raises:
+            SceneInvalid: if there is no obstacle, or a name that is left out isn't there.
+        """
+        for missing in sorted(self._without - self._left_out):
+            hint = suggest(missing, list(self._names)) or f"there are {list_choices(list(self._names))}"
+            raise SceneInvalid(f"nothing called {missing!r} can be left out: {hint.strip()}")
+        if not self._obstacles:
+            raise SceneInvalid("it has no obstacle: nothing in it has a shape that is judged")
+        counts = Counter(name for name, _, _ in self._obstacles)
+        taken, numbers = {name for name, count in counts.items() if count == 1}, Counter[str]()
+        obstacles: list[Any] = []
+        for one, kind, fields in self._obstacles:
+            unique = one
+            while counts[one] > 1 and (unique == one or unique in taken):
+                unique, numbers[one] = f"{one}/{numbers[one]}", numbers[one] + 1
+            taken.add(unique)
+            obstacles.append(kind(name=unique, **fields))
+        return Scene(name=name, obstacles=obstacles)
+
+    def _placed(self, kind: type[Obstacle], placement: Any, fields: dict[str, Any]) -> dict[str, Any]:
+        rotation, position = self.turn @ placement.rotation, self.turn @ placement.translation * self.scale
+        if kind is HalfSpace:
+            normal = rotation[:, 2]
+            return {"normal": tuple(normal.tolist()), "offset": float(normal @ position)}
+        if kind is PointCloud:
+            return {"points": _packed(fields["points"] @ rotation.T + position), "radius": float(fields["radius"])}
+        quaternion = tuple(pin.Quaternion(rotation).coeffs().tolist())
+        placed = {"position": tuple(position.tolist())}
+        if kind is not Sphere:
+            placed["quaternion_xyzw"] = quaternion
+        if kind is Mesh:
+            triangles = Uint32Array(fields["triangles"].astype("<u4").tobytes())
+            return {**placed, "vertices": _packed(fields["vertices"]), "triangles": triangles}
+        plain = {field: tuple(size.tolist()) if np.ndim(size) else float(size) for field, size in fields.items()}
+        return {**placed, **plain}
+
+
+def _check_rows(rows: np.ndarray, what: str, field: str) -> None:
+    if not 1 <= len(rows) <= MAX_VERTICES:
+        raise SceneInvalid(f"{what} has {len(rows)} {field}; 1 to {MAX_VERTICES} are read: thin them out, or divide it")
+    wrong = np.flatnonzero(~(np.abs(rows) <= LARGEST).all(axis=1))
+    if len(wrong):
+        told = rows[wrong[0]].tolist()
+        raise SceneInvalid(f"{what}: `{field}[{wrong[0]}]` must be finite, within {LARGEST:g} m, got {told}")
+
+
+def _packed(points: np.ndarray) -> Points:
+    """Pack points (n, 3), as float32 where they lose nothing by it."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        single = points.astype("<f4")
+    return Float32Array(single.tobytes()) if (single == points).all() else list(map(tuple, points.tolist()))
+
+
+@contextlib.contextmanager
+def located(path: Path) -> Iterator[None]:
+    """Name a file in the message of each fault that comes up while it is read.
+
+    Raises:
+        SceneInvalid: for any fault.
+    """
+    try:
+        yield
+    except MeshFault as fault:
+        raise SceneInvalid(f"{path.name} {fault}", path=str(path)) from None
+    except (RobotInvalid, SceneInvalid) as error:
+        raise SceneInvalid(f"{path.name}: {error.message}", **{**error.details, "path": str(path)}) from None
