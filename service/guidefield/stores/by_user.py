@@ -86,7 +86,7 @@ class StoresByUser:
         Raises:
             QuotaExceeded: if too many users have stores already.
         """
-        return self._open.find(user, lambda: self._opened(user), lambda _: 0)
+        return self._open.find(user, lambda: self._open_stores(user), lambda _: 0)
 
     def streams_of(self, user: str) -> Path:
         """The folder of a user's streams; it may not be there."""
@@ -142,7 +142,7 @@ class StoresByUser:
                 taken=taken,
             )
 
-    def _opened(self, user: str) -> Stores:
+    def _open_stores(self, user: str) -> Stores:
         folder = self._folder(user)
         with self._lock:  # one thread at a time counts users, and adds one
             if user != PLAIN and not folder.is_dir() and len(self.users()) >= MOST_USERS:

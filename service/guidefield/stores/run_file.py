@@ -26,28 +26,7 @@ LARGEST_WAL = 16_384
 LONGEST_LOCK_S = 5.0
 """Longest wait for another program that writes to the file [s]."""
 
-_TRIGGERS = """
-CREATE TRIGGER begun AFTER INSERT ON runs BEGIN
-    INSERT INTO usage VALUES (new.owner, new.ended IS NOT NULL, new.bytes + new.recording)
-        ON CONFLICT DO UPDATE SET runs = runs + excluded.runs, bytes = bytes + excluded.bytes;
-END;
-CREATE TRIGGER changed AFTER UPDATE OF ended, bytes, recording ON runs BEGIN
-    UPDATE usage SET
-        runs = runs + (new.ended IS NOT NULL) - (old.ended IS NOT NULL),
-        bytes = bytes + new.bytes + new.recording - old.bytes - old.recording
-        WHERE owner = new.owner;
-END;
-CREATE TRIGGER dropped AFTER DELETE ON runs BEGIN
-    DELETE FROM documents WHERE number = old.number;
-    UPDATE usage SET
-        runs = runs - (old.ended IS NOT NULL),
-        bytes = bytes - old.bytes - old.recording
-        WHERE owner = old.owner;
-END;
-"""
-"""Keep `usage` up."""
-
-_TABLES = f"""
+_TABLES = """
 BEGIN;
 CREATE TABLE runs (
     number INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -77,30 +56,29 @@ CREATE TABLE documents (
     error BLOB
 ) STRICT;
 CREATE TABLE usage (owner TEXT PRIMARY KEY, runs INTEGER NOT NULL, bytes INTEGER NOT NULL) STRICT, WITHOUT ROWID;
-{_TRIGGERS}
+CREATE TRIGGER begun AFTER INSERT ON runs BEGIN
+    INSERT INTO usage VALUES (new.owner, new.ended IS NOT NULL, new.bytes + new.recording)
+        ON CONFLICT DO UPDATE SET runs = runs + excluded.runs, bytes = bytes + excluded.bytes;
+END;
+CREATE TRIGGER changed AFTER UPDATE OF ended, bytes, recording ON runs BEGIN
+    UPDATE usage SET
+        runs = runs + (new.ended IS NOT NULL) - (old.ended IS NOT NULL),
+        bytes = bytes + new.bytes + new.recording - old.bytes - old.recording
+        WHERE owner = new.owner;
+END;
+CREATE TRIGGER dropped AFTER DELETE ON runs BEGIN
+    DELETE FROM documents WHERE number = old.number;
+    UPDATE usage SET
+        runs = runs - (old.ended IS NOT NULL),
+        bytes = bytes - old.bytes - old.recording
+        WHERE owner = old.owner;
+END;
 """
-"""The tables, with their triggers.
+"""The tables, with triggers that keep `usage` up.
 
 A `kind` is "plan" or "certify". Times are [s since 1970]; `recording` is the size of a run's recording or of its log,
 and `recorded` says which of them there is (`recordings.Kind`); `usage` has the number of runs that have ended.
 """
-
-
-_UPGRADE = f"""
-BEGIN;
-DROP TRIGGER IF EXISTS begun;
-DROP TRIGGER IF EXISTS changed;
-DROP TRIGGER IF EXISTS dropped;
-ALTER TABLE runs RENAME COLUMN recording TO size;
-ALTER TABLE runs ADD COLUMN recording INTEGER NOT NULL DEFAULT 0;
-ALTER TABLE runs ADD COLUMN recorded TEXT NOT NULL DEFAULT 'none';
-UPDATE runs SET recording = ifnull(size, 0), recorded = iif(size > 0, 'rendered', 'none');
-ALTER TABLE runs DROP COLUMN size;
-{_TRIGGERS}
-PRAGMA user_version = {VERSION};
-COMMIT;
-"""  # noqa: S608 - ours
-"""From tables of version 1, which told nothing of recordings that are owed."""
 
 
 def connect_writer(file: Path) -> sqlite3.Connection:
@@ -113,8 +91,6 @@ def connect_writer(file: Path) -> sqlite3.Connection:
         db = failed.enter_context(contextlib.closing(_connected(file, "rwc")))
         if db.execute("PRAGMA user_version").fetchone() == (0,):
             db.executescript(f"{_TABLES} PRAGMA user_version = {VERSION}; COMMIT;")
-        if db.execute("PRAGMA user_version").fetchone() == (1,):
-            db.executescript(_UPGRADE)
         _require_version(db, file)
         mode = db.execute("PRAGMA journal_mode = WAL").fetchone()[0]
         if mode != "wal":

@@ -32,8 +32,6 @@ AT_ONCE = 100
 KEPT_ERRORS = (Status.CRASH.name, Status.FAILURE.name, Status.DISK_REFUSED.name)
 """Errors that are no fault of the request: the run that ended so is kept."""
 
-NOT_RECORDED = Kept("none")
-
 Kind = Literal["plan", "certify"]
 
 
@@ -49,6 +47,9 @@ class NewRun:
         encoding: The encoding of the request and of its reply.
         began: Time of its beginning [s since 1970].
         begun: The writing of its first row, once that is asked for.
+        ended: Time of its end [s since 1970].
+        reply: The reply that ended it, as it is sent.
+        error: JSON of the error in its place.
     """
 
     owner: str
@@ -58,21 +59,9 @@ class NewRun:
     encoding: Encoding = Encoding.JSON
     began: float = field(default_factory=time.time)
     begun: Future[int] | None = None
-
-
-@dataclass(frozen=True)
-class Ending:
-    """The end of a run.
-
-    Attributes:
-        ended: Its time [s since 1970].
-        reply: The reply, if there is one, as it is sent.
-        error: JSON of the error in its place.
-    """
-
-    ended: float
-    reply: bytes | None
-    error: bytes | None
+    ended: float | None = None
+    reply: bytes | None = None
+    error: bytes | None = None
 
 
 class _SceneHead(msgspec.Struct):
@@ -98,8 +87,8 @@ class _ReplyHead(msgspec.Struct):
     status: _Outcome
 
 
-def insert(run: NewRun, db: sqlite3.Connection, ending: Ending | None = None, recording: Kept = NOT_RECORDED) -> int:
-    """Add a run that begins, or that has ended and has some recording; its number."""
+def insert(run: NewRun, db: sqlite3.Connection, recording: Kept | None = None) -> int:
+    """Add a run that begins, or that has ended, if what there is of its recording is given; its number."""
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     row = {
         "owner": run.owner,
@@ -108,13 +97,18 @@ def insert(run: NewRun, db: sqlite3.Connection, ending: Ending | None = None, re
         "robot": head.robot if isinstance(head.robot, str) else "urdf",
         "scene": head.scene if isinstance(head.scene, str) else head.scene.name or head.scene.base or "",
         "began": run.began,
-        **_columns(run, ending, recording),
+        "status": RUNNING,
+        "message": "",
+        "bytes": len(run.request),
     }
     columns, values = ", ".join(row), ", ".join(f":{name}" for name in row)
     number = db.execute(f"INSERT INTO runs ({columns}) VALUES ({values})", row).lastrowid  # noqa: S608 - ours
     assert number is not None, "a row has a number"
-    reply, error = (None, None) if ending is None else (ending.reply, ending.error)
-    db.execute("INSERT INTO documents VALUES (?, ?, ?, ?, ?)", (number, run.encoding.value, run.request, reply, error))
+    db.execute(
+        "INSERT INTO documents (number, encoding, request) VALUES (?, ?, ?)", (number, run.encoding, run.request)
+    )
+    if recording is not None:
+        complete(number, run, recording, db)
     return number
 
 
@@ -125,31 +119,15 @@ def find_unended(run: NewRun, db: sqlite3.Connection) -> int | None:
     return None if found is None else int(found[0])
 
 
-def complete(number: int, run: NewRun, ending: Ending, recording: Kept, db: sqlite3.Connection) -> None:
+def complete(number: int, run: NewRun, recording: Kept, db: sqlite3.Connection) -> None:
     """Write the end of a run, and what there is of its recording."""
-    row = _columns(run, ending, recording)
-    assigned = ", ".join(f"{name} = :{name}" for name in row)
-    db.execute(f"UPDATE runs SET {assigned} WHERE number = :number", row | {"number": number})  # noqa: S608 - ours
-    db.execute("UPDATE documents SET reply = ?, error = ? WHERE number = ?", (ending.reply, ending.error, number))
-
-
-def _columns(run: NewRun, ending: Ending | None, recording: Kept) -> dict[str, Any]:
-    """The columns of a run that change when it ends."""
-    outcome: _Outcome | None = _Outcome(RUNNING)
-    size = len(run.request)
-    if ending is not None:
-        head = None if ending.reply is None else decoded(ending.reply, _ReplyHead, run.encoding)
-        outcome = head.status if head is not None else decoded(ending.error or b"", _Outcome)
-        size += len(ending.reply or b"") + len(ending.error or b"")
-    outcome = outcome or _Outcome(UNREADABLE)
-    return {
-        "status": outcome.name,
-        "message": outcome.message,
-        "ended": None if ending is None else ending.ended,
-        "bytes": size,
-        "recording": recording.bytes,
-        "recorded": recording.kind,
-    }
+    head = None if run.reply is None else decoded(run.reply, _ReplyHead, run.encoding)
+    outcome = head.status if head is not None else decoded(run.error or b"", _Outcome) or _Outcome(UNREADABLE)
+    size = len(run.request) + len(run.reply or b"") + len(run.error or b"")
+    columns = "status = ?, message = ?, ended = ?, bytes = ?, recording = ?, recorded = ?"
+    row = (outcome.name, outcome.message, run.ended, size, recording.bytes, recording.kind, number)
+    db.execute(f"UPDATE runs SET {columns} WHERE number = ?", row)  # noqa: S608 - ours
+    db.execute("UPDATE documents SET reply = ?, error = ? WHERE number = ?", (run.reply, run.error, number))
 
 
 def end_abandoned(error: ErrorReply, since: float, db: sqlite3.Connection) -> None:
@@ -207,12 +185,12 @@ def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -
 def _add(owner: str, folder: Path, shared: bool, db: sqlite3.Connection) -> None:
     request = read_if_any(folder / "request.json") or b""
     run = NewRun(owner, folder.name, "certify" if is_certify(request) else "plan", request, began=_began(folder))
-    reply, error = read_if_any(folder / "reply.json"), read_if_any(folder / "error.json")
-    ending, kept, recording = None, NOT_RECORDED, folder / "recording.rrd"
-    if reply is not None or error is not None:
-        ending = Ending(folder.stat().st_mtime, reply, error)
-        kept = Kept("rendered", recording.stat().st_size) if recording.exists() else kept
-    number = insert(run, db, ending, kept)
+    run.reply, run.error = read_if_any(folder / "reply.json"), read_if_any(folder / "error.json")
+    kept, recording = None, folder / "recording.rrd"
+    if run.reply is not None or run.error is not None:
+        run.ended = folder.stat().st_mtime
+        kept = Kept("rendered", recording.stat().st_size) if recording.exists() else Kept("none")
+    number = insert(run, db, kept)
     db.execute("UPDATE runs SET shared = ? WHERE number = ?", (shared, number))
 
 

@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 
@@ -43,7 +43,6 @@ from guidefield.stores.run_file import FILE, Readers, checkpoint
 from guidefield.stores.run_rows import (
     AT_ONCE,
     KEPT_ERRORS,
-    Ending,
     NewRun,
     add_folders,
     complete,
@@ -326,13 +325,13 @@ class UserRuns:
         if row is None:
             raise _unknown(run_id)
         kind, began, encoding, request, reply, error = row
-        written, kinds = Encoding(encoding), _KINDS[kind]
-        asked = _whole(run_id, "request", request, kinds.request, written)
-        return kinds.run(
+        written, (request_kind, reply_kind, run_kind) = Encoding(encoding), _KINDS[kind]
+        asked = _whole(run_id, "request", request, request_kind, written)
+        return run_kind(
             run_id=run_id,
             began=began,
             request=msgspec.structs.replace(asked, run_id=run_id),
-            reply=None if reply is None else _whole(run_id, "reply", reply, kinds.reply, written),
+            reply=None if reply is None else _whole(run_id, "reply", reply, reply_kind, written),
             error=None if error is None else _whole(run_id, "error", error, ErrorReply, Encoding.JSON),
         )
 
@@ -393,17 +392,18 @@ class UserRuns:
     def _end(self, run: NewRun, reply: bytes | None = None, error: bytes | None = None) -> Future[Any]:
         """Write the row of a run that has ended, in place of that of its beginning."""
         begun = run.begun if run.begun is not None and not run.begun.cancel() else None
+        run.reply, run.error = reply, error
 
         def end(db: sqlite3.Connection) -> Kept | None:
-            ending, recording = Ending(time.time(), reply, error), self.recordings.kept(run.run_id)
+            run.ended, recording = time.time(), self.recordings.kept(run.run_id)
             if begun is not None and begun.exception() is None:
                 number = find_unended(run, db)
                 if number is None:
                     return None  # it was deleted while it ran
-                complete(number, run, ending, recording, db)
+                complete(number, run, recording, db)
             else:
                 execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
-                number = insert(run, db, ending, recording)
+                number = insert(run, db, recording)
             self._database.make_room(run.owner, number, db)
             return recording
 
@@ -433,17 +433,11 @@ Runs = NoRuns | UserRuns
 """The source of an engine's answers about runs."""
 
 
-class _Kinds(NamedTuple):
-    request: type[PlanRequest] | type[CertifyRequest]
-    reply: type[PlanReply] | type[CertifyReply]
-    run: type[RunReply] | type[CertifyRunReply]
-
-
-_KINDS = {
-    "plan": _Kinds(PlanRequest, PlanReply, RunReply),
-    "certify": _Kinds(CertifyRequest, CertifyReply, CertifyRunReply),
+_KINDS: dict[str, tuple[type[MotionRequest], type[MotionReply], type[AnyRunReply]]] = {
+    "plan": (PlanRequest, PlanReply, RunReply),
+    "certify": (CertifyRequest, CertifyReply, CertifyRunReply),
 }
-"""The messages of a kind of run."""
+"""The request, the reply and the run of a kind."""
 
 
 def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> MotionReply:
