@@ -296,11 +296,9 @@ FINISHED: list[str | None] = []
 """The recordings that were written, by their names in replies."""
 
 
-def _record(
-    place: Any, _group: object, _scene: object, _request: object, _log: object, reply: Any, *_about: object
-) -> None:
+def _record(place: Any, run: Any, _log: object) -> None:
     """Stand in for the recorder."""
-    FINISHED.append(reply.recording)
+    FINISHED.append(run.reply.recording)
     place.file.write_bytes(b"recording")
 
 

@@ -249,7 +249,8 @@ def draw(
         OSError: if the disk refuses.
     """
     from guidefield.handlers.certify import JudgedMotion
-    from guidefield.recorder.bodies_file import cache_folder
+    from guidefield.recorder.bodies import cache_folder
+    from guidefield.recorder.documents import RecordedRun
     from guidefield.recorder.recorder import record_judgement, record_plan
     from guidefield.recorder.stored import Place
 
@@ -258,13 +259,12 @@ def draw(
     group, scene = motion.shown()
     if isinstance(request, PlanRequest):
         assert isinstance(reply, PlanReply), "a plan was answered"
-        record_plan(place, group, scene, request, events, reply, profile, made_with)
+        record_plan(place, RecordedRun(group, scene, request, reply, profile, made_with), events)
     else:
         assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
         assert isinstance(reply, CertifyReply), "a judgement was answered"
         assert isinstance(motion, JudgedMotion), "a motion was judged"
-        assert profile is not None, "a motion that is judged is measured"
-        record_judgement(place, group, scene, request, motion.given, reply, profile, made_with)
+        record_judgement(place, RecordedRun(group, scene, request, reply, profile, made_with), motion.given)
     size = file.stat().st_size
     if size <= LARGEST_RECORDING:
         return None

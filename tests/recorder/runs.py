@@ -19,6 +19,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.event_log import EventLog
 from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
+from guidefield.recorder.documents import RecordedRun
 from guidefield.recorder.recorder import record_plan
 from guidefield.recorder.stored import Place
 from guidefield.robot.group.group import PlanningGroup
@@ -88,7 +89,8 @@ class MadeUp:
         for event in self.events:
             log.add(event)
         place, versions = place or Place(path, robots_folder(), whole=True), made_with or made_with_now()
-        record_plan(place, self.group, self.scene, self.request, log, self.reply, self.profile, versions)
+        run = RecordedRun(self.group, self.scene, self.request, self.reply, self.profile, versions)
+        record_plan(place, run, log)
 
 
 def made_up(name: str = "panda", status: replies.Outcome | None = None) -> MadeUp:

@@ -85,8 +85,8 @@ def test_a_robot_without_looks_is_drawn_as_it_is_judged(tmp_path):
         '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
     )
     path.write_text(f'<robot name="arm">{link.format("a")}{link.format("b")}{joint}</robot>')
-    prepared = bodies.prepare(Catalog().load(UrdfFile(path=str(path))))
-    paths = {chunk.entity_path for chunk in prepared.chunks}
+    _, chunks = bodies.prepare(Catalog().load(UrdfFile(path=str(path))), tmp_path / "arm.rrd")
+    paths = {chunk.entity_path for chunk in chunks}
     assert paths - {"/robot/spheres/a", "/robot/spheres/b"} == {
         f"/robot/{tree}/{link}_0" for tree in ("visual", "collision") for link in "ab"
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from guidefield.recorder import bodies_file
+from guidefield.recorder import bodies
 from guidefield.recorder.rrd_file import read_meshes
 from guidefield.recorder.stored import Place
 from guidefield.recorder.whole import LEFT_OUT, self_contained
@@ -71,7 +71,7 @@ def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp
     run.record(file, Place(file, robots, whole=False))
     assert [(one, one.stat().st_mtime_ns) for one in robots.iterdir()] == [(meshes, made)]
     meshes.write_bytes(meshes.read_bytes()[:10_000])
-    bodies_file._PREPARED.forget(run.group.robot, robots)
+    bodies._PREPARED.forget(run.group.robot, robots)
     run.record(file, Place(file, robots, whole=False))
     assert list(robots.iterdir()) == [meshes]
     assert len(read_meshes(meshes)) > 20
@@ -108,7 +108,7 @@ def test_a_disk_that_refuses_the_meshes_is_told_in_the_summary(run, tmp_path):
 
 
 def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(bodies_file, "MOST_FILES", 3)
+    monkeypatch.setattr(bodies, "MOST_FILES", 3)
     robots, now = tmp_path / "robots", time.time()
     robots.mkdir()
     for name, age in (
@@ -120,7 +120,7 @@ def test_so_many_robots_are_kept_and_the_one_used_longest_ago_is_dropped(run, tm
     ):
         (robots / name).write_text("")
         os.utime(robots / name, (now - age, now - age))
-    drawn = bodies_file.prepared(run.group.robot, robots)
+    drawn = bodies.prepared(run.group.robot, robots)
     assert {file.name for file in robots.iterdir()} == {"a.rrd", "c.rrd", drawn.file.name, ".e.draft"}
 
 

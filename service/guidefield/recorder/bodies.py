@@ -1,9 +1,18 @@
-"""A robot's bodies as they are drawn: its visual and its collision geometry, bounding spheres, a sketch for ghosts."""
+"""A robot's bodies as they are drawn: its visual and its collision geometry, bounding spheres, a sketch for ghosts.
+
+A robot's meshes are read and turned into chunks once, not once per process: they are kept in a file that is named by
+what it was made from, with the sketch.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import os
+import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,46 +23,57 @@ import rerun as rr
 from lxml import etree
 from rerun.chunk import Chunk
 
+from guidefield.errors import strip_path
+from guidefield.geometry import cache
+from guidefield.memo import MISSING, Answers
 from guidefield.recorder import surface
 from guidefield.recorder.chunks import entity, link_frame, still
+from guidefield.recorder.rrd_file import UNREADABLE, encode_recording, read_chunks, read_meshes
 from guidefield.recorder.surface import GREY, Surface
 from guidefield.robot.bodies.sphere_cover import known_coverage
+from guidefield.robot.mesh_files import reading as mesh_files
 from guidefield.robot.model.model import RobotModel, RobotSource
+from guidefield.whole_file import DRAFT, write_whole
 
 SKETCHED_APART = 2
 """Bodies of one link that are sketched one by one."""
-
 COLLISION_COLOR = (96, 165, 250, 110)
 """Colour of collision geometry (RGBA)."""
-
 FAULT_COLOR = (230, 57, 53, 255)
 """Colour of what is in collision (RGBA)."""
-
 OUTSIDE = 0.003
 """Distance outside of a link at which its red shape is drawn: neither shines through the other [m]."""
-
 MEDIA_TYPE_GLB = "model/gltf-binary"
 
 
+MOST_FILES = 64
+"""Robots kept prepared in a folder; recordings of a robot that was dropped leave the store without its meshes."""
+ABANDONED = 3600.0
+"""Age from which a file that was never finished won't be [s]."""
+NAMES = "/prepared"
+"""The entity that tells what a file holds."""
+
+
 @dataclass(frozen=True, eq=False)
-class RobotBodies:
-    """A robot ready to be drawn.
+class Drawn:
+    """A robot ready to be drawn, but for its meshes.
 
     Attributes:
-        chunks: `/robot/visual/<body>`, `/robot/collision/<body>` and `/robot/spheres/<link>`, each in its link's frame.
+        file: Where the meshes are: `/robot/visual/<body>`, `/robot/collision/<body>` and `/robot/spheres/<link>`, each
+            in its link's frame.
         links: Links that carry something.
         sketch: Per link the thinned-out hulls of its collision geometry, in the link's frame.
-        faults: What can't be drawn.
+        faults: What can't be drawn, or kept.
     """
 
-    chunks: tuple[Chunk, ...]
+    file: Path
     links: tuple[str, ...]
     sketch: tuple[tuple[str, Surface], ...]
     faults: tuple[str, ...]
 
 
-def prepare(robot: RobotModel) -> RobotBodies:
-    """Read a robot's meshes and turn them into chunks, which may take seconds; `bodies_file.prepared` keeps them.
+def prepare(robot: RobotModel, file: Path) -> tuple[Drawn, list[Chunk]]:
+    """Read a robot's meshes and turn them into chunks, for a file; that may take seconds, and `prepared` keeps them.
 
     A robot without visual geometry, or none that can be read, is drawn as its collision geometry.
     """
@@ -62,12 +82,8 @@ def prepare(robot: RobotModel) -> RobotBodies:
     chunks = [_chunk("visual", body) for body in seen or judged]
     chunks += [_chunk("collision", body, COLLISION_COLOR) for body in judged]
     chunks += cover_spheres(robot)
-    return RobotBodies(
-        chunks=tuple(chunks),
-        links=tuple(dict.fromkeys(body.link for body in (*seen, *judged))),
-        sketch=_sketch(judged),
-        faults=faults,
-    )
+    links = tuple(dict.fromkeys(body.link for body in (*seen, *judged)))
+    return Drawn(file, links, _sketch(judged), faults), chunks
 
 
 def highlighted(robot: RobotModel, links: Collection[str]) -> Iterator[Chunk]:
@@ -215,8 +231,6 @@ PRIMITIVES: dict[str, Callable[[Any], Any]] = {
     "capsule": lambda c: coal.Capsule(float(c.get("radius")), float(c.get("length"))),
 }
 """Coal shape by URDF element."""
-
-
 COLOR = (125, 175, 240, 255)
 """Colour of the balls (RGBA)."""
 
@@ -241,3 +255,109 @@ def cover_spheres(robot: RobotModel) -> Iterator[Chunk]:
         balls = np.concatenate(parts)
         drawn = rr.Points3D(balls[:, :3], radii=balls[:, 3], colors=[COLOR])
         yield still(entity("robot", "spheres", link), rr.CoordinateFrame(link_frame(link)), drawn)
+
+
+def cache_folder() -> Path:
+    """The folder of prepared robots for runs without a store, beside the geometry's cache."""
+    return cache.folder().with_name("drawn")
+
+
+def prepared(robot: RobotModel, folder: Path) -> Drawn:
+    """A robot ready to be drawn, from its file; that is made if it isn't there, and a disk that refuses is a fault.
+
+    Args:
+        robot: The robot.
+        folder: Where such files are; made if it isn't there.
+    """
+    drawn = _PREPARED.of(robot, folder)
+    if drawn is MISSING or not (drawn.faults or drawn.file.exists()):  # somebody may have cleared the folder away
+        _PREPARED.forget(robot, folder)
+        drawn = _PREPARED.keep(robot, folder, _prepare(robot, folder))
+    return drawn
+
+
+def meshes(robot: RobotModel, drawn: Drawn) -> list[Chunk]:
+    """A robot's meshes, as `prepare` makes them; from its file if that is whole."""
+    try:
+        return read_meshes(drawn.file)
+    except UNREADABLE:
+        return prepare(robot, drawn.file)[1]
+
+
+_PREPARED = Answers[Drawn]()
+
+
+def _prepare(robot: RobotModel, folder: Path) -> Drawn:
+    file = folder / f"{_fingerprint(robot)}.rrd"
+    try:
+        known = _read(file)
+    except UNREADABLE:
+        drawn, chunks = prepare(robot, file)
+    else:
+        with contextlib.suppress(OSError):
+            os.utime(file)  # it is in use: others are dropped before it
+        return known
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_whole(file, encode_recording(file.stem, [*chunks, *_sketch_chunks(drawn)], None), durable=False)
+    except OSError as error:
+        return replace(drawn, faults=(*drawn.faults, f"the robot's meshes could not be kept: {strip_path(error)}"))
+    with contextlib.suppress(OSError):  # another process may make room too
+        _make_room(folder)
+    return drawn
+
+
+def _make_room(folder: Path) -> None:
+    """Drop the robots that were used longest ago, if there are too many, and what writers that were killed left."""
+    files = sorted(folder.glob("*.rrd"), key=lambda file: file.stat().st_mtime, reverse=True)
+    for old in files[MOST_FILES:]:
+        old.unlink(missing_ok=True)
+    for draft in folder.glob(f".*{DRAFT}"):
+        if time.time() - draft.stat().st_mtime > ABANDONED:
+            draft.unlink(missing_ok=True)
+
+
+def _fingerprint(robot: RobotModel) -> str:
+    """A hash of all that a robot's pictures are made from: its text, its mesh files, its cover, who reads them."""
+    source = robot.source.urdf_text.encode()
+    digest = hashlib.sha256(f"{rr.__version__} {version('trimesh')} {known(robot)} ".encode() + source)
+    for module in (__file__, mesh_files.__file__, surface.__file__):
+        digest.update(Path(module).read_bytes())
+    for element in etree.fromstring(source).iter("mesh"):
+        path = Path(element.get("filename"))
+        if path.exists():
+            state = path.stat()
+            digest.update(f"{path} {state.st_size} {state.st_mtime_ns}".encode())
+    return digest.hexdigest()[:32]
+
+
+def _sketch_chunks(drawn: Drawn) -> list[Chunk]:
+    """The sketch, and the names that go with it."""
+    sketched = [still(entity("sketch", f"{number}"), mesh(one)) for number, (_, one) in enumerate(drawn.sketch)]
+    names = {"links": list(drawn.links), "sketched": [link for link, _ in drawn.sketch], "faults": list(drawn.faults)}
+    told = still(NAMES, rr.AnyValues(**{name: [one or "" for one in values] or [""] for name, values in names.items()}))
+    return [*sketched, told]
+
+
+def _read(file: Path) -> Drawn:
+    """Read the file that `_prepared` wrote.
+
+    Raises:
+        OSError, ValueError, KeyError, RuntimeError: if there is no such file, or it isn't whole.
+    """
+    chunks = {chunk.entity_path: chunk for chunk in read_chunks(file)}
+    told = chunks[NAMES].to_record_batch()
+    links, sketched, faults = (
+        tuple(filter(None, told.column(name).to_pylist()[0])) for name in ("links", "sketched", "faults")
+    )
+    sketch = tuple((link, _surface(chunks[entity("sketch", f"{number}")])) for number, link in enumerate(sketched))
+    return Drawn(file, links, sketch, faults)
+
+
+def _surface(chunk: Chunk) -> Surface:
+    batch = chunk.to_record_batch()
+    vertices, triangles, normals = (
+        batch.column(f"Mesh3D:{name}").flatten().flatten().to_numpy().reshape(-1, 3)
+        for name in ("vertex_positions", "triangle_indices", "vertex_normals")
+    )
+    return Surface(vertices, triangles, normals)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -12,16 +13,12 @@ from rerun.chunk import Chunk
 
 PATH_TIME = "path_time"
 """Timeline of the motion itself [s]."""
-
 STEP = "step"
 """Timeline of the planner's accepted steps, counted."""
-
 PLOTS = "/plots/"
 """Below it are the curves."""
-
 GHOST_ENTITY = "/ghosts"
 """Entity of the robot along its way, translucent."""
-
 PICTURE, PICTURE_AT_START = "/field/picture", "/field/picture_at_start"
 """Entities of the picture of the field: where nothing moves, and where it is that of the obstacles before they do."""
 
@@ -76,6 +73,16 @@ def timed(path: str, times: Iterable[rr.TimeColumn], *columns: Iterable[Any]) ->
         columns: What an archetype's ``columns()`` gives, n rows each.
     """
     return Chunk.from_columns(path, list(times), [column for group in columns for column in group])
+
+
+Color = tuple[int, int, int, int]
+"""RGBA."""
+
+
+def rgba(hue: float, lightness: float, saturation: float, alpha: int = 255) -> Color:
+    """The colour of a hue, lightness and saturation from 0 to 1."""
+    red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, lightness, saturation))
+    return red, green, blue, alpha
 
 
 def rgba32(color: Sequence[int]) -> np.uint32:

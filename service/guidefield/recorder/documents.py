@@ -7,7 +7,8 @@ import json
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import msgspec
 import rerun as rr
@@ -22,64 +23,71 @@ from guidefield.recorder.chunks import still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
 
 if TYPE_CHECKING:
+    from guidefield.planner.quality import ClearanceProfile
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.scene.scene import Scene
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
 PROPERTIES, MADE_WITH = "/__properties/plan", "made_with"
 """Entities of the documents and of what identifies a run; its component that names packages and their versions."""
-
 SHORTENED = "*Rounded and shortened to be read; the message itself, exact, is in this entity's component `message`.*"
-
 LONGEST_LIST = 12
 """Entries of a list that are shown; of a longer one the first and the last, and how many there are between."""
-
 LONGEST_TEXT = 300
 """Characters of a text that are shown."""
-
 COLUMN = 76
 """Characters of a line in the last column of a table."""
-
 WIDTH = 110
 """Characters of a line within which a list of plain values stays."""
 
 _to_json = json.JSONEncoder(ensure_ascii=False).encode
 
 
-def document_run(
-    request: MotionRequest,
-    reply: MotionReply,
-    group: PlanningGroup,
-    scene: Scene,
-    figures: Mapping[str, Any],
-    parts: Sequence[str],
-    request_hash: str,
-    made_with: str,
-) -> Iterator[Chunk]:
-    """The documents of a run of any kind.
+_Request_co = TypeVar("_Request_co", bound=MotionRequest, covariant=True)
+_Reply_co = TypeVar("_Reply_co", bound=MotionReply, covariant=True)
 
-    Args:
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun(Generic[_Request_co, _Reply_co]):
+    """A run of any kind as its recording shows it.
+
+    Attributes:
+        group: The joints that move, with the limits that hold for this request.
+        scene: The scene that they move in; of a sequence, with what is carried as it is carried.
         request: As it came.
         reply: The answer to it.
-        group: The joints that move.
-        scene: The scene that they move in.
-        figures: What its kind of run is identified by beside what all are.
-        parts: Lines of the summary below how the run ended.
-        request_hash: The request's `fingerprint`.
+        measured: The clearance along the motion, if there is one.
         made_with: The packages that it was made with, as `versions.made_with`.
     """
+
+    group: PlanningGroup
+    scene: Scene
+    request: _Request_co
+    reply: _Reply_co
+    measured: ClearanceProfile | None
+    made_with: str
+
+
+Run = RecordedRun[MotionRequest, MotionReply]
+PlanRun = RecordedRun[PlanRequest, PlanReply]
+JudgedRun = RecordedRun[CertifyRequest, CertifyReply]
+
+
+def _document_run(run: Run, figures: Mapping[str, Any], parts: Sequence[str], request_hash: str) -> Iterator[Chunk]:
+    """The documents of a run, with figures of its kind by which it is identified, too, and lines of its summary."""
+    request, reply = run.request, run.reply
     known: dict[str, Any] = {
         "run_id": reply.run_id,
         "status": reply.status.name,
         "code": reply.status.code,
-        "robot": group.robot.name,
-        "scene": scene.name,
+        "robot": run.group.robot.name,
+        "scene": run.scene.name,
         "request_sha256": request_hash,
         **figures,
     }
     if reply.clearance is not None and reply.clearance.minimum is not None:
         known["clearance"] = reply.clearance.minimum
-    known[MADE_WITH] = made_with
+    known[MADE_WITH] = run.made_with
     yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
     summary = "\n".join([*_headline(reply), *parts])
     yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
@@ -87,7 +95,7 @@ def document_run(
         yield _message_document(REQUEST, request, request)
     else:  # its scene is in an entity of its own
         yield _message_document(
-            REQUEST, msgspec.structs.replace(request, scene=scene.name), request, scene_apart=[True]
+            REQUEST, msgspec.structs.replace(request, scene=run.scene.name), request, scene_apart=[True]
         )
     yield _message_document(REPLY, reply, reply)
 
@@ -210,10 +218,9 @@ LEAST_TOLD = 5e-5
 """A shorter time is left out [s]."""
 
 
-def document_plan(
-    request: PlanRequest, reply: PlanReply, group: PlanningGroup, scene: Scene, remarks: Sequence[str], made_with: str
-) -> Iterator[Chunk]:
-    """The documents of a plan: its result in figures, its origin, its messages."""
+def document_plan(run: PlanRun, remarks: Sequence[str]) -> Iterator[Chunk]:
+    """The documents of a plan: its result in figures, its origin, its messages, and remarks beside its warnings."""
+    reply, group = run.reply, run.group
     figures: dict[str, Any] = {
         "planner": reply.planner,
         "objective": reply.objective,
@@ -223,9 +230,8 @@ def document_plan(
     if reply.metrics is not None:
         figures["duration"] = reply.metrics.duration
     parts = [*remarks_of((*reply.warnings, *remarks)), *_plan_results(reply, group), *_steps(reply), *_stages(reply)]
-    request_hash = fingerprint(request)
-    parts += _origin(request_hash, reply, group, scene, made_with)
-    yield from document_run(request, reply, group, scene, figures, parts, request_hash, made_with)
+    request_hash = fingerprint(run.request)
+    yield from _document_run(run, figures, [*parts, *_origin(request_hash, run)], request_hash)
 
 
 def _plan_results(reply: PlanReply, group: PlanningGroup) -> list[str]:
@@ -282,7 +288,8 @@ def _stages(reply: PlanReply) -> list[str]:
     return [*table(("stage", "time", "outcome"), rows), ""]
 
 
-def _origin(request_hash: str, reply: PlanReply, group: PlanningGroup, scene: Scene, made_with: str) -> list[str]:
+def _origin(request_hash: str, run: PlanRun) -> list[str]:
+    group, scene, reply = run.group, run.scene, run.reply
     urdf = hashlib.sha256(group.robot.source.urdf_text.encode()).hexdigest()[:12]
     rows = [
         ("run", reply.run_id),
@@ -290,7 +297,7 @@ def _origin(request_hash: str, reply: PlanReply, group: PlanningGroup, scene: Sc
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles, {len(reply.guide_planes)} guide planes"),
         ("request", request_hash[:12]),
         ("planner, objective, seed", f"{reply.planner}, {reply.objective}, {reply.seed}"),
-        ("made with", made_with),
+        ("made with", run.made_with),
     ]
     return table(("about", ""), rows)
 
@@ -309,16 +316,10 @@ def _unit(group: PlanningGroup) -> str:
     return "rad" if kinds.isdisjoint(("prismatic", "planar", "floating")) else "(rad, m)"
 
 
-def document_judgement(
-    request: CertifyRequest,
-    reply: CertifyReply,
-    group: PlanningGroup,
-    scene: Scene,
-    remarks: Sequence[str],
-    made_with: str,
-) -> Iterator[Chunk]:
-    """The documents of a judgement: the verdict in figures, its origin, its messages."""
-    request_hash = fingerprint(request)
+def document_judgement(run: JudgedRun, remarks: Sequence[str]) -> Iterator[Chunk]:
+    """The documents of a judgement: the verdict in figures, its origin, its messages, and remarks."""
+    reply, group, scene = run.reply, run.group, run.scene
+    request_hash = fingerprint(run.request)
     parts = [*_judgement_results(reply), *_limits(reply), *remarks_of((*reply.warnings, *remarks))]
     rows = [
         ("run", reply.run_id),
@@ -326,11 +327,11 @@ def document_judgement(
         ("scene", f"{scene.name}: {len(scene.obstacles)} obstacles"),
         ("request", request_hash[:12]),
         ("time", f"certify {milliseconds(reply.timing.certify)}, measure {milliseconds(reply.timing.measure)}"),
-        ("made with", made_with),
+        ("made with", run.made_with),
     ]
     parts += table(("about", ""), rows)
     figures = {"curve": reply.curve, "seconds": reply.timing.total}
-    yield from document_run(request, reply, group, scene, figures, parts, request_hash, made_with)
+    yield from _document_run(run, figures, parts, request_hash)
 
 
 def _judgement_results(reply: CertifyReply) -> list[str]:

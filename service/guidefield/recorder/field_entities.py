@@ -22,21 +22,15 @@ from guidefield.scene.slice_plane import planes_along
 
 MOMENTS = 13
 """Configurations at which forces are shown, of those at which the robot is shown."""
-
 LONGEST_ARROW = 0.25
 """Length of the arrow of the largest force of a recording [m]."""
-
 FORCE_DECADES = 2.0
 """Powers of ten of force that the colours of points and the lengths of arrows tell apart."""
-
 RESOLUTION = 80
 """Pixels along the longer side of the picture."""
-
 EVALUATED_EVERY = 3
 """Of the pixels of a row and of a column one in so many has its field evaluated where no wall is near."""
-
 NOTHING = build(messages.Scene(name="nothing"))
-
 ARROW_COLOR = (255, 140, 60, 255)
 POINT_RADIUS = 0.007
 

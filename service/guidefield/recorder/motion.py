@@ -35,14 +35,10 @@ from guidefield.robot.model.spaces import (
 
 SHOWN_SPEED = 1.0
 """Speed of the quickest joint along a path that has no times [rad/s or m/s]."""
-
 SHOWN_STEP = 0.05
 """Largest change of a joint between two frames of such a path [rad or m]."""
-
-
 SHOWN_RATE = 30.0
 """Frames a second of a trajectory [Hz], within `FRAMES`."""
-
 FRAMES = (60, 400)
 
 

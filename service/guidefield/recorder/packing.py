@@ -14,10 +14,8 @@ from guidefield.messages.scene import Scene
 
 MESSAGE_COMPONENT = "message"
 """The component of a document's entity that holds the message itself."""
-
 LEVEL = 1
 """Of compression: harder ones take three times as long and save nothing on numbers."""
-
 LARGEST_MESSAGE = 1 << 28
 """Bytes of a message, unpacked, that are read from a recording at most."""
 
@@ -26,7 +24,6 @@ _M = TypeVar("_M", bound=msgspec.Struct)
 
 SCENE = "/documents/scene"
 """The entity that holds the message of a large scene; the request's own is without it then."""
-
 LARGE_BYTES = 32 * 1024
 """From this size on [bytes of MessagePack] a scene has an entity, and in stores a file, of its own."""
 

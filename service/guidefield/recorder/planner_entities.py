@@ -27,7 +27,6 @@ from guidefield.robot.model.spaces import ChartPoints
 
 MOST_FRAMES = 60
 """Steps at which the robot is shown: of more, as many, evenly chosen."""
-
 STEP_COLORS = {
     StepKind.START: (240, 240, 240, 255),
     StepKind.ADVANCE: (94, 184, 255, 255),
@@ -37,13 +36,10 @@ STEP_COLORS = {
     StepKind.TREE: (150, 150, 150, 255),
 }
 """Colour by kind of step (RGBA)."""
-
 RELAX_COLOR = (190, 160, 250, 255)
 """Of a step of the optimisation (RGBA)."""
-
 POINT_RADIUS = 0.006
 """Radius of the point that stands for a step [m]."""
-
 OTHER_COLOR = (200, 200, 200, 255)
 
 
@@ -77,11 +73,11 @@ def step_points(log: EventLog, tip: np.ndarray) -> Iterator[Chunk]:
 
 def _line(event: LoggedEvent, milliseconds: float, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
     """Level, text and colour of an event; `planes` are the guide planes' names."""
-    level, text, color = _told(event, planes)
+    level, text, color = _describe(event, planes)
     return level, f"{milliseconds:8.1f} ms  {text}", color
 
 
-def _told(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
+def _describe(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tuple[int, int, int, int]]:
     if isinstance(event, StageEntered):
         return "INFO", f"{event.name}: {event.message}", OTHER_COLOR
     if isinstance(event, StageLeft):
@@ -99,7 +95,6 @@ def _told(event: LoggedEvent, planes: Sequence[str]) -> tuple[str, str, tuple[in
 
 MOST_WAYPOINTS = 24
 """Points by which a motion that is being optimised is shown."""
-
 TREE_COLOR = (150, 170, 200, 140)
 RELAXED_COLOR = (190, 160, 250, 255)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -15,23 +14,17 @@ from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
 from guidefield.planner.task.event_log import evenly
 from guidefield.planner.task.trace import Step
-from guidefield.recorder.chunks import STEP, path_times, still, timed
+from guidefield.recorder.chunks import STEP, Color, path_times, rgba, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
 
-Color = tuple[int, int, int, int]
-"""RGBA."""
-
 CLEAR = 0.10
 """Distance [m] from which the segment to the closest obstacle is drawn in plain green."""
-
 PLOTTED = 600
 """Numbers in a plot of all joints, about."""
-
 LEAST_PLOTTED = 40
 """Rows in such a plot, if there are as many."""
-
 OBSTACLE_COLOR = (94, 184, 255, 255)
 SELF_COLOR = (190, 160, 250, 255)
 REQUIRED_COLOR = (235, 87, 87, 255)
@@ -122,8 +115,7 @@ def palette(count: int) -> list[Color]:
     colors: list[Color] = []
     for number in range(count):
         hue, lightness = (0.56 + number / count) % 1.0, 0.66 if number % 2 else 0.60
-        red, green, blue = colorsys.hls_to_rgb(hue, lightness, 0.75)
-        colors.append((round(255 * red), round(255 * green), round(255 * blue), 255))
+        colors.append(rgba(hue, lightness, 0.75))
     return colors
 
 
@@ -150,6 +142,4 @@ def _rows(rows: np.ndarray) -> Any:
 
 def _warmth(distance: float) -> Color:
     """Green from `CLEAR` on, over amber to red at contact."""
-    hue = 0.36 * float(np.clip(distance / CLEAR, 0.0, 1.0))
-    red, green, blue = colorsys.hls_to_rgb(hue, 0.68, 0.9)
-    return round(255 * red), round(255 * green), round(255 * blue), 255
+    return rgba(0.36 * float(np.clip(distance / CLEAR, 0.0, 1.0)), 0.68, 0.9)

@@ -11,7 +11,7 @@ from rerun.chunk import Chunk
 
 from guidefield.memo import memoized_by_value
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import GHOST_ENTITY, PATH_TIME, WORLD, joint_frame, link_frame, path_times, still, timed
 from guidefield.recorder.motion import Motion, Poses, link_placements
 from guidefield.recorder.surface import Surface
@@ -22,13 +22,10 @@ from guidefield.robot.model.spaces import Configurations
 
 GHOSTS = 6
 """Configurations shown along the motion, both ends included."""
-
 GHOST_STEP = 0.02
 """Distance that some point of a part has to move before the part is drawn again [m]."""
-
 AXES = 0.08
 """Length of the axes of the tip's frame [m]."""
-
 TRACE_COLOR = (255, 196, 61, 255)
 WAYPOINT_COLOR = (120, 220, 160, 255)
 

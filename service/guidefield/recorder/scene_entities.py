@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 import functools
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any
@@ -17,16 +16,12 @@ from guidefield.messages import scene as messages
 from guidefield.messages.replies import MotionReply
 from guidefield.messages.requests import PlanRequest, PoseGoal
 from guidefield.recorder import bodies, surface
-from guidefield.recorder.chunks import entity, path_times, still, timed
+from guidefield.recorder.chunks import Color, entity, path_times, rgba, still, timed
 from guidefield.recorder.surface import Surface
 from guidefield.scene.obstacle import Obstacle
 
-Color = tuple[int, int, int, int]
-"""RGBA."""
-
 GOLDEN_ANGLE = 0.381966
 """Share of the colour circle between one obstacle's hue and the next: never close to those before it."""
-
 FAILURE_COLOR = (255, 220, 215, 255)
 GOAL_COLOR = (120, 220, 160, 255)
 FLOOR_COLOR = (118, 122, 130, 255)
@@ -111,7 +106,7 @@ def obstacle_color(obstacle: Obstacle, number: int) -> Color:
     if isinstance(obstacle.message, messages.HalfSpace):
         return FLOOR_COLOR
     lightness, saturation = (0.60, 0.30) if number % 2 else (0.70, 0.28)
-    return _rgba((0.08 + GOLDEN_ANGLE * number) % 1.0, lightness, saturation, 255)
+    return rgba((0.08 + GOLDEN_ANGLE * number) % 1.0, lightness, saturation, 255)
 
 
 def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
@@ -128,18 +123,18 @@ def guide_planes(planes: Sequence[messages.GuidePlane]) -> Iterator[Chunk]:
         vertex_positions=np.concatenate(corners),
         triangle_indices=np.concatenate(fans),
         vertex_colors=[
-            _rgba(hue, 0.55, 0.9, 255) for hue, count in zip(hues, counts, strict=True) for _ in range(count)
+            rgba(hue, 0.55, 0.9, 255) for hue, count in zip(hues, counts, strict=True) for _ in range(count)
         ],
         albedo_factor=(255, 255, 255, PANE_ALPHA),
     )
     outlines = [np.vstack([one, one[:1]]) for one in corners]
-    edges = rr.LineStrips3D(outlines, colors=[_rgba(hue, 0.6, 0.95, 255) for hue in hues], radii=[0.0025])
+    edges = rr.LineStrips3D(outlines, colors=[rgba(hue, 0.6, 0.95, 255) for hue in hues], radii=[0.0025])
     # not always the same corner: planes often stand close behind one another
     named = [one[number % len(one)] for number, one in enumerate(corners)]
     labels = rr.Points3D(
         named,
         labels=[plane.name for plane in planes],
-        colors=[_rgba(hue, 0.78, 0.95, 255) for hue in hues],
+        colors=[rgba(hue, 0.78, 0.95, 255) for hue in hues],
         show_labels=True,
     )
     yield still("/guide_planes", pane, edges, labels)
@@ -167,11 +162,6 @@ def failure(reply: MotionReply, tip: np.ndarray) -> Chunk:
     words = f"{reply.status.name.replace('_', ' ').lower()}{between}"
     mark = rr.Points3D([tip], labels=[words], colors=[FAILURE_COLOR], radii=[0.015], show_labels=True)
     return still("/path/failure", mark)
-
-
-def _rgba(hue: float, lightness: float, saturation: float, alpha: int) -> Color:
-    red, green, blue = (round(255 * part) for part in colorsys.hls_to_rgb(hue, lightness, saturation))
-    return red, green, blue, alpha
 
 
 def _boxes(shapes: list[Any], at: np.ndarray) -> Callable[..., Any]:

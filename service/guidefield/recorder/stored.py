@@ -20,8 +20,8 @@ from rerun.chunk import Chunk
 
 from guidefield.memo import memoized
 from guidefield.messages.requests import MotionRequest
-from guidefield.recorder import bodies, bodies_file, scene_entities, surface
-from guidefield.recorder.bodies_file import Drawn
+from guidefield.recorder import bodies, scene_entities, surface
+from guidefield.recorder.bodies import Drawn
 from guidefield.recorder.chunks import shown, still
 from guidefield.recorder.packing import LARGE_BYTES, MESSAGE_COMPONENT, SCENE, encoded, large_scene, packed
 from guidefield.recorder.rrd_file import encode_recording, write_recording
@@ -33,7 +33,6 @@ from guidefield.whole_file import link_shared, remove_unshared
 
 FOLDER = "runs-scenes"
 """Name of the folder of these files, beside that of the robots."""
-
 UNUSED_S = 3600.0
 """Age from which a file without a link goes [s]."""
 
@@ -137,7 +136,7 @@ class Place:
 
     Attributes:
         file: The recording.
-        bodies: Folder of robots that are kept prepared (bodies_file.py).
+        bodies: Folder of robots that are kept prepared (bodies.py).
         whole: Whether the robot's meshes and the layout are put into the recording; else it is for a store (whole.py).
     """
 
@@ -180,5 +179,5 @@ class Place:
                 raise
             return
         present = shown(chunks)
-        every = [*chunks, *scene.chunks(), *bodies_file.meshes(robot, drawn)]
+        every = [*chunks, *scene.chunks(), *bodies.meshes(robot, drawn)]
         write_recording(self.file, run_id, every, layout(eye, timeline, present))

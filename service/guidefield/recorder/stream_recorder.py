@@ -11,11 +11,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import Chunk
 
-from guidefield.recorder import bodies, bodies_file, robot_entities, scene_entities, surface
+from guidefield.recorder import bodies, robot_entities, scene_entities, surface
 from guidefield.recorder.chunks import PATH_TIME, begun, path_times, timed
 from guidefield.recorder.motion import configurations_of, poses
 from guidefield.recorder.rrd_file import encode_recording
-from guidefield.recorder.view import SWITCHED_OFF, Eye, choose_eye
+from guidefield.recorder.view import SWITCHED_OFF, Eye, blueprint, choose_eye, scene_view
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
@@ -79,7 +79,7 @@ def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: Stre
         scene: What rests.
         motion: What there is to show.
     """
-    drawn = bodies_file.prepared(group.robot, bodies_file.cache_folder())
+    drawn = bodies.prepared(group.robot, bodies.cache_folder())
     at = poses(group, configurations_of(group, motion.rows.tolist()))
     robot = at.placements[:, :, :3].reshape(-1, 3)
     eye = choose_eye(at.tip, robot, np.empty((0, 3)), scene.obstacles)
@@ -90,7 +90,7 @@ def stream_recording(name: str, group: PlanningGroup, scene: Scene, motion: Stre
         *_stops(group, motion),
         *(chunk for number, one in enumerate(motion.moving) for chunk in _moving(number, one)),
         *_figures(motion),
-        *bodies_file.meshes(group.robot, drawn),
+        *bodies.meshes(group.robot, drawn),
     ]
     return encode_recording(name, chunks, _layout(eye))
 
@@ -134,21 +134,7 @@ def _figures(motion: StreamMotion) -> Iterator[Chunk]:
 
 
 def _layout(eye: Eye) -> rrb.Blueprint:
-    hidden = {path: rrb.EntityBehavior(visible=False) for path in SWITCHED_OFF}
-    scene = rrb.Spatial3DView(
-        origin="/",
-        name="Motion, and where the robot would stand",
-        contents=["+ /robot/**", "+ /obstacles/**", "+ /path/**"],
-        overrides=hidden,
-        eye_controls=rrb.EyeControls3D(position=eye.position, look_target=eye.target, eye_up=(0.0, 0.0, 1.0)),
-    )
+    scene = scene_view("Motion, and where the robot would stand", eye, ["/robot/**", "/path/**"], SWITCHED_OFF)
     plots = [rrb.TimeSeriesView(origin=path, name=name) for path, name in PLOTS]
     log = rrb.TextLogView(origin="/stream/log", name="Why there was no piece")
-    return rrb.Blueprint(
-        rrb.Horizontal(scene, rrb.Vertical(*plots, log), column_shares=[1.75, 1.0]),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=PATH_TIME, loop_mode="all", play_state="playing"),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return blueprint(rrb.Horizontal(scene, rrb.Vertical(*plots, log), column_shares=[1.75, 1.0]), PATH_TIME)

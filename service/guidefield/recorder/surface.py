@@ -20,25 +20,18 @@ from guidefield.robot.model.shapes import triangulation
 
 CREASE = np.radians(40.0)
 """Faces that meet at less than this angle are shaded as one smooth surface [rad]."""
-
 SKETCH_CREASE = np.radians(85.0)
 """The same for sketches, which have few and coarse faces [rad]."""
-
 MERGED_DIGITS = 6
 """Decimals of a metre to which vertices are the same."""
-
 SKETCH_VERTICES = 32
 """Most vertices of a body in a sketch."""
-
 SIDES = 48
 """Sides of a drawn cylinder."""
-
 SAME_EXTENT, SAME_AREA = 1e-3, 0.05
 """Two readings of a file are the same if they differ by at most these shares: polygons may be cut differently."""
-
 TEXTURE_SIZE = 512
 """Longest side of a texture, in pixels."""
-
 GREY = (204, 204, 208, 255)
 """Colour of a body that has none of its own (RGBA)."""
 
@@ -123,7 +116,7 @@ def of_shape(shape: Any) -> Surface:
 def sketch(surface: Surface) -> Surface:
     """The hull of few of a surface's points, evenly spread: enough to show a pose; a flat surface as it is."""
     try:
-        hull = convex_hull(_spread(surface.vertices.astype(float), SKETCH_VERTICES))
+        hull = convex_hull(_spread_points(surface.vertices.astype(float), SKETCH_VERTICES))
     except FlatError:
         return surface
     return shaded(*hull, crease=SKETCH_CREASE)
@@ -220,7 +213,7 @@ def _texture(mesh: trimesh.Trimesh) -> Any:
     return image if image is not None else getattr(material, "baseColorTexture", None)
 
 
-def _spread(points: np.ndarray, count: int) -> np.ndarray:
+def _spread_points(points: np.ndarray, count: int) -> np.ndarray:
     """At most so many of the points (n, 3), each the farthest from those before it."""
     distances = np.linalg.norm(points - points.mean(axis=0), axis=1)
     chosen = []

@@ -17,15 +17,11 @@ if TYPE_CHECKING:
 
 FAINT_GHOSTS = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, 18))
 """Ghosts where the robot itself is shown too."""
-
 LOG_COLUMNS = rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"])
-
-SWITCHED_OFF = ("/robot/collision", "/robot/spheres")
+SWITCHED_OFF = {path: rrb.EntityBehavior(visible=False) for path in ("/robot/collision", "/robot/spheres")}
 """Entities that are hidden at first: the shapes that are judged, and their bounding spheres."""
-
 BACKGROUND = (13, 16, 17)
 """Colour around the picture of the field (RGB), as that of the viewer."""
-
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=STEP, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative(seq=0)
 )
@@ -59,8 +55,13 @@ def layout(eye: Eye, timeline: str, present: Set[str]) -> rrb.Blueprint:
         tabs.append(_planner(eye, present))
     if not present.isdisjoint({PICTURE, PICTURE_AT_START}):
         tabs.append(_field(eye, PICTURE in present))
+    return blueprint(rrb.Tabs(*tabs, *_joints(present), _documents(), active_tab=0), timeline)
+
+
+def blueprint(views: Any, timeline: str) -> rrb.Blueprint:
+    """The layout of some views, with all panels collapsed, playing a timeline."""
     return rrb.Blueprint(
-        rrb.Tabs(*tabs, *_joints(present), _documents(), active_tab=0),
+        views,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=timeline, loop_mode="all", play_state="playing"),
@@ -83,8 +84,8 @@ def _overview(eye: Eye, present: Set[str]) -> rrb.Horizontal:
     )
     moving = ["/robot/**", "/path/**", GHOST_ENTITY]
     pictures = rrb.Tabs(
-        _scene("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, **{path: _off() for path in SWITCHED_OFF}}),
-        _scene("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
+        scene_view("Motion", eye, moving, {GHOST_ENTITY: FAINT_GHOSTS, **SWITCHED_OFF}),
+        scene_view("Whole way", eye, [GHOST_ENTITY, "/path/tip"], {}),
         active_tab=0,
     )
     return rrb.Horizontal(pictures, figures, column_shares=[1.75, 1.0], name="Overview")
@@ -96,7 +97,7 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
         words.append(_plot("/planner/potential", "Potential by step [m] (choose the timeline 'step')", legend=False))
     shown = ["/robot/visual/**", "/robot/at_fault/**", "/planner/**", "/path/planned", "/path/goal", "/path/failure"]
     so_far = {path: SO_FAR for path in ("/planner/tip", "/planner/connect/tree") if path in present}
-    steps = _scene("Steps (choose the timeline 'step')", eye, shown, so_far)
+    steps = scene_view("Steps (choose the timeline 'step')", eye, shown, so_far)
     return rrb.Horizontal(
         steps, rrb.Vertical(*words, row_shares=[2.0, 1.0][: len(words)]), column_shares=[1.4, 1.0], name="Planner"
     )
@@ -104,7 +105,7 @@ def _planner(eye: Eye, present: Set[str]) -> rrb.Horizontal:
 
 def _field(eye: Eye, at_rest: bool) -> rrb.Horizontal:
     shown = ["/robot/collision/**", "/field/charges/**", "/field/forces", "/field/slice", "/path/tip"]
-    forces = _scene("Forces on links, charged points by force (red: strong, blue: a hundredth)", eye, shown, {})
+    forces = scene_view("Forces on links, charged points by force (red: strong, blue: a hundredth)", eye, shown, {})
     when = "" if at_rest else " before obstacles move"
     words = f"Potential in the plane of the tip's way{when} (dark: far; lines: as of a wall 1, 2, 5, 10 .. cm away)"
     picture = rrb.Spatial2DView(
@@ -145,12 +146,8 @@ def _plot(origin: str, name: str, contents: Sequence[str] = ("/**",), *, legend:
     )
 
 
-def _off() -> rrb.EntityBehavior:
-    """There, but switched off."""
-    return rrb.EntityBehavior(visible=False)
-
-
-def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) -> rrb.Spatial3DView:
+def scene_view(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) -> rrb.Spatial3DView:
+    """A view of what stands around and of other entities from an eye, with overrides by entity."""
     return rrb.Spatial3DView(
         origin="/",
         name=name,
@@ -163,28 +160,20 @@ def _scene(name: str, eye: Eye, contents: list[str], overrides: dict[str, Any]) 
 AZIMUTHS = 16
 ELEVATIONS = (0.35, 0.65)
 """Angles above the horizon that are tried [rad]."""
-
 PREFERRED_AZIMUTH = 1.96
 """Best azimuth of the eye from the direction of the motion [rad]: to its side, a little behind."""
-
 TRIED_AT_ONCE = 4
 """Eyes whose rays are cast together, those of preferred directions first."""
-
 PREFERENCE = 1.2
 """Share of hidden points that the preferred direction makes up for."""
-
 DISTANCE = 1.9
 """Distance of the eye, as a multiple of the radius of its target."""
-
 SMALLEST_RADIUS = 0.35
 """Radius that is looked at even if less moves [m]."""
-
 SAMPLES = 8
 """Points of the tip's way that are looked for."""
-
 MOST_TRIANGLES = 1500
 """Triangles that may hide something; of more, the largest."""
-
 HIDING_SHARE = 0.1
 """Share of the tip's way that an obstacle hides before it is drawn translucent."""
 

@@ -21,7 +21,6 @@ from guidefield.recorder.view import Eye, layout
 
 LEFT_OUT = "/left_out"
 """The entity that stands for what a stored recording lacks."""
-
 LINK = ".drawn"
 """Ending of a stored recording's link to the file of its scene; the store deletes it with the recording."""
 
