@@ -188,7 +188,7 @@ class Outbox:
                 letter.send()
             except Exception:  # the thread must outlive it, and there is nobody to tell
                 _log.exception("an answer could not be sent")
-            self._sent(key, letter)
+            self._settle(key, letter)
 
     def _poll_once(self) -> None:
         assert self._poll is not None, "there is something to poll"
@@ -265,7 +265,7 @@ class Outbox:
         most = OF_USER * MOST_THREADS
         return next((user for user in self._ready if self._shares[user].threads < most), None)
 
-    def _sent(self, key: object, letter: _Letter) -> None:
+    def _settle(self, key: object, letter: _Letter) -> None:
         with self._lock:
             if self._polling == threading.get_ident():
                 self._sending = None

@@ -396,7 +396,7 @@ class Pool:
             slot.worker, current, worker.current = None, worker.current, None
             now = time.monotonic()
             self._take_back(worker)
-            is_begun = current is not None and worker.line.begun.value == current.number
+            is_begun = current is not None and worker.line.numbers.begun == current.number
             waits = False
             if current is not None:
                 self.waiting.done(current.task, now - current.since, now - current.since if is_begun else 0.0)

@@ -30,17 +30,14 @@ from guidefield.pool.waiting import Answer
 
 DATA_ROOM = 2
 """Address space of a worker as a multiple of its memory limit: one huge allocation fails at once."""
-
 LONGEST_REASON = 4096
 """Longest reason that is told of a worker that can't be prepared [characters]."""
-
 JOB = struct.Struct("<QQQ")
 """Head of a job's frame: its number, its size when pickled, and that of the buffer behind it, if it has one."""
 TOLD = struct.Struct("<BQdQ")
 """Head of what a worker sends: kind, number of the job, processor time that it took [s], how many bytes follow."""
 READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
 """Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
-
 NOTHING, OPTIONAL, OWED = range(3)
 """Work that remains after an answer: none; work that ends early for the next job; work to be done before that."""
 
@@ -48,42 +45,43 @@ _PR_SET_PDEATHSIG = 1
 """Option of Linux's `prctl`: the signal that a process gets when the thread that started it ends."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """The numbers and the socket that a slot and its worker process share.
+class Numbers(ctypes.Structure):
+    """The numbers that a slot and its worker process share in memory.
 
     Attributes:
-        begun: Number of the job that was begun last, in shared memory.
-        cancelled: Number of the job that is to be ended early, in shared memory.
-        set_back: Number of the job that is to be ended early because it will be begun anew, in shared memory.
-        prepared: Number of the job that a worker is done preparing for, in shared memory.
-        remaining: The work that remains after an answer, in shared memory: `NOTHING`, `OPTIONAL` or `OWED`.
-        listened: Whether anybody listens to progress, in shared memory of all workers.
-        socket: The worker's end of its pair of sockets.
+        begun: The job that was begun last.
+        cancelled: The job that is to be ended early.
+        set_back: The job that is to be ended early because it will be begun anew.
+        prepared: The job that a worker is done preparing for.
+        remaining: The work that remains after an answer: `NOTHING`, `OPTIONAL` or `OWED`.
     """
 
-    begun: Any
-    cancelled: Any
-    set_back: Any
-    prepared: Any
-    remaining: Any
+    _fields_ = [(name, ctypes.c_uint64) for name in ("begun", "cancelled", "set_back", "prepared", "remaining")]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A worker's side of what it shares with its slot.
+
+    Attributes:
+        numbers: `Numbers`.
+        listened: Whether anybody listens to progress, in shared memory of all workers.
+        socket: The worker's end of their pair of sockets.
+    """
+
+    numbers: Any
     listened: Any
     socket: socket.socket
 
-
-class Mouth:
-    """A worker's side of its socket: several threads may tell something, each frame goes whole."""
-
-    def __init__(self, told: socket.socket) -> None:
-        self._told = told
-        self._lock = threading.Lock()
-
     def tell(self, kind: int, number: int = 0, processor: float = 0.0, what: bytes = b"") -> None:
-        """Send one frame; returns once it is on its way."""
-        with self._lock:
-            sent = self._told.sendmsg([TOLD.pack(kind, number, processor, len(what)), what])
+        """Send one frame, whole though several threads do; returns once it is on its way."""
+        with _telling:
+            sent = self.socket.sendmsg([TOLD.pack(kind, number, processor, len(what)), what])
             if sent < TOLD.size + len(what):  # not the head alone: it is shorter than any buffer's room
-                self._told.sendall(memoryview(what)[sent - TOLD.size :])
+                self.socket.sendall(memoryview(what)[sent - TOLD.size :])
+
+
+_telling = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -92,29 +90,28 @@ class Call:
 
     number: int
     line: Line
-    mouth: Mouth
     later: list[Callable[[], None]] = field(default_factory=list)
 
     def is_cancelled(self) -> bool:
         """Return whether the job is to end early, whatever for."""
-        return self.number in (self.line.cancelled.value, self.line.set_back.value)
+        return self.number in (self.line.numbers.cancelled, self.line.numbers.set_back)
 
     def set_back(self) -> bool:
         """Return whether it is to be ended early and will be begun anew: then it leaves no trace."""
-        return bool(self.line.set_back.value == self.number)
+        return bool(self.line.numbers.set_back == self.number)
 
     def be_prepared(self) -> None:
         """Say that what the job needs is loaded: from now on it minds its time by itself."""
-        self.line.prepared.value = self.number
+        self.line.numbers.prepared = self.number
 
     def follow(self, work: Callable[[], None]) -> None:
         """Have work done after the answer; it asks `is_awaited`, and ends early then."""
-        self.line.remaining.value = max(OPTIONAL, self.line.remaining.value)
+        self.line.numbers.remaining = max(OPTIONAL, self.line.numbers.remaining)
         self.later.append(work)
 
     def owe(self, work: Callable[[], None]) -> None:
         """Have work done after the answer, and before the next job; the worker lives until then, if it can."""
-        self.line.remaining.value = OWED
+        self.line.numbers.remaining = OWED
         self.later.append(work)
 
     def is_awaited(self) -> bool:
@@ -128,7 +125,7 @@ class Call:
                 work()
             except Exception:  # the worker outlives it
                 logging.getLogger(__name__).exception("what a worker does after an answer failed")
-        self.line.remaining.value = NOTHING
+        self.line.numbers.remaining = NOTHING
 
     def is_listened_to(self) -> bool:
         """Return whether anybody listens to progress."""
@@ -137,7 +134,7 @@ class Call:
     def tell(self, what: bytes) -> None:
         """Tell something; it is lost if nobody listens."""
         with contextlib.suppress(OSError):
-            self.mouth.tell(PROGRESS, self.number, what=what)
+            self.line.tell(PROGRESS, self.number, what=what)
 
 
 Work = Callable[[Any, Call], Answer | None]
@@ -154,22 +151,21 @@ def be_worker(setup: Setup, line: Line, memory: int) -> None:
     """
     end_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all; the parent ends its workers
-    mouth = Mouth(line.socket)
     try:
         answer = setup()
     except GuidefieldError as error:
-        mouth.tell(UNPREPARED, what=error.message[:LONGEST_REASON].encode())
+        line.tell(UNPREPARED, what=error.message[:LONGEST_REASON].encode())
         sys.exit(1)
     limit_memory(memory)
-    mouth.tell(READY)
+    line.tell(READY)
     with contextlib.suppress(EOFError, ConnectionError):  # the parent has ended
         while True:
             number, size, beside = JOB.unpack(_read(line.socket, JOB.size))
-            line.begun.value = number
+            line.numbers.begun = number
             began = time.process_time()
-            call = Call(number, line, mouth)
+            call = Call(number, line)
             kind, what = _outcome(answer, _read(line.socket, size), _read(line.socket, beside), call)
-            mouth.tell(kind, number, time.process_time() - began, what)
+            line.tell(kind, number, time.process_time() - began, what)
             call.finish()
 
 

@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
-from guidefield.pool.process import JOB, OWED, TOLD, Line, Setup, be_worker
+from guidefield.pool.process import JOB, OWED, TOLD, Line, Numbers, Setup, be_worker
 from guidefield.pool.waiting import Task
 from guidefield.system import processor_time, resident
 
@@ -68,8 +68,7 @@ class Worker:
         for end in (self.socket, theirs):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SENDING_ROOM)
         self.socket.setblocking(False)
-        begun, cancelled, set_back, prepared, remaining = (spawn.Value("Q", 0, lock=False) for _ in range(5))
-        self.line = Line(begun, cancelled, set_back, prepared, remaining, listened, theirs)
+        self.line = Line(spawn.RawValue(Numbers), listened, theirs)
         self.process = spawn.Process(
             target=be_worker, args=(setup, self.line, memory), name="guidefield-worker", daemon=True
         )
@@ -108,12 +107,12 @@ class Worker:
     @property
     def owes(self) -> bool:
         """Return whether it has work after its answers that must be done, and nothing else."""
-        return bool(self.line.remaining.value == OWED) and self.current is None
+        return bool(self.line.numbers.remaining == OWED) and self.current is None
 
     @property
     def is_working(self) -> bool:
         """Return whether it works, on a job or after an answer."""
-        return self.current is not None or bool(self.line.remaining.value)
+        return self.current is not None or bool(self.line.numbers.remaining)
 
     @property
     def memory(self) -> int:
@@ -154,12 +153,12 @@ class Worker:
         """Let it know if its job is to be ended early."""
         current = self.current
         if current is not None and current.task.cancelled_by_client:
-            self.line.cancelled.value = current.number
+            self.line.numbers.cancelled = current.number
 
     def set_back(self) -> None:
         """Have it end its job early, to begin anew when it is its turn again."""
         if self.current is not None:
-            self.line.set_back.value = self.current.number
+            self.line.numbers.set_back = self.current.number
 
     @property
     def late_at(self) -> float:
@@ -168,7 +167,7 @@ class Worker:
         if current is None or current.task.late is None or current.task.done():
             return math.inf
         late = current.task.late
-        return late.at_last if self.line.prepared.value == current.number else late.at
+        return late.at_last if self.line.numbers.prepared == current.number else late.at
 
     def give(self, current: Current) -> bool:
         """Send it a job.

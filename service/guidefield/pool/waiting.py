@@ -29,7 +29,6 @@ from guidefield.messages.identities import ANONYMOUS, Asker
 
 Answer = tuple[bool, bytes]
 """True for a reply, False for an error; and the payload."""
-
 BACKSTOP = 60.0
 """A worker that plans longer than its request allows by this is to be stopped [s]."""
 LONGEST_WORK = 600.0
