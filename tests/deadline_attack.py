@@ -24,7 +24,6 @@ from guidefield.handlers.info import Rules
 from guidefield.messages import keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.keys import Query
-from guidefield.messages.quotas import DEFAULT_QUOTAS
 from guidefield.messages.service_replies import Health
 from guidefield.pool.pool import Pool
 from guidefield.stores.runs import RunDatabase
@@ -59,24 +58,22 @@ for line in sys.stdin:
 def service(workers: int = 1) -> Iterator[Ask]:
     """A service without network and disk: its endpoint, and workers that have answered a small plan."""
     with tempfile.TemporaryDirectory() as folder:
-        setup = EngineSetup("attacked", Path(folder))
+        setup = EngineSetup(Path(folder), "attacked")
         runs = RunDatabase(Path(folder))
         runs.writer.submit = _written_at_once  # type: ignore[method-assign]
         pool = Pool(setup, workers=workers)
         condition = Condition()
         condition.now = Health(state="ready")
         endpoint = Endpoint(
-            "attacked",
+            setup,
             setup.engines(runs),
             runs,
             pool,
-            Streams("attacked", setup, 0, 0, DEFAULT_QUOTAS, _publish),
+            Streams(setup, 0, 0, _publish),
             _publish,
             no_trace,
             condition,
-            Path(folder),
             Rules(),
-            DEFAULT_QUOTAS,
             False,
             lambda: 0,
         )

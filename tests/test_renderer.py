@@ -93,9 +93,7 @@ def rendering(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
     def make(setup: type[EngineSetup], memory: int = DEFAULT_MEMORY) -> Rendering:
         engine = Engine(recordings=database.recordings(PLAIN))
         done: list[str] = []
-        renderer = Renderer(
-            setup("local", tmp_path), memory, database.recordings, lambda _, run_id: done.append(run_id)
-        )
+        renderer = Renderer(setup(tmp_path), memory, database.recordings, lambda _, run_id: done.append(run_id))
         made.append(Rendering(renderer, database.recordings(PLAIN), done))
         for number in range(3):
             engine.answer(msgspec.structs.replace(PLAN, run_id=f"r{number}"))

@@ -233,7 +233,9 @@ ERRORS: dict[Status, type[GuidefieldError]] = {
 
 
 def convert_exception(error: Exception) -> GuidefieldError:
-    """Convert a foreign exception: out of memory, a disk error, or a bug."""
+    """Convert a foreign exception: out of memory, a disk error, or a bug; one of ours stays."""
+    if isinstance(error, GuidefieldError):
+        return error
     if isinstance(error, MemoryError):
         return WorkerCrashed("the request needs more memory than there is")
     if isinstance(error, OSError) and error.errno is not None and not isinstance(error, FileNotFoundError):

@@ -164,12 +164,11 @@ class StreamConversation:
         journal = self._journal()
         try:
             stream = self._opened(journal)
-        except GuidefieldError as error:
-            line.send(Refused(make_error_reply(error)))
-            return
         except Exception as error:
-            _log.exception("a stream could not be opened")
-            line.send(Refused(make_error_reply(convert_exception(error))))
+            told = convert_exception(error)
+            if told is not error:
+                _log.exception("a stream could not be opened")
+            line.send(Refused(make_error_reply(told)))
             return
         line.send(_open(stream))
         gc.collect()

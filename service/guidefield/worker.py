@@ -55,24 +55,25 @@ class EngineSetup:
     """Prepares the engine of a service, or of one of its workers.
 
     Attributes:
-        instance: Name of the service.
         data: Folder of its runs, scenes and robots.
+        instance: Name of the service, the second chunk of its keys.
         log_level: How much a worker logs, to stderr.
         json_logs: Whether as JSON.
-        quotas: How much room each user has.
         packages: Folders of packages from which a robot that is sent may take meshes.
         prepare: Robots that each worker prepares for their first plan before it is ready.
-        eager: True if a worker renders each recording after its reply, before it takes the next query.
+        quotas: What each user may have.
+        eager_recordings: True if a worker renders each recording after its reply, before it takes the next query; else
+            a process at low priority does.
     """
 
-    instance: str
     data: Path
+    instance: str = "local"
     log_level: int = logging.INFO
     json_logs: bool = False
     packages: tuple[Path, ...] = ()
     prepare: tuple[str, ...] = ()
     quotas: Quotas = DEFAULT_QUOTAS
-    eager: bool = False
+    eager_recordings: bool = False
 
     def engines(self, database: RunDatabase | None = None) -> Engines:
         """Engines on the data folder; those that read runs are given their database."""
@@ -83,7 +84,7 @@ class EngineSetup:
         logs.configure(self.log_level, json=self.json_logs)
         engines = self.engines()
         engines.of(PLAIN).warm_up(self.prepare)
-        return EngineWorker(engines, self.eager)
+        return EngineWorker(engines, self.eager_recordings)
 
 
 @dataclass(frozen=True)
@@ -103,15 +104,13 @@ class EngineWorker:
         encoding = job.query.encoding
         try:
             return self._replied(job, call)
-        except Preempted as error:
-            if call.set_back():
-                return None
-            return False, codec.encode(make_error_reply(error), encoding)
-        except GuidefieldError as error:
-            return False, codec.encode(make_error_reply(error), encoding)
         except Exception as error:
-            _log.exception("an answer could not be written")
-            return False, codec.encode(make_error_reply(convert_exception(error)), encoding)
+            told = convert_exception(error)
+            if told is not error:
+                _log.exception("an answer could not be written")
+            if isinstance(told, Preempted) and call.set_back():
+                return None
+            return False, codec.encode(make_error_reply(told), encoding)
 
     def _replied(self, job: Job, call: Call) -> tuple[bool, bytes] | None:
         query = job.query

@@ -18,8 +18,8 @@ import uuid
 
 import zenoh
 
+from guidefield.endpoint.ros.cdr import types_of
 from guidefield.endpoint.ros.names import Entity, Kind
-from guidefield.endpoint.ros.offering import types_of
 from guidefield.endpoint.ros.options import Distribution
 
 ENDPOINT = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"

@@ -12,7 +12,7 @@ from functools import partial
 import msgspec
 import zenoh
 
-from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, convert_exception
+from guidefield.errors import MalformedRequest, ServerBusy, convert_exception
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, split_owner, split_user
@@ -148,14 +148,11 @@ class Asked:
         """Answer with whatever error escapes the block."""
         try:
             yield
-        except GuidefieldError as error:
-            self._refuse(error)
         except Exception as error:
-            _log.exception("a query failed by itself")
-            self._refuse(convert_exception(error))
-
-    def _refuse(self, error: GuidefieldError) -> None:
-        try:
-            self.answer((False, codec.encode(make_error_reply(error), self._encoding)))
-        except Exception:  # Zenoh refuses to send: there is nobody to tell
-            _log.exception("an error could not be sent")
+            told = convert_exception(error)
+            if told is not error:
+                _log.exception("a query failed by itself")
+            try:
+                self.answer((False, codec.encode(make_error_reply(told), self._encoding)))
+            except Exception:  # Zenoh refuses to send: there is nobody to tell
+                _log.exception("an error could not be sent")

@@ -19,7 +19,6 @@ import uuid
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
-from pathlib import Path
 from typing import get_args
 
 import zenoh
@@ -44,7 +43,6 @@ from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
-from guidefield.messages.quotas import Quotas
 from guidefield.messages.replies import Done, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
 from guidefield.messages.scene_changes import SceneChanged
@@ -55,7 +53,7 @@ from guidefield.stores.by_user import Kind
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun
 from guidefield.stores.runs import RunDatabase, UserRuns, answered_before
-from guidefield.worker import Job
+from guidefield.worker import EngineSetup, Job
 
 _log = logging.getLogger(__name__)
 
@@ -77,7 +75,7 @@ class Endpoint:
     """Sorts queries and answers them.
 
     Args:
-        instance: Name of the service.
+        setup: Of the engines.
         engines: Answer requests that need no worker.
         runs: All runs that are kept.
         pool: Answers the other requests; jobs are `worker.Job`.
@@ -85,16 +83,14 @@ class Endpoint:
         publish: Publishes JSON on a key.
         trace: Begins the trace of each query.
         condition: The state of the service.
-        data: Folder whose disk `info` describes.
         rules: The limits of the service, and its rules of delivery, for `info`.
-        quotas: The quotas of users.
         access_control: True if the configuration keeps users to their own keys.
         memory_of_renderer: Returns the resident memory of the process that renders recordings [bytes].
     """
 
     def __init__(
         self,
-        instance: str,
+        setup: EngineSetup,
         engines: Engines,
         runs: RunDatabase,
         pool: Pool,
@@ -102,18 +98,15 @@ class Endpoint:
         publish: Callable[[str, bytes], None],
         trace: Trace,
         condition: Condition,
-        data: Path,
         rules: Rules,
-        quotas: Quotas,
         access_control: bool,
         memory_of_renderer: Callable[[], int],
     ) -> None:
-        self._instance, self._engines, self._runs, self._pool = instance, engines, runs, pool
+        self._setup, self._engines, self._runs, self._pool = setup, engines, runs, pool
         self._streams, self._publish, self._trace, self._condition = streams, publish, trace, condition
-        self._data, self._rules, self._quotas, self._access_control = data, rules, quotas, access_control
-        self._memory_of_renderer = memory_of_renderer
+        self._rules, self._access_control, self._memory_of_renderer = rules, access_control, memory_of_renderer
         self._under_way, self._readers = UnderWay(pool), Readers()
-        self._allowances = Allowances(quotas, pool.waiting)
+        self._allowances = Allowances(setup.quotas, pool.waiting)
         self._meter = Meter()
         self._began = time.monotonic()
 
@@ -124,7 +117,7 @@ class Endpoint:
         key = str(query.key_expr)
         kind = _kind(key)
         count = partial(self._count_answer, kind, received, self._trace(kind, key))
-        asked = Asked(query, self._instance, count, self._pool.outbox.post)
+        asked = Asked(query, self._setup.instance, count, self._pool.outbox.post)
         self._meter.count("asked")
         with asked.answering_failures():
             read = asked.read(self._let_in)
@@ -238,8 +231,8 @@ class Endpoint:
             streams=self._streams.open,
             latency=self._meter.latency(),
             health=self._condition.now,
-            disk=disk_of(self._data),
-            identity=Identity(user=user, access_control=self._access_control, quota=self._quotas.of(user)),
+            disk=disk_of(self._setup.data),
+            identity=Identity(user=user, access_control=self._access_control, quota=self._setup.quotas.of(user)),
             users=self._users(user),
         )
 
@@ -339,9 +332,9 @@ class Endpoint:
 
     def _tell_progress(self, user: str, run_id: str, told: bytes) -> None:
         """Publish how far a run is, for everybody if its user shares it."""
-        self._publish(f"{base_key(self._instance, user)}/runs/{run_id}/progress", told)
+        self._publish(f"{base_key(self._setup.instance, user)}/runs/{run_id}/progress", told)
         if self._runs.of(user).is_shared(run_id):
-            self._publish(f"{shared_key(self._instance)}/runs/{user}:{run_id}/progress", told)
+            self._publish(f"{shared_key(self._setup.instance)}/runs/{user}:{run_id}/progress", told)
 
     def _tell_change(self, read: keys.Query, future: Future[Answer]) -> None:
         """Publish that a scene was stored or changed."""
@@ -351,7 +344,7 @@ class Endpoint:
         self._tell_changed(read, SceneChanged(name=read.key[1], version=done.version, diff=keys.decode_diff(read)))
 
     def _tell_changed(self, read: keys.Query, told: SceneChanged) -> None:
-        self._publish(f"{base_key(self._instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
+        self._publish(f"{base_key(self._setup.instance, read.owner)}/scenes/{read.key[1]}/changes", codec.encode(told))
 
 
 _kept_states = threading.local()

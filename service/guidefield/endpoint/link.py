@@ -41,8 +41,6 @@ UNLESS_TOLD = {
     "transport/link/rx/max_message_size": str(LONGEST_MESSAGE),
 }
 """Settings where the configuration leaves Zenoh's own: no scouting, and nothing is read without end."""
-
-
 DESCRIPTORS = Path("/dev/fd")
 """Folder that lists the open files of a process, on Linux and macOS."""
 AT_ONCE = struct.pack("ii", 0, 0)

@@ -8,10 +8,11 @@ tells in brief, in Prometheus' text format, asked anew for each scrape.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -142,74 +143,46 @@ def families(instance: str, told: InfoReply) -> Iterator[Any]:
     Raises:
         ImportError: if prometheus-client isn't installed.
     """
-    from prometheus_client.metrics_core import (
-        CounterMetricFamily,
-        GaugeMetricFamily,
-        HistogramMetricFamily,
-        InfoMetricFamily,
-    )
+    from prometheus_client import metrics_core
 
-    def gauge(name: str, what: str, value: float) -> Any:
-        family = GaugeMetricFamily(f"guidefield_{name}", what, labels=["instance_name"])
-        family.add_metric([instance], value)
-        return family
+    def family(kind: str, name: str, what: str, values: Mapping[Any, Any], *labels: str) -> Any:
+        """A family of a kind, with values by those of its labels behind the instance's name."""
+        made = getattr(metrics_core, f"{kind}MetricFamily")(
+            f"guidefield{name}", what, labels=["instance_name", *labels]
+        )
+        for own, value in values.items():
+            made.add_metric([instance, *own], *(value if isinstance(value, tuple) else (value,)))
+        return made
 
-    version = InfoMetricFamily("guidefield", "The service", labels=["instance_name"])
-    version.add_metric([instance], {"version": told.version})
-    yield version
-
-    health = GaugeMetricFamily("guidefield_health", "1 for the state that it is in", labels=["instance_name", "state"])
-    for state in ("starting", "ready", "ending"):
-        health.add_metric([instance, state], float(told.health.state == state))
-    yield health
-    yield gauge("uptime_seconds", "Since the start", told.uptime)
-    yield gauge("workers", "Worker processes", told.workers)
-    yield gauge("workers_busy", "Those of them that work on a request", told.busy)
-    yield gauge("queue_requests", "Requests that wait for a worker", told.queue)
-
-    memory = GaugeMetricFamily("guidefield_memory_bytes", "Resident memory", labels=["instance_name", "of"])
-    memory.add_metric([instance, "service"], told.own_memory)
-    memory.add_metric([instance, "workers"], told.memory)
-    yield memory
+    yield family("Info", "", "The service", {(): {"version": told.version}})
+    states = {(state,): float(told.health.state == state) for state in ("starting", "ready", "ending")}
+    yield family("Gauge", "_health", "1 for the state that it is in", states, "state")
+    yield family("Gauge", "_uptime_seconds", "Since the start", {(): told.uptime})
+    yield family("Gauge", "_workers", "Worker processes", {(): told.workers})
+    yield family("Gauge", "_workers_busy", "Those of them that work on a request", {(): told.busy})
+    yield family("Gauge", "_queue_requests", "Requests that wait for a worker", {(): told.queue})
+    memory = {("service",): told.own_memory, ("workers",): told.memory}
+    yield family("Gauge", "_memory_bytes", "Resident memory", memory, "of")
     if told.disk is not None:
-        yield gauge("disk_free_bytes", "What is free on the data folder's disk", told.disk.free)
-        yield gauge("disk_total_bytes", "How large it is", told.disk.total)
-
-    queries = CounterMetricFamily("guidefield_queries", "By what became of them", labels=["instance_name", "outcome"])
-    events = CounterMetricFamily("guidefield_events", "Of other kinds", labels=["instance_name", "event"])
-    for name, count in told.counters.items():
-        (queries if name in OUTCOMES else events).add_metric([instance, name], count)
-    yield queries
-    yield events
-
-    requests = GaugeMetricFamily(
-        "guidefield_user_requests", "Of a user, that wait or run", labels=["instance_name", "user", "state"]
-    )
-    spent = GaugeMetricFamily(
-        "guidefield_user_processor_seconds", "What a user got lately", labels=["instance_name", "user"]
-    )
-    for user, figures in told.users.items():
-        requests.add_metric([instance, user, "waiting"], figures.waiting)
-        requests.add_metric([instance, user, "running"], figures.running)
-        spent.add_metric([instance, user], figures.processor)
-    yield requests
-    yield spent
-
-    latency = HistogramMetricFamily(
-        "guidefield_answer_seconds", "From a query's arrival to its answer", labels=["instance_name", "kind"]
-    )
-    for kind, histogram in told.latency.items():
-        latency.add_metric([instance, kind], _buckets(histogram), histogram.sum)
-    yield latency
+        yield family("Gauge", "_disk_free_bytes", "What is free on the data folder's disk", {(): told.disk.free})
+        yield family("Gauge", "_disk_total_bytes", "How large it is", {(): told.disk.total})
+    queries = {(name,): count for name, count in told.counters.items() if name in OUTCOMES}
+    yield family("Counter", "_queries", "By what became of them", queries, "outcome")
+    events = {(name,): count for name, count in told.counters.items() if name not in OUTCOMES}
+    yield family("Counter", "_events", "Of other kinds", events, "event")
+    waiting = {(user, "waiting"): figures.waiting for user, figures in told.users.items()}
+    running = {(user, "running"): figures.running for user, figures in told.users.items()}
+    yield family("Gauge", "_user_requests", "Of a user, that wait or run", waiting | running, "user", "state")
+    spent = {(user,): figures.processor for user, figures in told.users.items()}
+    yield family("Gauge", "_user_processor_seconds", "What a user got lately", spent, "user")
+    times = {(kind,): (_buckets(histogram), histogram.sum) for kind, histogram in told.latency.items()}
+    yield family("Histogram", "_answer_seconds", "From a query's arrival to its answer", times, "kind")
 
 
 def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
     """The cumulative counts of a histogram, by the bound."""
-    total, buckets = 0, []
-    for bound, count in zip([*map(str, histogram.bounds), "+Inf"], histogram.counts, strict=True):
-        total += count
-        buckets.append((bound, float(total)))
-    return buckets
+    bounds = [*map(str, histogram.bounds), "+Inf"]
+    return list(zip(bounds, map(float, itertools.accumulate(histogram.counts)), strict=True))
 
 
 End = Callable[[str], None]
@@ -221,11 +194,7 @@ Trace = Callable[[str, str], End]
 
 def no_trace(_kind: str, _key: str) -> End:
     """Trace nothing."""
-    return _nothing
-
-
-def _nothing(_outcome: str) -> None:
-    pass
+    return lambda _outcome: None
 
 
 def opentelemetry_trace(provider: Any) -> Trace:

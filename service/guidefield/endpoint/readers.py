@@ -61,14 +61,11 @@ class Readers:
     def _settle(self, task: Task) -> None:
         began = time.monotonic()
         try:
-            answer = task.job()
-        except GuidefieldError as error:
-            outcome: Answer | GuidefieldError = error
+            outcome: Answer | GuidefieldError = task.job()
         except Exception as error:  # the thread must outlive it
-            _log.exception("a query failed by itself")
             outcome = convert_exception(error)
-        else:
-            outcome = answer
+            if outcome is not error:
+                _log.exception("a query failed by itself")
         seconds = time.monotonic() - began
         self._waiting.done(task, seconds, seconds)
         if isinstance(outcome, GuidefieldError):

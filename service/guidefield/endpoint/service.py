@@ -10,9 +10,10 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
@@ -36,7 +37,6 @@ from guidefield.first_start import compile_kernels
 from guidefield.handlers.info import Figures, Rules, brief_info
 from guidefield.messages import codec
 from guidefield.messages.identities import PLAIN, base_key
-from guidefield.messages.quotas import DEFAULT_QUOTAS, Quotas
 from guidefield.messages.replies import Health, InfoReply, make_error_reply
 from guidefield.pool.pool import DEFAULT_MEMORY, Pool
 from guidefield.pool.waiting import Limits
@@ -44,6 +44,9 @@ from guidefield.renderer import Renderer
 from guidefield.stores.files import checked_name
 from guidefield.stores.runs import DEFAULT_RETENTION, Retention, RunDatabase
 from guidefield.worker import EngineSetup
+
+if TYPE_CHECKING:
+    from guidefield.endpoint.ros.node import RosNode
 
 _log = logging.getLogger(__name__)
 
@@ -57,6 +60,12 @@ ANSWERS_WITHIN = 5.0
 """Time for a service of the same name to say that it is alive [s]; if there is none, nothing waits."""
 EAGER_WITHIN = 30.0
 """Time that a worker has for the recording that it renders after its reply, before another process does it [s]."""
+FOR_STREAMS = {
+    "congestion_control": zenoh.CongestionControl.DROP,  # who doesn't read holds up nobody
+    "priority": zenoh.Priority.INTERACTIVE_HIGH,
+    "express": True,
+}
+"""The way in which messages of streams are published."""
 PATIENCE = 0.2
 """Time between two looks of a start whether it is to be given up [s]."""
 
@@ -66,32 +75,23 @@ class CannotServe(RuntimeError):
 
 
 @dataclass(frozen=True)
-class ServiceSettings:
-    """The settings of a service.
+class ServiceSettings(EngineSetup):
+    """The settings of a service, beside those of its engine.
 
     Attributes:
-        data: Folder of its runs, scenes and robots.
-        instance: Its name, the second chunk of its keys.
         listen: Zenoh endpoints; None takes the configuration's, or else a loopback port.
         config: Zenoh configuration file.
         workers: Number of worker processes.
         streams: How many streams may be open at once; each has a process of its own.
-        queue_limit: How many requests may wait for one; a single client may have half of them.
+        queue_limit: How many requests may wait for a worker; a single client may have half of them.
         memory: A worker that takes more is stopped [bytes].
         retention: How many runs are kept.
-        json_logs: Whether its workers log JSON.
         otel: Whether queries are traced with OpenTelemetry.
         metrics: Port on loopback where metrics and health are told over HTTP; None: nowhere.
         grace: How long requests that are being worked on may take at the end [s]; then plans are ended early.
-        packages: Folders of packages from which a robot that a client sends may take meshes.
-        prepare: Robots that are prepared for their first plan before the service is ready.
-        quotas: What each user may have.
         ros: How it is offered to ROS 2 nodes; None: not at all.
-        eager_recordings: True if workers render recordings after their replies; else a process at low priority does.
     """
 
-    data: Path
-    instance: str = "local"
     listen: tuple[str, ...] | None = None
     config: Path | None = None
     workers: int = 2
@@ -99,15 +99,15 @@ class ServiceSettings:
     queue_limit: int = DEFAULT_QUEUE
     memory: int = DEFAULT_MEMORY
     retention: Retention = DEFAULT_RETENTION
-    json_logs: bool = False
     otel: bool = False
     metrics: int | None = None
     grace: float = DEFAULT_GRACE
-    packages: tuple[Path, ...] = ()
-    prepare: tuple[str, ...] = ()
-    quotas: Quotas = DEFAULT_QUOTAS
     ros: RosSettings | None = None
-    eager_recordings: bool = False
+
+    def setup(self) -> EngineSetup:
+        """Return the settings of the engine alone, which workers read; they log as much as this process."""
+        setup = EngineSetup(*(getattr(self, field.name) for field in fields(EngineSetup)))
+        return replace(setup, log_level=_log.getEffectiveLevel())
 
 
 def limits_of(queue: int) -> Limits:
@@ -129,16 +129,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             wrong, or an endpoint or the port of metrics can't be listened on; if the workers can't be prepared.
     """
     checked_name(settings.instance, "instance")
-    setup = EngineSetup(
-        settings.instance,
-        settings.data,
-        _log.getEffectiveLevel(),
-        json_logs=settings.json_logs,
-        packages=settings.packages,
-        prepare=settings.prepare,
-        quotas=settings.quotas,
-        eager=settings.eager_recordings,
-    )
+    setup = settings.setup()
     config = session_config(settings)
     os.environ.setdefault("ZENOH_RUNTIME", RUNTIME)  # read when the first session is opened
     with contextlib.ExitStack() as opened:
@@ -148,9 +139,8 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             lambda: Figures({}, time.monotonic() - began, health=condition.now)  # until there is an endpoint
         ]
         _tell_metrics(settings, lambda: brief_info(figures[-1]()), opened)
-        session = opened.enter_context(_opened(config))
+        session = opened.enter_context(_open_session(config))
         opened.callback(close_links_at_once(session).undeclare)
-        trace = _trace(settings, opened)
         _require_no_other(session, settings.instance)
         starting = session.liveliness().declare_token(f"guidefield/{settings.instance}/starting")
         runs = RunDatabase(settings.data, settings.retention, lambda user: settings.quotas.of(user).bytes)
@@ -162,33 +152,26 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
         hear_listeners = zenoh.handlers.Callback(partial(_note_listeners, pool), indirect=False)
         opened.enter_context(progress.declare_matching_listener(hear_listeners))
-        streams = _streams(settings, setup, session)
+        streams = Streams(setup, settings.streams, settings.memory, partial(_publish, session, **FOR_STREAMS))
         endpoint = Endpoint(
-            settings.instance,
+            setup,
             engines,
             runs,
             pool,
             streams,
             partial(_publish, session),
-            trace,
+            _trace(settings, opened),
             condition,
-            settings.data,
             Rules(limits_told(limits, settings.memory, settings.retention, settings.grace, settings.streams), DELIVERY),
-            settings.quotas,
             _has_access_control(config),
             lambda: renderer.memory,
         )
         figures.append(endpoint.figures)
-        for keys in (base_key(settings.instance, PLAIN), base_key(settings.instance, "*")):
-            heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
-            opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
-        # In the thread of its link: in one thread for all, a query waited for all that others had asked before.
-        asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
-        opened.enter_context(session.declare_queryable(f"guidefield/{settings.instance}/**", asked))
-        opened.callback(endpoint.close)
-        opened.callback(_close_runs, renderer, runs)
+        _declare(endpoint, settings.instance, session, opened)
+        opened.callback(runs.close)
+        opened.callback(renderer.close)
         opened.callback(Clients(session, settings.instance, endpoint.forget).close)
-        offer = _ros_offer(settings.ros, session, engines, endpoint, opened)
+        node = None if settings.ros is None else _ros_node(settings.ros, session, engines, endpoint, opened)
         opened.callback(streams.close)
         opened.callback(pool.close, settings.grace)
         ending = Health(state="ending", doing=f"what is being worked on is finished, within {settings.grace:g} s")
@@ -198,7 +181,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             return
         if _has_access_control(config):  # there are users
             pool.stand_by()
-        offer(opened)
+        if node is not None:
+            opened.callback(node.withdraw)
+            node.offer()
         renderer.start()
         starting.undeclare()
         opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
@@ -207,17 +192,25 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         announce("stopping: what is being worked on is finished, what waits is refused")
 
 
+def _declare(endpoint: Endpoint, instance: str, session: zenoh.Session, opened: contextlib.ExitStack) -> None:
+    """Have an endpoint take queries, and updates of streams; each in the thread of its link.
+
+    In one thread for all, a query waited for all that others had asked before.
+    """
+    for keys in (base_key(instance, PLAIN), base_key(instance, "*")):
+        heard = zenoh.handlers.Callback(endpoint.hear_update, indirect=False)
+        opened.enter_context(session.declare_subscriber(f"{keys}/streams/*/update", heard))
+    asked = zenoh.handlers.Callback(endpoint.receive, indirect=False)
+    opened.enter_context(session.declare_queryable(f"guidefield/{instance}/**", asked))
+    opened.callback(endpoint.close)
+
+
 def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) -> Renderer:
     """Renders the recordings of kept runs once it is started."""
-    patience = EAGER_WITHIN if settings.eager_recordings else 0.0
+    patience = EAGER_WITHIN if setup.eager_recordings else 0.0
     renderer = Renderer(setup, settings.memory, runs.recordings, runs.note_recording, patience)
     runs.render = renderer.add
     return renderer
-
-
-def _close_runs(renderer: Renderer, runs: RunDatabase) -> None:
-    renderer.close()
-    runs.close()
 
 
 def session_config(settings: ServiceSettings) -> zenoh.Config:
@@ -304,21 +297,12 @@ def _started(
     return True
 
 
-def _ros_offer(
-    settings: RosSettings | None,
-    own: zenoh.Session,
-    engines: Engines,
-    endpoint: Endpoint,
-    opened: contextlib.ExitStack,
-) -> Callable[[contextlib.ExitStack], object]:
-    """Return a function that offers the service to ROS 2 nodes once it is ready; without settings it does nothing.
-
-    It is withdrawn before the pool is closed, and its last answers go out after that.
-    """
-    if settings is None:
-        return lambda _: None
+def _ros_node(
+    settings: RosSettings, own: zenoh.Session, engines: Engines, endpoint: Endpoint, opened: contextlib.ExitStack
+) -> RosNode:
+    """Return a node for ROS 2 that isn't offered yet; its last answers go out after the pool is closed."""
     try:
-        from guidefield.endpoint.ros.offering import ros_node, session_for
+        from guidefield.endpoint.ros.node import ros_node, session_for
     except ImportError:
         raise CannotServe("ROS needs rosbags: pip install 'guidefield[ros]'") from None
     try:
@@ -327,15 +311,10 @@ def _ros_offer(
     except (GuidefieldError, zenoh.ZError) as error:
         raise CannotServe(f"the service can't be offered to ROS: {strip_source(error)}") from None
     opened.callback(node.finish)
-
-    def offer(ready: contextlib.ExitStack) -> None:
-        ready.callback(node.withdraw)
-        node.offer()
-
-    return offer
+    return node
 
 
-def _opened(config: zenoh.Config) -> zenoh.Session:
+def _open_session(config: zenoh.Config) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
@@ -347,28 +326,13 @@ def _note_listeners(pool: Pool, status: zenoh.MatchingStatus) -> None:
     pool.listened.value = status.matching
 
 
-def _publish(session: zenoh.Session, key: str, payload: bytes) -> None:
+def _publish(
+    session: zenoh.Session, key: str, payload: bytes, encoding: codec.Encoding = codec.Encoding.JSON, **options: Any
+) -> None:
     try:
-        session.put(key, payload, encoding=codec.Encoding.JSON.value)
-    except zenoh.ZError:  # nobody hears it then; the run goes on
-        _log.exception("progress could not be published")
-
-
-def _streams(settings: ServiceSettings, setup: EngineSetup, session: zenoh.Session) -> Streams:
-    def publish(key: str, payload: bytes, encoding: codec.Encoding) -> None:
-        try:
-            session.put(
-                key,
-                payload,
-                encoding=encoding.value,
-                congestion_control=zenoh.CongestionControl.DROP,  # who doesn't read holds up nobody
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
-                express=True,
-            )
-        except zenoh.ZError:  # nobody hears it then; the stream goes on
-            _log.exception("what a stream tells could not be published")
-
-    return Streams(settings.instance, setup, settings.streams, settings.memory, settings.quotas, publish)
+        session.put(key, payload, encoding=encoding.value, **options)
+    except zenoh.ZError:  # nobody hears it then; the work goes on
+        _log.exception("%s could not be published", key)
 
 
 def _alive(instance: str) -> str:

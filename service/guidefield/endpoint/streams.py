@@ -35,7 +35,6 @@ from guidefield.messages import codec, stream_keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, base_key, split_user
 from guidefield.messages.keys import Query
-from guidefield.messages.quotas import Quotas
 from guidefield.messages.replies import Done
 from guidefield.messages.stream_keys import (
     AimStream,
@@ -75,25 +74,14 @@ class Streams:
     """The streams of a service.
 
     Args:
-        instance: Name of the service.
         setup: Prepares the engine of a stream's process.
         most: How many there may be.
         memory: What a process may take [bytes].
-        quotas: What each user may have.
         publish: Publishes bytes on a key, in an encoding.
     """
 
-    def __init__(
-        self,
-        instance: str,
-        setup: EngineSetup,
-        most: int,
-        memory: int,
-        quotas: Quotas,
-        publish: Publish,
-    ) -> None:
-        self._instance, self._setup, self.most, self._memory = instance, setup, most, memory
-        self._quotas, self._publish = quotas, publish
+    def __init__(self, setup: EngineSetup, most: int, memory: int, publish: Publish) -> None:
+        self._setup, self.most, self._memory, self._publish = setup, most, memory, publish
         self._counters = Counter(streams=0, updates=0, updates_astray=0)
         self._open: dict[tuple[str, str], OpenStream] = {}
         self._closed = False
@@ -122,13 +110,13 @@ class Streams:
         """
         asked = stream_keys.decode_stream_query(read)
         if isinstance(asked, Opened):
-            return self._opened(read, asked)
+            return self._open_stream(read, asked)
         if isinstance(asked, ListStreams):
-            return _settled(self._list(read.owner), read.encoding)
+            return _answer_now(self._list(read.owner), read.encoding)
         require_own(read)
         stream = self._named(read.owner, asked.name)
         if isinstance(asked, ReadStream):
-            return _settled(stream.read(), read.encoding)
+            return _answer_now(stream.read(), read.encoding)
         if isinstance(asked, EndStream):
             answer: Future[Answer] = Future()
             done = True, codec.encode(Done(done=f"stream {asked.name!r} has ended"), read.encoding)
@@ -184,7 +172,7 @@ class Streams:
             if not stream.join(deadline - time.monotonic()):
                 _log.error("stream %s of %s didn't end", *reversed(stream.name))
 
-    def _opened(self, read: Query, asked: Opened) -> Future[Answer]:
+    def _open_stream(self, read: Query, asked: Opened) -> Future[Answer]:
         request = asked.request
         if request.stream_id is None:
             request = msgspec.structs.replace(request, stream_id=uuid.uuid4().hex)
@@ -195,9 +183,9 @@ class Streams:
             if known is None:
                 self._require_room(read.user)
                 conversation = StreamConversation(self._setup, read.user, request, read.encoding)
-                publish = partial(self._tell, base_key(self._instance, read.user), name)
+                publish = partial(self._tell, base_key(self._setup.instance, read.user), name)
                 known = self._open[own] = OpenStream(
-                    own, read.asker, words, conversation, self._memory, publish, self._left
+                    own, read.asker, words, conversation, self._memory, publish, self._forget_stream
                 )
                 known.start()
                 self._counters["streams"] += 1
@@ -213,7 +201,7 @@ class Streams:
         if len(self._open) >= self.most:
             told = f"{self.most} streams are open, and no more are taken (`--streams`); ask again later"
             raise ServerBusy(told, streams=self.most, retry_after=RETRY_AFTER)
-        quota = self._quotas.of(user).streams
+        quota = self._setup.quotas.of(user).streams
         if quota is not None and sum(one == user for one, _ in self._open) >= quota:
             told = f"this user may have {quota} streams at once; end one"
             raise QuotaExceeded(told, streams=quota, retry_after=RETRY_AFTER)
@@ -221,7 +209,7 @@ class Streams:
     def _tell(self, base: str, name: str, key: str, payload: bytes, encoding: Encoding) -> None:
         self._publish(f"{base}/streams/{name}/{key}", payload, encoding)
 
-    def _left(self, stream: OpenStream) -> None:
+    def _forget_stream(self, stream: OpenStream) -> None:
         with self._lock:
             self._open.pop(stream.name, None)
 
@@ -254,7 +242,7 @@ def require_own(read: Query) -> None:
         raise NotAllowed(told, user=read.owner, stream=name)
 
 
-def _settled(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:
+def _answer_now(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:
     answer: Future[Answer] = Future()
     answer.set_result((True, codec.encode(reply, encoding)))
     return answer

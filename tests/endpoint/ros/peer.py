@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from guidefield.endpoint.ros.offering import types_of
+from guidefield.endpoint.ros.cdr import types_of
 from guidefield.endpoint.ros.options import Distribution
 
 TYPES = types_of(Distribution.JAZZY)

@@ -3,8 +3,7 @@
 import struct
 import time
 
-from guidefield.endpoint.ros.names import LATCHED_QOS, Entity, Kind, Node, Seen
-from guidefield.endpoint.ros.node import MOST_NAMED, Attachment, Strangers
+from guidefield.endpoint.ros.names import LATCHED_QOS, MOST_NAMED, Attachment, Entity, Kind, Node, Seen, Strangers
 
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 

@@ -10,7 +10,7 @@ import zenoh
 
 from guidefield.cli.loopback import free_port
 from guidefield.endpoint.ros.names import Entity, Kind, Node
-from guidefield.endpoint.ros.offering import ros_node
+from guidefield.endpoint.ros.node import ros_node
 from guidefield.endpoint.ros.options import LATCHING, RosSettings
 from tests.endpoint.ros.peer import peer_at
 from tests.journeys.service import await_that

@@ -224,7 +224,7 @@ class TestMatrix:
 class TestTold:
     def told(self, now: Snapshot, components: int = 0) -> Any:
         name = "moveit_msgs/srv/GetPlanningScene_Response"
-        return TYPES.read(TYPES.write(scene_response(TYPES, now, components), name), name).scene
+        return TYPES.read(TYPES.write(TYPES.new(name, **scene_response(now, components)), name), name).scene
 
     def test_what_is_told_and_applied_again_changes_nothing(self):
         rod = held("panda_hand", thing("rod", [CAN], frame="panda_hand"), "panda_leftfinger")

@@ -12,10 +12,7 @@ from itertools import combinations
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
-from guidefield.endpoint.ros.cdr import Types
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import Refused
 
 MOST_NAMES = 2_000
 """Names in a matrix."""
@@ -43,15 +40,15 @@ class Matrix:
         names, rows = message.entry_names, message.entry_values
         alone, allowed = message.default_entry_names, message.default_entry_values
         if len(names) > MOST_NAMES:
-            raise _misshapen(f"`{where}.entry_names` has {len(names)} names, at most {MOST_NAMES} are read")
+            raise Refused(f"`{where}.entry_names` has {len(names)} names, at most {MOST_NAMES} are read")
         if len(rows) != len(names):
-            raise _misshapen(f"`{where}.entry_values` must have a row for each name, {len(names)}, got {len(rows)}")
+            raise Refused(f"`{where}.entry_values` must have a row for each name, {len(names)}, got {len(rows)}")
         for index, row in enumerate(rows):
             if len(row.enabled) != len(names):
                 many = f"{len(names)} values, got {len(row.enabled)}"
-                raise _misshapen(f"`{where}.entry_values[{index}].enabled` must have {many}")
+                raise Refused(f"`{where}.entry_values[{index}].enabled` must have {many}")
         if len(alone) != len(allowed):
-            raise _misshapen(f"`{where}.default_entry_values` must have {len(alone)} values, got {len(allowed)}")
+            raise Refused(f"`{where}.default_entry_values` must have {len(alone)} values, got {len(allowed)}")
         pairs = {
             frozenset((names[i], names[j])): bool(rows[i].enabled[j]) for i, j in combinations(range(len(names)), 2)
         }
@@ -74,24 +71,17 @@ class Matrix:
             return sorted((pair[0], pair[1]) for pair in some if len(pair) == 2)
         return [pair for pair in combinations(sorted(names), 2) if self.allows(*pair)]
 
-    def message(self, types: Types, names: Iterable[str], left_out: Collection[frozenset[str]]) -> Any:
-        """The moveit_msgs/AllowedCollisionMatrix of some names; pairs that are left out may touch, too."""
+    def message(self, names: Iterable[str], left_out: Collection[frozenset[str]]) -> dict[str, Any]:
+        """Return the moveit_msgs/AllowedCollisionMatrix of some names; pairs that are left out may touch, too."""
         order = sorted(names)
         rows = [[frozenset((one, other)) in left_out or self.allows(one, other) for other in order] for one in order]
-        return types.new(
-            "moveit_msgs/msg/AllowedCollisionMatrix",
-            entry_names=order,
-            entry_values=[
-                types.new("moveit_msgs/msg/AllowedCollisionEntry", enabled=np.array(row, bool)) for row in rows
-            ],
-            default_entry_names=list(self.defaults),
-            default_entry_values=list(self.defaults.values()),
-        )
+        return {
+            "entry_names": order,
+            "entry_values": [{"enabled": row} for row in rows],
+            "default_entry_names": list(self.defaults),
+            "default_entry_values": list(self.defaults.values()),
+        }
 
 
 NOBODY = Matrix(MappingProxyType({}), MappingProxyType({}))
 """Nobody may touch anybody."""
-
-
-def _misshapen(message: str) -> Refused:
-    return Refused(MoveItCode.FAILURE, message)

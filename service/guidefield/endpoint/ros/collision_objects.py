@@ -16,9 +16,8 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.endpoint.ros.cdr import Types
 from guidefield.endpoint.ros.poses import number, placement, pose_message, wire_of
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import ObjectRefused
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
 BOX, SPHERE, CYLINDER = 1, 2, 3
@@ -46,7 +45,7 @@ class SceneObject:
     def obstacles(self, name: str) -> Iterator[Obstacle]:
         """Its shapes as obstacles, in the frame of its pose; named as the object, and numbered where they are many."""
         for one, (shape, there) in zip(self.names(name), self.shapes, strict=True):
-            yield _placed(shape, one, self.pose * there)
+            yield _place(shape, one, self.pose * there)
 
     def names(self, name: str) -> list[str]:
         """What the obstacles of an object of this name are called."""
@@ -87,10 +86,7 @@ def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
     """
     names, poses = message.subframe_names, message.subframe_poses
     if len(names) != len(poses):
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME,
-            f"`{where}.subframe_names` has {len(names)} entries, `subframe_poses` {len(poses)}",
-        )
+        raise ObjectRefused(f"`{where}.subframe_names` has {len(names)} entries, `subframe_poses` {len(poses)}")
     there = [placement(pose, f"{where}.subframe_poses[{index}]") for index, pose in enumerate(poses)]
     return MappingProxyType(dict(zip(names, there, strict=True)))
 
@@ -102,9 +98,7 @@ def checked_id(name: str, where: str) -> str:
         Refused: otherwise.
     """
     if not 0 < len(name) <= LONGEST_NAME:
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}"
-        )
+        raise ObjectRefused(f"`{where}.id` must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}")
     return name
 
 
@@ -116,18 +110,14 @@ def primitive(message: Any, where: str) -> Shape:
     """
     wanted = {BOX: 3, SPHERE: 1, CYLINDER: 2}.get(message.type)
     if wanted is None:
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME,
-            f"`{where}.type` {message.type} isn't served; box 1, sphere 2, cylinder 3 are",
-        )
+        raise ObjectRefused(f"`{where}.type` {message.type} isn't served; box 1, sphere 2, cylinder 3 are")
     if len(message.dimensions) != wanted:
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME,
-            f"`{where}.dimensions` must have {wanted} for type {message.type}, got {len(message.dimensions)}",
+        raise ObjectRefused(
+            f"`{where}.dimensions` must have {wanted} for type {message.type}, got {len(message.dimensions)}"
         )
     sizes = [number(size, f"{where}.dimensions[{index}]") for index, size in enumerate(message.dimensions.tolist())]
     if min(sizes) <= 0.0:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.dimensions` must be positive, got {sizes}")
+        raise ObjectRefused(f"`{where}.dimensions` must be positive, got {sizes}")
     if message.type == BOX:
         return Box(name="-", size=(sizes[0], sizes[1], sizes[2]))
     if message.type == SPHERE:
@@ -143,7 +133,7 @@ def _mesh(message: Any, where: str) -> Shape:
             triangles=[_indices(triangle) for triangle in message.triangles],
         )
     except ValueError as error:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}`: {error}") from None
+        raise ObjectRefused(f"`{where}`: {error}") from None
 
 
 def _indices(triangle: Any) -> tuple[int, int, int]:
@@ -155,11 +145,11 @@ def _plane(message: Any, where: str) -> Shape:
     a, b, c, d = (number(value, f"{where}.coef[{index}]") for index, value in enumerate(message.coef.tolist()))
     length = math.hypot(a, b, c)
     if length < 1e-6:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.coef` has no normal")
+        raise ObjectRefused(f"`{where}.coef` has no normal")
     return HalfSpace(name="-", normal=(a / length, b / length, c / length), offset=-d / length)
 
 
-def _placed(shape: Shape, name: str, there: Any) -> Obstacle:
+def _place(shape: Shape, name: str, there: Any) -> Obstacle:
     position, quaternion = wire_of(there)
     if isinstance(shape, HalfSpace):
         normal = there.rotation @ np.array(shape.normal)
@@ -170,40 +160,33 @@ def _placed(shape: Shape, name: str, there: Any) -> Obstacle:
     return msgspec.structs.replace(shape, name=name, position=position, quaternion_xyzw=quaternion)
 
 
-def message_of(types: Types, name: str, thing: SceneObject, frame: str, *, geometry: bool = True) -> Any:
-    """The CollisionObject of an object whose pose is in a frame."""
-    message = types.new("moveit_msgs/msg/CollisionObject", id=name, pose=pose_message(types, *wire_of(thing.pose)))
-    message.header.frame_id = frame
+def message_of(name: str, thing: SceneObject, frame: str, *, geometry: bool = True) -> dict[str, Any]:
+    """Return the CollisionObject of an object whose pose is in a frame."""
+    message: dict[str, Any] = {
+        "id": name,
+        "header": {"frame_id": frame},
+        "pose": pose_message(thing.pose),
+        "subframe_names": list(thing.frames),
+        "subframe_poses": [pose_message(there) for there in thing.frames.values()],
+    }
     for shape, there in thing.shapes if geometry else ():
-        pose = pose_message(types, *wire_of(there))
-        match shape:
-            case Mesh():
-                message.meshes.append(_mesh_message(types, shape))
-                message.mesh_poses.append(pose)
-            case HalfSpace():
-                coefficients = [*shape.normal, -shape.offset]
-                message.planes.append(types.new("shape_msgs/msg/Plane", coef=coefficients))
-                message.plane_poses.append(pose)
-            case _:
-                kind, sizes = _sizes(shape)
-                message.primitives.append(types.new("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes))
-                message.primitive_poses.append(pose)
-    message.subframe_names += list(thing.frames)
-    message.subframe_poses += [pose_message(types, *wire_of(there)) for there in thing.frames.values()]
+        several, poses, shaped = _shape_message(shape)
+        message.setdefault(several, []).append(shaped)
+        message.setdefault(poses, []).append(pose_message(there))
     return message
 
 
-def _sizes(shape: Box | Sphere | Cylinder) -> tuple[int, list[float]]:
-    if isinstance(shape, Box):
-        return BOX, list(shape.size)
-    if isinstance(shape, Sphere):
-        return SPHERE, [shape.radius]
-    return CYLINDER, [shape.length, shape.radius]
-
-
-def _mesh_message(types: Types, mesh: Mesh) -> Any:
-    assert isinstance(mesh.vertices, list), "it came as numbers"
-    assert isinstance(mesh.triangles, list), "it came as numbers"
-    points = [types.new("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in mesh.vertices]
-    triangles = [types.new("shape_msgs/msg/MeshTriangle", vertex_indices=list(t)) for t in mesh.triangles]
-    return types.new("shape_msgs/msg/Mesh", triangles=triangles, vertices=points)
+def _shape_message(shape: Shape) -> tuple[str, str, dict[str, Any]]:
+    """The fields of a CollisionObject for shapes of a kind and for their poses, and the shape's message."""
+    match shape:
+        case Mesh(vertices=vertices, triangles=triangles):
+            points = [{"x": x, "y": y, "z": z} for x, y, z in vertices]  # type: ignore[union-attr]
+            faces = [{"vertex_indices": list(corners)} for corners in triangles]  # type: ignore[union-attr]
+            return "meshes", "mesh_poses", {"triangles": faces, "vertices": points}
+        case HalfSpace():
+            return "planes", "plane_poses", {"coef": [*shape.normal, -shape.offset]}
+        case Box():
+            return "primitives", "primitive_poses", {"type": BOX, "dimensions": list(shape.size)}
+        case Sphere():
+            return "primitives", "primitive_poses", {"type": SPHERE, "dimensions": [shape.radius]}
+    return "primitives", "primitive_poses", {"type": CYLINDER, "dimensions": [shape.length, shape.radius]}

@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from guidefield.endpoint.ros.collision_objects import primitive
 from guidefield.endpoint.ros.poses import number, placement, rotation, vector, wire_of
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import FrameRefused, GoalRefused, Refused
 from guidefield.endpoint.ros.snapshot import Snapshot
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PathConstraint, PlaneConstraint
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Tolerance3
@@ -64,7 +64,7 @@ def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -
         Refused: if they aren't served; names the field.
     """
     if not constraints:
-        raise _refused("`goal_constraints` is empty")
+        raise GoalRefused("`goal_constraints` is empty")
     goals = [
         goal
         for index, one in enumerate(constraints)
@@ -90,7 +90,7 @@ def path_constraints_of(message: Any, group: Sequence[str], start: Snapshot) -> 
         lower, upper = _interval(one, group, start, at)
         least, most = start.robot.limits(one.joint_name)
         if lower > least or upper < most:
-            raise _refused(f"`{at}` isn't served: it is narrower than the joint's limits, {least:g} to {most:g}")
+            raise GoalRefused(f"`{at}` isn't served: it is narrower than the joint's limits, {least:g} to {most:g}")
     found: list[PathConstraint] = []
     for index, one in enumerate(message.position_constraints):
         found += _kept_region(one, group, start, f"{where}.position_constraints[{index}]")
@@ -105,15 +105,15 @@ def _goals(message: Any, group: Sequence[str], start: Snapshot, where: str) -> l
     positions, turns = message.position_constraints, message.orientation_constraints
     if message.joint_constraints:
         if positions or turns:
-            raise _refused(f"`{where}` has joint_constraints beside others: give either")
+            raise GoalRefused(f"`{where}` has joint_constraints beside others: give either")
         return [_joint_goal(message.joint_constraints, group, start, where)]
     if len(positions) > 1 or len(turns) > 1:
         many = "position_constraints" if len(positions) > 1 else "orientation_constraints"
-        raise _refused(f"`{where}.{many}`: one is served, got {len(getattr(message, many))}")
+        raise GoalRefused(f"`{where}.{many}`: one is served, got {len(getattr(message, many))}")
     if not positions and not turns:
-        raise _refused(f"`{where}` has no constraints")
+        raise GoalRefused(f"`{where}` has no constraints")
     if positions and turns and positions[0].link_name != turns[0].link_name:
-        raise _refused(f"`{where}`: position and orientation must be of one link")
+        raise GoalRefused(f"`{where}`: position and orientation must be of one link")
     return _pose_goals(positions[0] if positions else None, turns[0] if turns else None, group, start, where)
 
 
@@ -134,16 +134,18 @@ def _joint_goal(constraints: Sequence[Any], group: Sequence[str], start: Snapsho
 def _interval(one: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[float, float]:
     """The values that a JointConstraint allows [rad or m]."""
     if one.joint_name not in start.robot.joints:
-        raise _refused(f"`{at}.joint_name` {one.joint_name[:64]!r} is no joint of {start.robot.name} that can be set")
+        raise GoalRefused(
+            f"`{at}.joint_name` {one.joint_name[:64]!r} is no joint of {start.robot.name} that can be set"
+        )
     if one.joint_name not in group:
-        raise _refused(f"`{at}.joint_name` {one.joint_name!r} isn't in the group: {', '.join(group)}")
+        raise GoalRefused(f"`{at}.joint_name` {one.joint_name!r} isn't in the group: {', '.join(group)}")
     position, above, below = (
-        number(getattr(one, name), f"{at}.{name}", MoveItCode.INVALID_GOAL_CONSTRAINTS)
+        number(getattr(one, name), f"{at}.{name}", GoalRefused)
         for name in ("position", "tolerance_above", "tolerance_below")
     )
     for name, tolerance in (("tolerance_above", above), ("tolerance_below", below)):
         if tolerance < 0.0:
-            raise _refused(f"`{at}.{name}` must not be negative, got {tolerance}")
+            raise GoalRefused(f"`{at}.{name}` must not be negative, got {tolerance}")
     return position - below, position + above
 
 
@@ -184,7 +186,7 @@ def _with_lever(length: float, half: np.ndarray, turned: Tolerance3, at: str) ->
     """
     bounds = [tolerance for tolerance in turned if tolerance is not None]
     if len(bounds) < len(turned):
-        raise _refused(
+        raise GoalRefused(
             f"`{at}.target_point_offset` is served beside an orientation constraint that bounds all three angles; or "
             "name a link that is there"
         )
@@ -236,13 +238,13 @@ def _turn(turn: Any, group: Sequence[str], start: Snapshot, at: str) -> tuple[np
     """The wanted rotation of a link in the world, and MoveIt's tolerances about its axes [rad]."""
     _link(turn.link_name, start, at)
     if turn.parameterization not in (EULER, ROTATION_VECTOR):
-        raise _refused(f"`{at}.parameterization` {turn.parameterization} is unknown")
+        raise GoalRefused(f"`{at}.parameterization` {turn.parameterization} is unknown")
     frame = _fixed(turn.header.frame_id, group, start, f"{at}.header.frame_id")
     names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-    x, y, z = (number(getattr(turn, name), f"{at}.{name}", MoveItCode.INVALID_GOAL_CONSTRAINTS) for name in names)
+    x, y, z = (number(getattr(turn, name), f"{at}.{name}", GoalRefused) for name in names)
     for name, tolerance in zip(names, (x, y, z), strict=True):
         if tolerance < 0.0:
-            raise _refused(f"`{at}.{name}` must not be negative, got {tolerance}")
+            raise GoalRefused(f"`{at}.{name}` must not be negative, got {tolerance}")
     return frame.rotation @ rotation(turn.orientation, f"{at}.orientation"), (x, y, z)
 
 
@@ -261,14 +263,14 @@ def _volumes(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[t
     _link(one.link_name, start, at)
     region = one.constraint_region
     if region.meshes:
-        raise _refused(f"`{at}.constraint_region.meshes` isn't served: give primitives")
+        raise GoalRefused(f"`{at}.constraint_region.meshes` isn't served: give primitives")
     if not region.primitives or len(region.primitives) != len(region.primitive_poses):
-        raise _refused(
+        raise GoalRefused(
             f"`{at}.constraint_region` must have as many `primitive_poses` as `primitives`, and at least one, got"
             f" {len(region.primitive_poses)} and {len(region.primitives)}"
         )
     if len(region.primitives) > MOST_REGIONS:
-        raise _refused(
+        raise GoalRefused(
             f"`{at}.constraint_region.primitives`: at most {MOST_REGIONS} are served, got {len(region.primitives)}"
         )
     frame = _fixed(one.header.frame_id, group, start, f"{at}.header.frame_id")
@@ -277,7 +279,7 @@ def _volumes(one: Any, group: Sequence[str], start: Snapshot, at: str) -> list[t
         try:
             shape = primitive(each, f"{at}.constraint_region.primitives[{index}]")
         except Refused as refused:
-            raise _refused(refused.message) from None
+            raise GoalRefused(refused.message) from None
         found.append((frame * placement(pose, f"{at}.constraint_region.primitive_poses[{index}]"), shape))
     return found
 
@@ -288,10 +290,10 @@ def _kept_region(one: Any, group: Sequence[str], start: Snapshot, at: str) -> li
     Planes for a box, a line and a plane for a cylinder, exactly; for a ball the planes of the cube inside.
     """
     if np.any(vector(one.target_point_offset, f"{at}.target_point_offset") != 0.0):
-        raise _refused(f"`{at}.target_point_offset` isn't served along the path: name a link that is there")
+        raise GoalRefused(f"`{at}.target_point_offset` isn't served along the path: name a link that is there")
     (pose, shape), *others = _volumes(one, group, start, at)
     if others:
-        raise _refused(f"`{at}.constraint_region`: along the path one region is served, got {1 + len(others)}")
+        raise GoalRefused(f"`{at}.constraint_region`: along the path one region is served, got {1 + len(others)}")
     point = _triple(pose.translation)
     axes = [_triple(pose.rotation[:, axis]) for axis in range(3)]
     if isinstance(shape, Box | Sphere):
@@ -318,11 +320,11 @@ def _kept_orientation(turn: Any, group: Sequence[str], start: Snapshot, at: str)
     across, about = min(tolerances[:2]), tolerances[2]
     if about >= ANY_TURN:
         if turn.parameterization != EULER:
-            raise _refused(f"`{at}`: a free angle is served where `parameterization` is XYZ_EULER_ANGLES")
+            raise GoalRefused(f"`{at}`: a free angle is served where `parameterization` is XYZ_EULER_ANGLES")
         _require_open(across, at)
         return [OrientationCone(turn.link_name, (0.0, 0.0, 1.0), z, min(across, math.pi / 2))]
     if max(tolerances) >= ANY_TURN:
-        raise _refused(f"`{at}`: of the three angles only that about the link's z is served as a free one")
+        raise GoalRefused(f"`{at}`: of the three angles only that about the link's z is served as a free one")
     least = min(across, about, math.pi / 2)
     _require_open(least, at)
     half = 2.0 * math.asin(math.sin(least / 2.0) / math.sqrt(2.0))
@@ -334,16 +336,15 @@ def _kept_orientation(turn: Any, group: Sequence[str], start: Snapshot, at: str)
 
 def _require_open(tolerance: float, at: str) -> None:
     if tolerance <= 0.0:
-        raise _refused(f"`{at}`: the tolerances of a path constraint must be positive")
+        raise GoalRefused(f"`{at}`: the tolerances of a path constraint must be positive")
 
 
 def _fixed(frame: str, group: Sequence[str], start: Snapshot, field: str) -> Any:
     """Where a frame is in the world, pinocchio.SE3, if it stands still while the group moves."""
     there, link = start.frame(frame, field)
     if link is not None and start.robot.moves(link, group):
-        raise Refused(
-            MoveItCode.FRAME_TRANSFORM_FAILURE,
-            f"`{field}` {frame[:64]!r} moves with the group: a constraint in a frame that moves isn't served",
+        raise FrameRefused(
+            f"`{field}` {frame[:64]!r} moves with the group: a constraint in a frame that moves isn't served"
         )
     return there
 
@@ -354,13 +355,9 @@ def _link(name: str, start: Snapshot, where: str) -> str:
 
 def _require_no_view(message: Any, where: str) -> None:
     if message.visibility_constraints:
-        raise _refused(f"`{where}.visibility_constraints` isn't served")
+        raise GoalRefused(f"`{where}.visibility_constraints` isn't served")
 
 
 def _triple(values: np.ndarray) -> Vector3:
     x, y, z = values.tolist()
     return x, y, z
-
-
-def _refused(message: str) -> Refused:
-    return Refused(MoveItCode.INVALID_GOAL_CONSTRAINTS, message)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import LinkRefused, MoveItCode, Refused
 from guidefield.errors import RobotInvalid
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import Joint, RobotModel
@@ -49,7 +49,7 @@ class KnownRobot:
         """
         if name not in self.model.groups:
             groups = ", ".join(self.model.groups) or "no group"
-            raise Refused(MoveItCode.INVALID_GROUP_NAME, f"`group_name` {name[:64]!r} is unknown; there is {groups}")
+            raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", MoveItCode.INVALID_GROUP_NAME)
         return list(self.model.groups[name])
 
     def require_link(self, name: str, field: str) -> str:
@@ -59,10 +59,7 @@ class KnownRobot:
             Refused: otherwise.
         """
         if name not in self.links:
-            raise Refused(
-                MoveItCode.INVALID_LINK_NAME,
-                f"`{field}` {name[:64]!r} is no link of {self.name}: {', '.join(self.links)}",
-            )
+            raise LinkRefused(f"`{field}` {name[:64]!r} is no link of {self.name}: {', '.join(self.links)}")
         return name
 
     def is_root(self, frame: str) -> bool:

@@ -9,10 +9,9 @@ from typing import Any
 
 import msgspec
 
-from guidefield.endpoint.ros.cdr import Types
 from guidefield.endpoint.ros.constraints import AskedGoal, goal_of, path_constraints_of
 from guidefield.endpoint.ros.poses import number
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
+from guidefield.endpoint.ros.refusals import GoalRefused, MoveItCode, Refused, StateRefused, moveit_code
 from guidefield.endpoint.ros.robot_messages import error_code, robot_state, robot_trajectory
 from guidefield.endpoint.ros.scene_updates import with_state
 from guidefield.endpoint.ros.snapshot import Snapshot
@@ -22,7 +21,6 @@ from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.requests import InverseKinematics, PlanRequest, TargetPose
 from guidefield.messages.values import LONGEST_TIME
 
-RESPONSE = "moveit_msgs/srv/GetMotionPlan_Response"
 UNSET_TIME = 1.0
 """The planning time where a request has none, as in MoveIt [s]."""
 RESTING = 1e-3
@@ -123,7 +121,7 @@ def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) ->
     positions += [solution for reply in found for solutions in reply.configurations for solution in solutions]
     if not positions:
         reasons = "; ".join(dict.fromkeys(reason for reply in found for reason in reply.reasons))
-        raise Refused(MoveItCode.NO_IK_SOLUTION, f"`goal_constraints`: none of the poses is reached: {reasons}")
+        raise Refused(f"`goal_constraints`: none of the poses is reached: {reasons}", MoveItCode.NO_IK_SOLUTION)
     note = f"of {len(asked.choices)} goals {len(positions)} configurations were looked at"
     goal = JointSetGoal(positions)
     return dataclasses.replace(
@@ -131,40 +129,32 @@ def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) ->
     )
 
 
-def plan_response(types: Types, asked: AskedPlan, reply: PlanReply, seconds: float) -> Any:
-    """The response of a reply; a trajectory stands in it where there is a whole, certified one."""
+def plan_response(asked: AskedPlan, reply: PlanReply, seconds: float) -> dict[str, Any]:
+    """Return the response of a reply; a trajectory stands in it where there is a whole, certified one."""
     code = moveit_code(reply.status.code)
-    answer = types.new(
-        "moveit_msgs/msg/MotionPlanResponse",
-        trajectory_start=robot_state(types, asked.start),
-        group_name=asked.group,
-        planning_time=seconds,
-        error_code=error_code(types, code, _told(reply, asked.notes)),
-    )
+    answer = {
+        "trajectory_start": robot_state(asked.start),
+        "group_name": asked.group,
+        "planning_time": seconds,
+        "error_code": error_code(code, _describe(reply, asked.notes)),
+    }
     if code == MoveItCode.SUCCESS:
         assert reply.trajectory is not None, "a plan that was found has one"
-        answer.trajectory = robot_trajectory(types, asked.start, reply.position_names, reply.trajectory)
-    return types.new(RESPONSE, motion_plan_response=answer)
+        answer["trajectory"] = robot_trajectory(asked.start, reply.position_names, reply.trajectory)
+    return {"motion_plan_response": answer}
 
 
-def refused_plan(types: Types, code: MoveItCode, message: str) -> Any:
-    """The response of a request that isn't served."""
-    answer = types.new("moveit_msgs/msg/MotionPlanResponse", error_code=error_code(types, code, message))
-    return types.new(RESPONSE, motion_plan_response=answer)
+def display(asked: AskedPlan, response: dict[str, Any]) -> dict[str, Any]:
+    """Return the moveit_msgs/DisplayTrajectory of the response with a trajectory."""
+    answer = response["motion_plan_response"]
+    return {
+        "model_id": asked.start.robot.name,
+        "trajectory": [answer["trajectory"]],
+        "trajectory_start": answer["trajectory_start"],
+    }
 
 
-def display(types: Types, asked: AskedPlan, response: Any) -> Any:
-    """The moveit_msgs/DisplayTrajectory of a response."""
-    answer = response.motion_plan_response
-    return types.new(
-        "moveit_msgs/msg/DisplayTrajectory",
-        model_id=asked.start.robot.name,
-        trajectory=[answer.trajectory],
-        trajectory_start=answer.trajectory_start,
-    )
-
-
-def _told(reply: PlanReply, notes: tuple[str, ...]) -> str:
+def _describe(reply: PlanReply, notes: tuple[str, ...]) -> str:
     """What happened, how sure it is, and what was read otherwise."""
     name = "" if reply.status.name == moveit_code(reply.status.code).name else f"{reply.status.name}: "
     parts = [f"{name}{reply.status.message}"]
@@ -176,16 +166,16 @@ def _told(reply: PlanReply, notes: tuple[str, ...]) -> str:
 
 def _require_served(asked: Any) -> None:
     if asked.trajectory_constraints.constraints:
-        raise Refused(MoveItCode.INVALID_GOAL_CONSTRAINTS, "`trajectory_constraints` isn't served")
+        raise GoalRefused("`trajectory_constraints` isn't served")
     if not asked.max_cartesian_speed <= 0.0:
-        raise Refused(MoveItCode.FAILURE, "`max_cartesian_speed` isn't served: leave it 0")
+        raise Refused("`max_cartesian_speed` isn't served: leave it 0")
 
 
 def _factor(value: float, field: str) -> tuple[float, tuple[str, ...]]:
     if value == 0.0:
         return 1.0, (f"`{field}` is unset and means 1",)
     if not 0.0 < value <= 1.0:
-        raise Refused(MoveItCode.FAILURE, f"`{field}` must be above 0 and at most 1, or 0 for 1; got {value}")
+        raise Refused(f"`{field}` must be above 0 and at most 1, or 0 for 1; got {value}")
     return value, ()
 
 
@@ -195,7 +185,7 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
         return UNSET_TIME, (f"`allowed_planning_time` is unset and means {UNSET_TIME:g} s",)
     if seconds > LONGEST_TIME:
         told = f"`allowed_planning_time` must be at most {LONGEST_TIME:g} s, got {seconds:g}"
-        raise Refused(MoveItCode.FAILURE, told)
+        raise Refused(told)
     return seconds, ()
 
 
@@ -208,19 +198,15 @@ def _start_velocities(state: Any, group: Sequence[str]) -> dict[str, float]:
     field = "start_state.joint_state.velocity"
     names, values = state.name, state.velocity.tolist()
     if values and len(names) != len(values):
-        raise Refused(
-            MoveItCode.INVALID_ROBOT_STATE,
-            f"`{field}` must have a value for each name, {len(names)}, or none, got {len(values)}",
-        )
+        raise StateRefused(f"`{field}` must have a value for each name, {len(names)}, or none, got {len(values)}")
     moving = {}
     for name, value in zip(names, values, strict=False):
-        velocity = number(value, f"{field} of {name[:64]}", MoveItCode.INVALID_ROBOT_STATE)
+        velocity = number(value, f"{field} of {name[:64]}", StateRefused)
         if abs(velocity) < RESTING:
             continue
         if name not in group:
-            raise Refused(
-                MoveItCode.INVALID_ROBOT_STATE,
-                f"`{field}`: {name[:64]} moves at {velocity:.6g}, and is no joint of the group: {', '.join(group)}",
+            raise StateRefused(
+                f"`{field}`: {name[:64]} moves at {velocity:.6g}, and is no joint of the group: {', '.join(group)}"
             )
         moving[name] = velocity
     return moving

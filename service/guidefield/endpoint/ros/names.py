@@ -1,4 +1,4 @@
-"""Names of ROS entities on Zenoh: data keys, and the liveliness tokens of which ROS makes its graph.
+"""Names of ROS entities on Zenoh: data keys, liveliness tokens of which ROS makes its graph, and attachments.
 
 After the design document of rmw_zenoh: a service or topic has the key ``<domain>/<name>/<type>/<hash>``, and each node,
 publisher, subscription and service declares a token below ``@ros2_lv``. In tokens a slash of a name is a percent sign.
@@ -7,6 +7,9 @@ publisher, subscription and service declares a token below ``@ros2_lv``. In toke
 from __future__ import annotations
 
 import enum
+import struct
+import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 GRAPH = "@ros2_lv"
@@ -113,3 +116,66 @@ class Seen:
         return cls(
             f"{space}/{node}".replace("%", "/").lstrip("/"), kind, name.replace("%", "/")[1:], on_zenoh, type_hash
         )
+
+
+MOST_NAMED = 100
+"""How many strangers the log names."""
+_COUNTERPARTS = {Kind.SERVICE: Kind.CLIENT, Kind.SUBSCRIPTION: Kind.PUBLISHER, Kind.PUBLISHER: Kind.SUBSCRIPTION}
+
+
+class Strangers:
+    """Looks at the tokens of other nodes, and names each kind of stranger once.
+
+    Args:
+        ours: What we offer, publish and hear.
+        told: Is told of a stranger in one sentence.
+    """
+
+    def __init__(self, ours: Iterable[Entity], told: Callable[[str], object]) -> None:
+        self._ours = {(_COUNTERPARTS[one.kind].value, one.name): one for one in ours}
+        self._told = told
+        self._named: set[Seen] = set()
+
+    def look(self, token: str) -> None:
+        """Look at a token."""
+        seen = Seen.read(token)
+        own = None if seen is None else self._ours.get((seen.kind, seen.name))
+        if seen is None or own is None or (seen.on_zenoh, seen.type_hash) == (own.on_zenoh, own.type_hash):
+            return
+        if seen in self._named or len(self._named) >= MOST_NAMED:
+            return
+        self._named.add(seen)
+        self._told(
+            f"node {seen.node[:64]!r} has {seen.name} as {seen.on_zenoh[:64]} of {seen.type_hash[:16]}…, here it is"
+            f" {own.on_zenoh} of {own.type_hash[:16]}…: they don't meet; `--ros-distro` must be the node's distribution"
+        )
+
+
+_LAYOUT = struct.Struct("<qqB16s")
+"""Sequence number, time since 1970 [ns], length of the identifier, and the identifier."""
+_ID_BYTES = 16
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Who sent something, and its number.
+
+    Attributes:
+        number: Counted by the sender, from 1.
+        sender: Its identifier, 16 bytes.
+    """
+
+    number: int
+    sender: bytes
+
+    @classmethod
+    def read(cls, payload: bytes) -> Attachment | None:
+        """What bytes say; None if they are no attachment."""
+        if len(payload) != _LAYOUT.size:
+            return None
+        number, _, length, sender = _LAYOUT.unpack(payload)
+        return cls(number, sender) if length == _ID_BYTES else None
+
+    def write(self) -> bytes:
+        """The bytes, with the present time."""
+        return _LAYOUT.pack(self.number, time.time_ns(), _ID_BYTES, self.sender)

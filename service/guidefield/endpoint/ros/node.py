@@ -11,94 +11,33 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import json
 import logging
 import os
-import struct
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import zenoh
 import zenoh.ext
 
-from guidefield.endpoint.ros.cdr import Types, Unreadable
-from guidefield.endpoint.ros.engine_door import EngineDoor
-from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Entity, Kind, Node, Seen
-from guidefield.endpoint.ros.options import IDENTITY
+from guidefield.endpoint.link import UNLESS_TOLD
+from guidefield.endpoint.ros.cdr import Types, Unreadable, types_of
+from guidefield.endpoint.ros.known_robot import KnownRobot
+from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, Node, Strangers
+from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
 from guidefield.endpoint.ros.scene_updates import heard, updated
-from guidefield.endpoint.ros.services import Answered, Service, Services
-from guidefield.endpoint.ros.snapshot import KnownScene
-from guidefield.errors import GuidefieldError, convert_exception
+from guidefield.endpoint.ros.services import Answered, Ask, Service, Services
+from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.errors import convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox
-
-MOST_NAMED = 100
-"""How many of them the log names."""
-_COUNTERPARTS = {Kind.SERVICE: Kind.CLIENT, Kind.SUBSCRIPTION: Kind.PUBLISHER, Kind.PUBLISHER: Kind.SUBSCRIPTION}
-
-
-class Strangers:
-    """Looks at the tokens of other nodes, and names each kind of stranger once.
-
-    Args:
-        ours: What we offer, publish and hear.
-        told: Is told of a stranger in one sentence.
-    """
-
-    def __init__(self, ours: Iterable[Entity], told: Callable[[str], object]) -> None:
-        self._ours = {(_COUNTERPARTS[one.kind].value, one.name): one for one in ours}
-        self._told = told
-        self._named: set[Seen] = set()
-
-    def look(self, token: str) -> None:
-        """Look at a token."""
-        seen = Seen.read(token)
-        own = None if seen is None else self._ours.get((seen.kind, seen.name))
-        if seen is None or own is None or (seen.on_zenoh, seen.type_hash) == (own.on_zenoh, own.type_hash):
-            return
-        if seen in self._named or len(self._named) >= MOST_NAMED:
-            return
-        self._named.add(seen)
-        self._told(
-            f"node {seen.node[:64]!r} has {seen.name} as {seen.on_zenoh[:64]} of {seen.type_hash[:16]}…, here it is"
-            f" {own.on_zenoh} of {own.type_hash[:16]}…: they don't meet; `--ros-distro` must be the node's distribution"
-        )
-
-
-_LAYOUT = struct.Struct("<qqB16s")
-"""Sequence number, time since 1970 [ns], length of the identifier, and the identifier."""
-_ID_BYTES = 16
-
-
-@dataclass(frozen=True)
-class Attachment:
-    """Who sent something, and its number.
-
-    Attributes:
-        number: Counted by the sender, from 1.
-        sender: Its identifier, 16 bytes.
-    """
-
-    number: int
-    sender: bytes
-
-    @classmethod
-    def read(cls, payload: bytes) -> Attachment | None:
-        """What bytes say; None if they are no attachment."""
-        if len(payload) != _LAYOUT.size:
-            return None
-        number, _, length, sender = _LAYOUT.unpack(payload)
-        return cls(number, sender) if length == _ID_BYTES else None
-
-    def write(self) -> bytes:
-        """The bytes, with the present time."""
-        return _LAYOUT.pack(self.number, time.time_ns(), _ID_BYTES, self.sender)
-
+from guidefield.robot.model.model import RobotModel
+from guidefield.robot.urdf.encoding import read_xml
 
 _log = logging.getLogger(__name__)
 
@@ -145,7 +84,7 @@ class RosNode:
         domain: ROS domain.
         types: Of messages.
         known: What is known of robot and scene.
-        engine: Where requests of ours are answered.
+        ask: Has a query of ours answered.
         description: The robot's URDF, to be published; None: nothing is.
     """
 
@@ -155,14 +94,14 @@ class RosNode:
         domain: int,
         types: Types,
         known: KnownScene,
-        engine: EngineDoor,
+        ask: Ask,
         description: str | None,
     ) -> None:
         self._session = session
         self._domain = domain
         self._types = types
         self._known = known
-        self._services = Services(types, known, engine).all()
+        self._services = Services(known, ask).all()
         self._description = description
         self._publishers: dict[str, _Publisher] = {}
         self._declared = contextlib.ExitStack()
@@ -181,7 +120,7 @@ class RosNode:
             self._declare_token(node.token_of(number, entity))
         self._watch(Strangers(entities, _log.warning))
         if self._description is not None:
-            self._publish("robot_description", self._types.new("std_msgs/msg/String", data=self._description))
+            self._publish("robot_description", {"data": self._description})
 
     def withdraw(self) -> None:
         """Be there no more; queries under way are still answered."""
@@ -213,7 +152,7 @@ class RosNode:
         for service in self._services:
             entity = self._entity(Kind.SERVICE, service.name, service.type_name)
             key = entity.key(self._domain)
-            self._types.write(service.refuse(self._types, MoveItCode.FAILURE, ""), f"{service.type_name}_Response")
+            self._write(service.refuse(MoveItCode.FAILURE, ""), service)  # the first takes longer
             queryable = self._session.declare_queryable(key, partial(self._receive, service, key), complete=True)
             self._declared.callback(queryable.undeclare)
             yield entity
@@ -246,10 +185,10 @@ class RosNode:
         self._publishers[name] = _Publisher(type_name, publisher)
         self._declared.callback(publisher.undeclare)
 
-    def _publish(self, topic: str, message: Any) -> None:
+    def _publish(self, topic: str, message: dict[str, Any]) -> None:
         publisher = self._publishers[topic]
         try:
-            publisher.put(self._types.write(message, publisher.type_name))
+            publisher.put(self._types.write(self._types.new(publisher.type_name, **message), publisher.type_name))
         except Exception:  # nobody hears it then; the response is on its way
             _log.exception("%s could not be published", topic)
 
@@ -293,7 +232,7 @@ class RosNode:
         received = time.monotonic()
         if not self._free.acquire(blocking=False):
             message = f"SERVER_BUSY: {MOST_UNDER_WAY} requests are under way; ask again later"
-            self._answer(service, key, query, service.refuse(self._types, MoveItCode.FAILURE, message))
+            self._answer(service, key, query, service.refuse(MoveItCode.FAILURE, message))
             return
         self._threads.submit(self._serve, service, key, query, received)
 
@@ -302,7 +241,7 @@ class RosNode:
             payload = b"" if query.payload is None else query.payload.to_bytes()
             message = self._types.read(payload, f"{service.type_name}_Request")
             answered = self._answered(service, message, received)
-            self._answer(service, key, query, answered.response)
+            self._answer(service, key, query, answered)
             for topic, told in answered.published.items():
                 self._publish(topic, told)
         except Unreadable as error:
@@ -319,19 +258,22 @@ class RosNode:
             return service.answer(message, received)
         except Refused as refused:
             code, sentence = refused.code, refused.message
-        except GuidefieldError as error:
-            code, sentence = moveit_code(error.code), f"{error.code.name}: {error.message}"
         except Exception as error:
-            _log.exception("%s failed by itself", service.name)
             told = convert_exception(error)
+            if told is not error:
+                _log.exception("%s failed by itself", service.name)
             code, sentence = moveit_code(told.code), f"{told.code.name}: {told.message}"
-        if not service.has_place:
+        if service.with_error is None:
             self._complain(f"{service.name}: {sentence}")
-        return Answered(service.refuse(self._types, code, sentence))
+        return service.refuse(code, sentence)
 
-    def _answer(self, service: Service, key: str, query: zenoh.Query, response: Any) -> None:
-        payload = self._types.write(response, f"{service.type_name}_Response")
+    def _answer(self, service: Service, key: str, query: zenoh.Query, answered: Answered) -> None:
+        payload = self._write(answered, service)
         self._post(query, len(payload), partial(_send, query, key, payload))
+
+    def _write(self, answered: Answered, service: Service) -> bytes:
+        name = f"{service.type_name}_Response"
+        return self._types.write(self._types.new(name, **answered.response), name)
 
     def _post(self, query: zenoh.Query, size: int, send: Callable[[], None]) -> None:
         attachment = _attached(query)
@@ -355,3 +297,48 @@ def _send(query: zenoh.Query, key: str, payload: bytes) -> None:
 def _send_error(query: zenoh.Query, sentence: str) -> None:
     with query:
         query.reply_err(sentence.encode())
+
+
+def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, ask: Ask) -> RosNode:
+    """A node on a session, that isn't offered yet.
+
+    Args:
+        settings: How it is offered.
+        session: An open session.
+        model: The robot that is offered.
+        ask: Has requests of ours answered.
+
+    Raises:
+        RobotInvalid: if the robot can't be offered over ROS.
+    """
+    robot = KnownRobot(settings.robot, model)
+    known = KnownScene(Snapshot(robot))
+    return RosNode(session, settings.domain, types_of(settings.distribution), known, ask, _description(model))
+
+
+@contextlib.contextmanager
+def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Session]:
+    """The session in which nodes are met: the service's own, or one that is a router's client.
+
+    Raises:
+        zenoh.ZError: if the router can't be reached.
+    """
+    if settings.connect is None:
+        yield own
+        return
+    config = zenoh.Config()
+    for key, value in UNLESS_TOLD.items():
+        config.insert_json5(key, value)
+    config.insert_json5(*LATCHING)
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([settings.connect]))
+    with zenoh.open(config) as session:
+        yield session
+
+
+def _description(model: RobotModel) -> str | None:
+    """The robot's URDF as its file has it; of one that a client stored the text names files of this machine."""
+    if model.source.urdf_path is None:
+        _log.warning("robot %s was stored by a client: /robot_description isn't published", model.name)
+        return None
+    return read_xml(model.source.urdf_path)

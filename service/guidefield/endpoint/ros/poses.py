@@ -8,19 +8,18 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from guidefield.endpoint.ros.cdr import Types
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import Refused
 from guidefield.messages.values import LARGEST, QuaternionXYZW, Vector3
 
 
-def number(value: float, field: str, code: MoveItCode = MoveItCode.FAILURE) -> float:
+def number(value: float, field: str, kind: type[Refused] = Refused) -> float:
     """A number, if it is finite and within what can be computed with.
 
     Raises:
         Refused: otherwise.
     """
     if not abs(value) <= LARGEST:
-        raise Refused(code, f"`{field}` must be a finite number within {LARGEST:g}, got {value}")
+        raise kind(f"`{field}` must be a finite number within {LARGEST:g}, got {value}")
     return float(value)
 
 
@@ -64,12 +63,10 @@ def wire_of(there: Any) -> tuple[Vector3, QuaternionXYZW]:
     return (x, y, z), (qx, qy, qz, qw)
 
 
-def pose_message(types: Types, position: Vector3, quaternion: QuaternionXYZW) -> Any:
-    """A geometry_msgs Pose."""
-    point = dict(zip("xyz", position, strict=True))
-    turned = dict(zip("xyzw", quaternion, strict=True))
-    return types.new(
-        "geometry_msgs/msg/Pose",
-        position=types.new("geometry_msgs/msg/Point", **point),
-        orientation=types.new("geometry_msgs/msg/Quaternion", **turned),
-    )
+def pose_message(there: Any) -> dict[str, Any]:
+    """Return a geometry_msgs Pose of a pinocchio.SE3."""
+    position, quaternion = wire_of(there)
+    return {
+        "position": dict(zip("xyz", position, strict=True)),
+        "orientation": dict(zip("xyzw", quaternion, strict=True)),
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from typing import Any
 
 from guidefield.errors import Status
 
@@ -40,14 +41,46 @@ class Refused(Exception):
     """A request that isn't served.
 
     Attributes:
-        code: Of the answer.
+        code: Of the answer; by default that of its kind.
         message: One sentence that names the field.
     """
 
-    def __init__(self, code: MoveItCode, message: str) -> None:
+    code = MoveItCode.FAILURE
+
+    def __init__(self, message: str, code: MoveItCode | None = None) -> None:
         super().__init__(message)
-        self.code = code
+        self.code = code or self.code
         self.message = message
+
+
+class ObjectRefused(Refused):
+    """An object or a shape isn't served."""
+
+    code = MoveItCode.INVALID_OBJECT_NAME
+
+
+class StateRefused(Refused):
+    """A state isn't served."""
+
+    code = MoveItCode.INVALID_ROBOT_STATE
+
+
+class GoalRefused(Refused):
+    """A goal or a constraint isn't served."""
+
+    code = MoveItCode.INVALID_GOAL_CONSTRAINTS
+
+
+class LinkRefused(Refused):
+    """A link is unknown, or not the one that is served."""
+
+    code = MoveItCode.INVALID_LINK_NAME
+
+
+class FrameRefused(Refused):
+    """A frame is unknown, or moves."""
+
+    code = MoveItCode.FRAME_TRANSFORM_FAILURE
 
 
 def moveit_code(status: int) -> MoveItCode:
@@ -59,3 +92,14 @@ def moveit_code(status: int) -> MoveItCode:
 
 _VALUES = {code.value for code in MoveItCode}
 _PLANNING = {Status.STUCK_IN_MINIMUM, Status.GUIDE_PLANE_UNREACHABLE, Status.CLEARANCE_BELOW_MINIMUM}
+
+
+def require_no_constraints(constraints: Any, where: str) -> None:
+    """Refuse a moveit_msgs/Constraints with anything in it, where none are served.
+
+    Raises:
+        Refused: names the field.
+    """
+    for field in ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints"):
+        if getattr(constraints, field):
+            raise GoalRefused(f"`{where}.{field}` isn't served")

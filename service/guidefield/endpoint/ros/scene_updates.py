@@ -11,7 +11,7 @@ import pinocchio as pin
 from guidefield.endpoint.ros.allowed_collisions import Matrix
 from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, frames_of, shapes_of
 from guidefield.endpoint.ros.poses import number, placement
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused
 from guidefield.endpoint.ros.snapshot import Held, Snapshot
 
 ADD, REMOVE, APPEND, MOVE = range(4)
@@ -43,7 +43,7 @@ def updated(before: Snapshot, message: Any) -> Snapshot:
     for index, one in enumerate(message.world.collision_objects):
         after = _with_object(after, one, f"world.collision_objects[{index}]")
     if len(after.objects) + len(after.held) > MOST_OBJECTS:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`world.collision_objects`: at most {MOST_OBJECTS} are kept")
+        raise ObjectRefused(f"`world.collision_objects`: at most {MOST_OBJECTS} are kept")
     return after
 
 
@@ -60,15 +60,13 @@ def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
         _require_single(state, where)
         return before
     positions = _positions(before, state, where)
-    after = _moved(before, positions)
+    after = _with_positions(before, positions)
     if not state.is_diff:
         after = dataclasses.replace(after, held={})
     for index, one in enumerate(state.attached_collision_objects):
         at = f"{where}.attached_collision_objects[{index}]"
         if not state.is_diff and one.object.operation != ADD:
-            raise Refused(
-                MoveItCode.INVALID_OBJECT_NAME, f"`{at}.object.operation` must be ADD where `{where}.is_diff` is false"
-            )
+            raise ObjectRefused(f"`{at}.object.operation` must be ADD where `{where}.is_diff` is false")
         after = _with_held(after, one, at)
     return after
 
@@ -81,19 +79,16 @@ def heard(before: Snapshot, message: Any) -> Snapshot:
     """
     values = zip(message.name, message.position.tolist(), strict=False)
     known = {name: number(value, "position") for name, value in values if name in before.robot.joints}
-    return _moved(before, {**before.positions, **known})
+    return _with_positions(before, {**before.positions, **known})
 
 
-def _moved(before: Snapshot, positions: Mapping[str, float]) -> Snapshot:
+def _with_positions(before: Snapshot, positions: Mapping[str, float]) -> Snapshot:
     return dataclasses.replace(before, positions=positions, _places={})
 
 
 def _require_single(state: Any, where: str) -> None:
     if state.multi_dof_joint_state.joint_names:
-        raise Refused(
-            MoveItCode.INVALID_ROBOT_STATE,
-            f"`{where}.multi_dof_joint_state` isn't served: the robot has joints of one coordinate",
-        )
+        raise StateRefused(f"`{where}.multi_dof_joint_state` isn't served: the robot has joints of one coordinate")
 
 
 def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
@@ -101,21 +96,17 @@ def _positions(before: Snapshot, state: Any, where: str) -> dict[str, float]:
     _require_single(state, where)
     names, values = state.joint_state.name, state.joint_state.position.tolist()
     if len(names) != len(values):
-        raise Refused(
-            MoveItCode.INVALID_ROBOT_STATE,
-            f"`{where}.joint_state.position` must have a value for each name, {len(names)}, got {len(values)}",
+        raise StateRefused(
+            f"`{where}.joint_state.position` must have a value for each name, {len(names)}, got {len(values)}"
         )
     robot, found = before.robot, dict(before.positions)
     for name, value in zip(names, values, strict=True):
         field = f"{where}.joint_state.position of {name[:64]}"
         if name in robot.joints:
-            found[name] = number(value, field, MoveItCode.INVALID_ROBOT_STATE)
+            found[name] = number(value, field, StateRefused)
         elif name not in robot.followers:
             joints = ", ".join([*robot.joints, *robot.followers])
-            raise Refused(
-                MoveItCode.INVALID_ROBOT_STATE,
-                f"`{where}.joint_state.name` {name[:64]!r} is no joint of {robot.name}: {joints}",
-            )
+            raise StateRefused(f"`{where}.joint_state.name` {name[:64]!r} is no joint of {robot.name}: {joints}")
     return found
 
 
@@ -127,7 +118,7 @@ def _with_object(before: Snapshot, message: Any, where: str) -> Snapshot:
     if message.operation == MOVE:
         return _with_moved(before, message, name, where)
     if message.operation not in (ADD, APPEND):
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.operation` {message.operation} is unknown")
+        raise ObjectRefused(f"`{where}.operation` {message.operation} is unknown")
     there, _ = before.frame(message.header.frame_id, f"{where}.header.frame_id")
     thing = _thing(message, there, where)
     present = before.objects.get(name)
@@ -143,7 +134,7 @@ def _thing(message: Any, frame: Any, where: str) -> SceneObject:
     """
     shapes = shapes_of(message, where)
     if not shapes:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}` has no primitives, meshes or planes")
+        raise ObjectRefused(f"`{where}` has no primitives, meshes or planes")
     pose = placement(message.pose, f"{where}.pose")
     if len(shapes) == 1 and pose == pin.SE3.Identity():
         ((shape, pose),) = shapes
@@ -162,18 +153,16 @@ def _without(before: Snapshot, name: str, where: str) -> Snapshot:
     if not name:
         return dataclasses.replace(before, objects={})
     if name not in before.objects:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` {name[:64]!r} is no object of the scene")
+        raise ObjectRefused(f"`{where}.id` {name[:64]!r} is no object of the scene")
     return dataclasses.replace(before, objects={id_: one for id_, one in before.objects.items() if id_ != name})
 
 
 def _with_moved(before: Snapshot, message: Any, name: str, where: str) -> Snapshot:
     if name not in before.objects:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.id` {name[:64]!r} is no object of the scene")
+        raise ObjectRefused(f"`{where}.id` {name[:64]!r} is no object of the scene")
     for field in ("primitives", "primitive_poses", "meshes", "mesh_poses", "planes", "plane_poses"):
         if getattr(message, field):
-            raise Refused(
-                MoveItCode.INVALID_OBJECT_NAME, f"`{where}.{field}` must be empty where an object is moved: give `pose`"
-            )
+            raise ObjectRefused(f"`{where}.{field}` must be empty where an object is moved: give `pose`")
     there, _ = before.frame(message.header.frame_id, f"{where}.header.frame_id")
     pose = there * placement(message.pose, f"{where}.pose")
     moved = dataclasses.replace(before.objects[name], pose=pose)
@@ -185,9 +174,7 @@ def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
     if message.object.operation == REMOVE:
         return _let_go(before, message, where)
     if message.object.operation not in (ADD, APPEND):
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object.operation` must be ADD, APPEND or REMOVE for what is held"
-        )
+        raise ObjectRefused(f"`{where}.object.operation` must be ADD, APPEND or REMOVE for what is held")
     name = checked_id(message.object.id, f"{where}.object")
     link = before.robot.require_link(message.link_name, f"{where}.link_name")
     for touched in message.touch_links:
@@ -199,9 +186,7 @@ def _with_held(before: Snapshot, message: Any, where: str) -> Snapshot:
     elif name in before.objects:
         thing = dataclasses.replace(before.objects[name], pose=there.inverse() * before.objects[name].pose)
     else:
-        raise Refused(
-            MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object` has no shapes, and the scene has no {name[:64]!r}"
-        )
+        raise ObjectRefused(f"`{where}.object` has no shapes, and the scene has no {name[:64]!r}")
     present = before.held.get(name)
     if message.object.operation == APPEND and present is not None and present.link == link:
         thing = _appended(present.thing, thing)
@@ -215,7 +200,7 @@ def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
     name, link = message.object.id, message.link_name
     gone = [id_ for id_, one in before.held.items() if name in ("", id_) and link in ("", one.link)]
     if not gone and name:
-        raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"`{where}.object.id` {name[:64]!r} isn't held")
+        raise ObjectRefused(f"`{where}.object.id` {name[:64]!r} isn't held")
     objects = dict(before.objects)
     for id_ in gone:
         one = before.held[id_]
@@ -227,12 +212,12 @@ def _let_go(before: Snapshot, message: Any, where: str) -> Snapshot:
 def _require_served(message: Any) -> None:
     """Refuse what would change what is judged, and isn't served."""
     if message.fixed_frame_transforms:
-        raise Refused(MoveItCode.FRAME_TRANSFORM_FAILURE, "`fixed_frame_transforms` isn't served: use the root's frame")
+        raise FrameRefused("`fixed_frame_transforms` isn't served: use the root's frame")
     if len(message.world.octomap.octomap.data):
-        raise Refused(MoveItCode.FAILURE, "`world.octomap` isn't served: send a mesh or boxes")
+        raise Refused("`world.octomap` isn't served: send a mesh or boxes")
     for index, padding in enumerate(message.link_padding):
         if padding.padding != 0.0:
-            raise Refused(MoveItCode.FAILURE, f"`link_padding[{index}].padding` must be 0, got {padding.padding}")
+            raise Refused(f"`link_padding[{index}].padding` must be 0, got {padding.padding}")
     for index, scale in enumerate(message.link_scale):
         if scale.scale != 1.0:
-            raise Refused(MoveItCode.FAILURE, f"`link_scale[{index}].scale` must be 1, got {scale.scale}")
+            raise Refused(f"`link_scale[{index}].scale` must be 1, got {scale.scale}")

@@ -1,81 +1,206 @@
-"""The services that are offered: what each is called, what it answers, and how it says no."""
+"""MoveIt's services: each reads its request, asks the engine in the same fair queue as everybody, and says its answer.
+
+Messages to be sent are dicts of their fields here; what isn't given is zero, empty or false.
+"""
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from guidefield.endpoint.ros import kinematics, motion_plan
-from guidefield.endpoint.ros.cdr import Types
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
-from guidefield.endpoint.ros.engine_door import EngineDoor
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
-from guidefield.endpoint.ros.robot_messages import header, robot_state
+from guidefield.endpoint.ros.options import IDENTITY
+from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code, require_no_constraints
+from guidefield.endpoint.ros.robot_messages import error_code, header, robot_state
 from guidefield.endpoint.ros.scene_updates import updated, with_state
 from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.messages import codec, keys
+from guidefield.messages.codec import Encoding
 from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
+from guidefield.messages.replies import ErrorReply
 from guidefield.messages.requests import Clearance
+from guidefield.messages.values import Reply
+from guidefield.pool.waiting import Answer
 
-RESPONSE = "moveit_msgs/srv/GetStateValidity_Response"
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
 """Kinds of bodies in a contact."""
+(SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
+    1 << bit for bit in range(10)
+)
+"""Components of a planning scene that can be asked for; none means all."""
+
+Ask = Callable[[keys.Query, float], Future[Answer]]
+"""Has a query answered that arrived at a time, by `time.monotonic()` [s]."""
+
+_R = TypeVar("_R", bound=Reply)
 
 
-def asked_state(message: Any, now: Snapshot) -> Snapshot:
-    """Robot and scene of a GetStateValidity.
+def scene_response(now: Snapshot, components: int) -> dict[str, Any]:
+    """Return the response of `get_planning_scene` with the components that are asked for."""
+    wanted = components or ~0
+    scene: dict[str, Any] = {}
+    if wanted & SETTINGS:
+        scene |= {"name": now.name, "robot_model_name": now.robot.name}
+    if wanted & (STATE | ATTACHED):
+        scene["robot_state"] = robot_state(now, held=bool(wanted & ATTACHED))
+    if wanted & (OBJECT_NAMES | GEOMETRY):
+        shaped = bool(wanted & GEOMETRY)
+        objects = [message_of(name, thing, now.robot.root, geometry=shaped) for name, thing in now.objects.items()]
+        scene["world"] = {"collision_objects": objects}
+    if wanted & MATRIX:
+        left_out = {frozenset(pair.links) for pair in now.robot.model.pairs_left_out}
+        names = {*now.robot.links, *now.objects, *now.held, *(name for pair in now.matrix.pairs for name in pair)}
+        scene["allowed_collision_matrix"] = now.matrix.message(names, left_out)
+    if wanted & PADDING:
+        scene["link_padding"] = [{"link_name": link} for link in now.robot.links]
+        scene["link_scale"] = [{"link_name": link, "scale": 1.0} for link in now.robot.links]
+    if wanted & COLORS:
+        scene["object_colors"] = [{"id": name, "color": color} for name, color in now.colors.items()]
+    return {"scene": scene}
 
-    Raises:
-        Refused: if it isn't served; names the field.
+
+@dataclass(frozen=True)
+class Answered:
+    """A response, and messages to be published by topic once it is on its way: who asked doesn't wait for them."""
+
+    response: dict[str, Any]
+    published: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service.
+
+    Attributes:
+        name: Without the first slash.
+        type_name: Its type.
+        answer: The response to a request that came at a time, by `time.monotonic()` [s]; raises Refused.
+        with_error: The response with an error code; None: it has no place for one, and the reason is logged.
     """
-    if message.group_name:
-        now.robot.group(message.group_name)
-    for name in ("joint_constraints", "position_constraints", "orientation_constraints", "visibility_constraints"):
-        if getattr(message.constraints, name):
-            raise Refused(MoveItCode.INVALID_GOAL_CONSTRAINTS, f"`constraints.{name}` isn't served")
-    return with_state(now, message.robot_state, "robot_state")
+
+    name: str
+    type_name: str
+    answer: Callable[[Any, float], Answered]
+    with_error: Callable[[dict[str, Any]], dict[str, Any]] | None = None
+
+    def refuse(self, code: MoveItCode, sentence: str) -> Answered:
+        """Return the response of a request that isn't served."""
+        return Answered({} if self.with_error is None else self.with_error(error_code(code, sentence)))
 
 
-def judgement(state: Snapshot) -> Clearance:
-    """The request that tells what touches what, with what is held and what may touch."""
-    return Clearance(
-        robot=state.robot.name,
-        scene=state.scene(),
-        configurations=[dict(state.whole)],
-        attached_objects=state.attached(),
-        allowed_collisions=state.allowed(),
-        contacts=True,
-    )
+class Services:
+    """Answers requests of MoveIt's services with the engine.
+
+    Args:
+        known: Robot and scene as far as they are known.
+        ask: Has a query answered.
+    """
+
+    def __init__(self, known: KnownScene, ask: Ask) -> None:
+        self._known, self._ask = known, ask
+
+    def all(self) -> list[Service]:
+        """Return every service."""
+        srv = "moveit_msgs/srv/"
+
+        def with_error(code: dict[str, Any]) -> dict[str, Any]:
+            return {"error_code": code}
+
+        def plan_with_error(code: dict[str, Any]) -> dict[str, Any]:
+            return {"motion_plan_response": {"error_code": code}}
+
+        return [
+            Service("plan_kinematic_path", f"{srv}GetMotionPlan", self._plan, plan_with_error),
+            Service("compute_ik", f"{srv}GetPositionIK", self._solution, with_error),
+            Service("compute_fk", f"{srv}GetPositionFK", self._places, with_error),
+            Service("check_state_validity", f"{srv}GetStateValidity", self._validity),
+            Service("apply_planning_scene", f"{srv}ApplyPlanningScene", self._apply),
+            Service("get_planning_scene", f"{srv}GetPlanningScene", self._scene),
+        ]
+
+    def _engine(self, key: str, request: msgspec.Struct, kind: type[_R], received: float) -> _R:
+        """Return the engine's reply of a kind to a request on a key below an instance's; waits for it.
+
+        Raises:
+            GuidefieldError: if it can't wait its turn.
+            Refused: if it is answered by an error.
+        """
+        payload = codec.encode(request, Encoding.MSGPACK)
+        is_reply, answer = self._ask(
+            keys.Query((key,), {}, payload, Encoding.MSGPACK, user=IDENTITY), received
+        ).result()
+        if not is_reply:
+            error = msgspec.msgpack.decode(answer, type=ErrorReply)
+            raise Refused(f"{error.name}: {error.message}", moveit_code(error.code))
+        return msgspec.msgpack.decode(answer, type=kind)
+
+    def _plan(self, message: Any, received: float) -> Answered:
+        asked = motion_plan.asked_plan(message, self._known.now)
+        if asked.choices:
+            looked_for = motion_plan.asked_solutions(asked)
+            found = [self._engine("kinematics", one, InverseKinematicsReply, received) for one in looked_for]
+            asked = motion_plan.with_solutions(asked, found)
+        reply = self._engine("plan", asked.request, PlanReply, received)
+        response = motion_plan.plan_response(asked, reply, time.monotonic() - received)
+        published = {"guidefield/plans": {"data": _figures(reply)}}
+        if "trajectory" in response["motion_plan_response"]:
+            published["display_planned_path"] = motion_plan.display(asked, response)
+        return Answered(response, published)
+
+    def _solution(self, message: Any, received: float) -> Answered:
+        request, start = kinematics.asked_solution(message, self._known.now)
+        reply = self._engine("kinematics", request, InverseKinematicsReply, received)
+        (found,), (reason,) = reply.configurations, reply.reasons
+        if not found:
+            raise Refused(reason, MoveItCode.NO_IK_SOLUTION)
+        solution = {joint: value for joint, value in found[0].items() if not isinstance(value, list)}
+        return Answered(kinematics.solution_response(str(request.tip), start, solution))
+
+    def _places(self, message: Any, received: float) -> Answered:
+        request, frame, there = kinematics.asked_places(message, self._known.now)
+        reply = self._engine("kinematics", request, ForwardKinematicsReply, received)
+        return Answered(kinematics.places_response(request.frames, frame, there, reply))
+
+    def _validity(self, message: Any, received: float) -> Answered:
+        """Return whether nothing touches; else a contact for each pair that does. Limits don't count, as in MoveIt."""
+        now = self._known.now
+        if message.group_name:
+            now.robot.group(message.group_name)
+        require_no_constraints(message.constraints, "constraints")
+        state = with_state(now, message.robot_state, "robot_state")
+        request = Clearance(
+            robot=state.robot.name,
+            scene=state.scene(),
+            configurations=[dict(state.whole)],
+            attached_objects=state.attached(),
+            allowed_collisions=state.allowed(),
+            contacts=True,
+        )
+        reply = self._engine("kinematics", request, ClearanceReply, received)
+        assert reply.contacts is not None, "they were asked for"
+        (pairs,) = reply.contacts
+        return Answered({"valid": not pairs, "contacts": [_contact(state, pair) for pair in pairs]})
+
+    def _apply(self, message: Any, _received: float) -> Answered:
+        self._known.update(lambda now: updated(now, message.scene))
+        return Answered({"success": True})
+
+    def _scene(self, message: Any, _received: float) -> Answered:
+        return Answered(scene_response(self._known.now, message.components.components))
 
 
-def validity_response(types: Types, state: Snapshot, reply: ClearanceReply) -> Any:
-    """Whether nothing touches; else a contact for each pair that does. Joint limits don't count, as in MoveIt."""
-    assert reply.contacts is not None, "they were asked for"
-    (pairs,) = reply.contacts
-    return types.new(RESPONSE, valid=not pairs, contacts=[_contact(types, state, pair) for pair in pairs])
-
-
-def refused_validity(types: Types, _code: MoveItCode, _message: str) -> Any:
-    """The response of a request that isn't served: it has no place for a reason, which is logged instead."""
-    return types.new(RESPONSE, valid=False)
-
-
-def _contact(types: Types, state: Snapshot, pair: list[str]) -> Any:
-    """A contact of two bodies; where and how deep isn't told."""
+def _contact(state: Snapshot, pair: list[str]) -> dict[str, Any]:
+    """Return the contact of two bodies; where and how deep isn't told."""
     (first, kind), (second, other) = (_body(state, name) for name in pair)
-    return types.new(
-        "moveit_msgs/msg/ContactInformation",
-        header=header(types, state.robot.root),
-        contact_body_1=first,
-        body_type_1=kind,
-        contact_body_2=second,
-        body_type_2=other,
-    )
+    bodies = {"contact_body_1": first, "body_type_1": kind, "contact_body_2": second, "body_type_2": other}
+    return {"header": header(state.robot.root), **bodies}
 
 
 def _body(state: Snapshot, name: str) -> tuple[str, int]:
@@ -87,174 +212,7 @@ def _body(state: Snapshot, name: str) -> tuple[str, int]:
     return object_of(name, state.objects) or name, WORLD_OBJECT
 
 
-GET_RESPONSE = "moveit_msgs/srv/GetPlanningScene_Response"
-APPLY_RESPONSE = "moveit_msgs/srv/ApplyPlanningScene_Response"
-(SETTINGS, STATE, ATTACHED, OBJECT_NAMES, GEOMETRY, OCTOMAP, TRANSFORMS, MATRIX, PADDING, COLORS) = (
-    1 << bit for bit in range(10)
-)
-"""Components that can be asked for; none means all."""
-
-
-def scene_response(types: Types, now: Snapshot, components: int) -> Any:
-    """The response with the components that are asked for."""
-    wanted = components or ~0
-    scene = types.new("moveit_msgs/msg/PlanningScene")
-    if wanted & SETTINGS:
-        scene.name, scene.robot_model_name = now.name, now.robot.name
-    if wanted & (STATE | ATTACHED):
-        scene.robot_state = robot_state(types, now, held=bool(wanted & ATTACHED))
-    if wanted & (OBJECT_NAMES | GEOMETRY):
-        scene.world.collision_objects = [
-            message_of(types, name, thing, now.robot.root, geometry=bool(wanted & GEOMETRY))
-            for name, thing in now.objects.items()
-        ]
-    if wanted & MATRIX:
-        left_out = {frozenset(pair.links) for pair in now.robot.model.pairs_left_out}
-        names = {*now.robot.links, *now.objects, *now.held, *(name for pair in now.matrix.pairs for name in pair)}
-        scene.allowed_collision_matrix = now.matrix.message(types, names, left_out)
-    if wanted & PADDING:
-        scene.link_padding = [types.new("moveit_msgs/msg/LinkPadding", link_name=link) for link in now.robot.links]
-        scene.link_scale = [
-            types.new("moveit_msgs/msg/LinkScale", link_name=link, scale=1.0) for link in now.robot.links
-        ]
-    if wanted & COLORS:
-        scene.object_colors = [
-            types.new("moveit_msgs/msg/ObjectColor", id=name, color=color) for name, color in now.colors.items()
-        ]
-    return types.new(GET_RESPONSE, scene=scene)
-
-
-def applied(types: Types, *, success: bool) -> Any:
-    """The response of `apply_planning_scene`; it has no place for a reason, which is logged instead."""
-    return types.new(APPLY_RESPONSE, success=success)
-
-
-_log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Answered:
-    """A response, and messages to be published by topic once it is on its way: who asked doesn't wait for them."""
-
-    response: Any
-    published: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Service:
-    """One service.
-
-    Attributes:
-        name: Without the first slash.
-        type_name: Its type.
-        answer: The response to a request that came at a time, by `time.monotonic()` [s]; raises Refused.
-        refuse: The response of a request that isn't served, with the reason where there is a place for it.
-        has_place: Whether there is a place for the reason; else it is logged.
-    """
-
-    name: str
-    type_name: str
-    answer: Callable[[Any, float], Answered]
-    refuse: Callable[[Types, MoveItCode, str], Any]
-    has_place: bool = True
-
-
-class Services:
-    """Answers requests of MoveIt's services with the engine.
-
-    Args:
-        types: Of messages.
-        known: What is known of robot and scene.
-        engine: Where requests of ours are answered.
-    """
-
-    def __init__(self, types: Types, known: KnownScene, engine: EngineDoor) -> None:
-        self._types = types
-        self._known = known
-        self._engine = engine
-
-    def all(self) -> list[Service]:
-        """Every service."""
-        scene_refused = self._refused_scene
-        return [
-            Service("plan_kinematic_path", "moveit_msgs/srv/GetMotionPlan", self._plan, motion_plan.refused_plan),
-            Service("compute_ik", "moveit_msgs/srv/GetPositionIK", self._solution, kinematics.refused_solution),
-            Service("compute_fk", "moveit_msgs/srv/GetPositionFK", self._places, kinematics.refused_places),
-            Service(
-                "check_state_validity",
-                "moveit_msgs/srv/GetStateValidity",
-                self._validity,
-                refused_validity,
-                has_place=False,
-            ),
-            Service(
-                "apply_planning_scene",
-                "moveit_msgs/srv/ApplyPlanningScene",
-                self._apply,
-                scene_refused,
-                has_place=False,
-            ),
-            Service(
-                "get_planning_scene",
-                "moveit_msgs/srv/GetPlanningScene",
-                self._scene,
-                lambda types, _code, _message: types.new(GET_RESPONSE),
-                has_place=False,
-            ),
-        ]
-
-    def _plan(self, message: Any, received: float) -> Answered:
-        asked = motion_plan.asked_plan(message, self._known.now)
-        if asked.choices:
-            looked_for = motion_plan.asked_solutions(asked)
-            found = [self._engine("kinematics", one, InverseKinematicsReply, received) for one in looked_for]
-            asked = motion_plan.with_solutions(asked, found)
-        reply = self._engine("plan", asked.request, PlanReply, received)
-        response = motion_plan.plan_response(self._types, asked, reply, time.monotonic() - received)
-        published = {"guidefield/plans": self._types.new("std_msgs/msg/String", data=_figures(reply))}
-        if response.motion_plan_response.error_code.val == MoveItCode.SUCCESS:
-            published["display_planned_path"] = motion_plan.display(self._types, asked, response)
-        return Answered(response, published)
-
-    def _solution(self, message: Any, received: float) -> Answered:
-        asked = kinematics.asked_solution(message, self._known.now)
-        reply = self._engine("kinematics", asked.request, InverseKinematicsReply, received)
-        (found,), (reason,) = reply.configurations, reply.reasons
-        if not found:
-            raise Refused(MoveItCode.NO_IK_SOLUTION, reason)
-        solution = {joint: value for joint, value in found[0].items() if not isinstance(value, list)}
-        return Answered(kinematics.solution_response(self._types, asked, solution))
-
-    def _places(self, message: Any, received: float) -> Answered:
-        asked = kinematics.asked_places(message, self._known.now)
-        reply = self._engine("kinematics", asked.request, ForwardKinematicsReply, received)
-        return Answered(kinematics.places_response(self._types, asked, reply))
-
-    def _validity(self, message: Any, received: float) -> Answered:
-        state = asked_state(message, self._known.now)
-        reply = self._engine("kinematics", judgement(state), ClearanceReply, received)
-        return Answered(validity_response(self._types, state, reply))
-
-    def _apply(self, message: Any, _received: float) -> Answered:
-        self._known.update(lambda now: updated(now, message.scene))
-        return Answered(applied(self._types, success=True))
-
-    def _scene(self, message: Any, _received: float) -> Answered:
-        return Answered(scene_response(self._types, self._known.now, message.components.components))
-
-    def _refused_scene(self, types: Types, _code: MoveItCode, _message: str) -> Any:
-        return applied(types, success=False)
-
-
 def _figures(reply: PlanReply) -> str:
-    """What a plan's message has no place for, as JSON: certificate, clearances, times, the run and its recording."""
-    told = {
-        "run_id": reply.run_id,
-        "status": reply.status,
-        "certificate": reply.certificate,
-        "clearance": reply.clearance,
-        "self_clearance": reply.self_clearance,
-        "timing": reply.timing,
-        "recording": reply.recording,
-    }
-    return msgspec.json.encode(told).decode()
+    """Return as JSON what a plan's message has no place for: certificate, clearances, times, the run, its recording."""
+    names = ("run_id", "status", "certificate", "clearance", "self_clearance", "timing", "recording")
+    return msgspec.json.encode({name: getattr(reply, name) for name in names}).decode()

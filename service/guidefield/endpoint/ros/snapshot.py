@@ -14,7 +14,7 @@ from guidefield.endpoint.ros.allowed_collisions import NOBODY, Matrix
 from guidefield.endpoint.ros.collision_objects import SceneObject
 from guidefield.endpoint.ros.known_robot import KnownRobot
 from guidefield.endpoint.ros.poses import wire_of
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused
+from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused
 from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.values import Placement
@@ -88,10 +88,9 @@ class Snapshot:
         thing, _, own = name.partition("/") if name not in self.objects and name not in self.held else (name, "", "")
         found = self.held[thing].thing if thing in self.held else self.objects.get(thing)
         if found is None or (own and own not in found.frames):
-            raise Refused(
-                MoveItCode.FRAME_TRANSFORM_FAILURE,
+            raise FrameRefused(
                 f"`{field}` {name[:64]!r} is unknown: it is neither {self.robot.root!r}, a link of {self.robot.name},"
-                " an object nor a named frame of one",
+                " an object nor a named frame of one"
             )
         inside = found.pose * found.frames[own] if own else found.pose
         if thing in self.held:
@@ -107,7 +106,7 @@ class Snapshot:
         try:
             return Scene(SCENE, obstacles=[o for name, thing in self.objects.items() for o in thing.obstacles(name)])
         except ValueError as error:
-            raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"the planning scene: {error}") from None
+            raise ObjectRefused(f"the planning scene: {error}") from None
 
     def attached(self) -> list[AttachedObject]:
         """What links hold, as our requests have it.
@@ -128,7 +127,7 @@ class Snapshot:
 def _attached(name: str, held: Held) -> Iterator[AttachedObject]:
     for (shape, there), own in zip(held.thing.shapes, held.thing.names(name), strict=True):
         if isinstance(shape, HalfSpace):
-            raise Refused(MoveItCode.INVALID_OBJECT_NAME, f"object {name!r} has a plane: no link can hold it")
+            raise ObjectRefused(f"object {name!r} has a plane: no link can hold it")
         position, quaternion = wire_of(held.thing.pose * there)
         yield AttachedObject(
             obstacle=msgspec.structs.replace(shape, name=own),
