@@ -19,7 +19,6 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.scene_files.reading import SUFFIXES, read_scene
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
 """Suffixes of motion files."""
@@ -214,6 +213,10 @@ def read_scene_reference(scene: str, **options: Any) -> requests.SceneReference:
     Raises:
         SceneInvalid: if the file can't be read.
     """
+    if not Path(scene).suffix:
+        return scene
+    from guidefield.scene_files.reading import SUFFIXES, read_scene
+
     if not scene.lower().endswith(SUFFIXES):
         return scene
     with warnings.catch_warnings(record=True) as said:

@@ -53,7 +53,6 @@ from guidefield.messages.quotas import DEFAULT_QUOTAS
 from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, RobotReply, RobotsReply
 from guidefield.messages.values import Reply
 from guidefield.pool.pool import DEFAULT_MEMORY
-from guidefield.scene_files.reading import SUFFIXES
 from guidefield.stores.files import default_data_folder
 from guidefield.stores.runs import Retention
 
@@ -542,6 +541,8 @@ def import_scene(
         without=without or (),
     )
     if isinstance(scene, str):
+        from guidefield.scene_files.reading import SUFFIXES
+
         raise SceneInvalid(f"{scene!r} is no scene file; one ends in {', '.join(SUFFIXES)}")
     said = f"{len(scene.obstacles)} obstacles: {list_choices([one.name for one in scene.obstacles])}"
     if output is not None:
