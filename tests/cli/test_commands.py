@@ -16,6 +16,7 @@ from urllib.request import ProxyHandler, build_opener
 
 import pytest
 
+from guidefield import Scene
 from guidefield.cli import main
 from guidefield.cli.loopback import free_port
 from guidefield.engine import answer
@@ -99,6 +100,31 @@ def test_what_is_ill_posed_ends_with_2_and_one_line(request_: str, says: str) ->
     assert done.returncode == 2
     assert done.stderr.startswith(says)
     assert "Traceback" not in done.stderr
+
+
+def test_a_scene_comes_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / "scan.xyz").write_text("100 200 300\nnan 0 0\n")
+    scan, scene = str(tmp_path / "scan.xyz"), str(tmp_path / "cell.json")
+    for arguments, says in (
+        (("scenes", "import", scan, "-o", scene), "give their `radius` [m] (--radius)"),
+        (("scenes", "import", scan, "--radius", "0.01", "--without", "scam", "-o", scene), "did you mean scan?"),
+        (("plan", "-", "--scene", "table", "--scale", "2"), "--scale and --radius go with a --scene that is a file"),
+        (("plan", "-", "--scene", str(tmp_path / "lost.stl")), "lost.stl can't be opened: No such file"),
+        (("plan", "-", "--scene", str(ROBOTS / "__init__.py")), "is no scene file; one ends in .json"),
+    ):
+        done = here(*arguments, stdin="{}")
+        assert (done.returncode, says in done.stderr) == (2, True), done.stderr
+    options = ("--radius", "10", "--scale", "0.001", "--up", "y", "--as", "cell", "--prefix", "a ", "-o", scene)
+    done = here("scenes", "import", scan, *options)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == f"{scene}: 1 obstacle: a scan\n"
+    assert (
+        done.stderr == "warning: scan.xyz: 1 points with coordinates that are NaN are left out: nothing was measured\n"
+    )
+    (cloud,) = Scene.read(scene).obstacles
+    assert (cloud.points, cloud.radius) == ([(0.1, -0.3, 0.2)], 10.0)
+    asked = json.dumps({"type": "potential", "points": [[0, 0, 2]]})
+    assert json.loads(here("plan", "-", "--scene", scene, stdin=asked).stdout)["potential"][0] > 0.0
 
 
 def test_a_file_that_is_not_there_is_said(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from tests.scene_files import clouds, worlds
 CUBE = [part((0, 0, 0), (1, 1, 1))]
 POINTS = np.arange(30.0).reshape(10, 3)
 BOMB = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c "&b;&b;&b;&b;">]>'
-BOX = "1\nbox\n1 1 1\n0 0 0\n0 0 0 1\n0 0 0 0\n"
+LONG = "'" + 300 * "m" + "'"
 
 
 def zipped(**files: bytes) -> bytes:
@@ -106,7 +106,7 @@ FAULTS: dict[str, tuple[str, bytes | str, str]] = {
     "scene, cut": (".scene", worlds.moveit(Path())[:300], r"line \d+: the file ends before"),
     "scene, huge": (".scene", scene("mesh\n999999999 1"), "line 5: the mesh of 'a' must have 1 to 1000000 vertices"),
     "scene, count": (".scene", scene("box\n1 1 1", "999999999"), "line 3: the number of shapes of 'a'"),
-    "scene, cone": (".scene", scene("cone\n1 1"), "line 4: the shape 'cone' of 'a' can't be judged"),
+    "scene, octree": (".scene", scene("octree\n1 1"), "line 4: the shape 'octree' of 'a' can't be judged"),
     "scene, flat": (".scene", scene("box\n1 0 1"), "line 4: obstacle 'a': `size` must be positive"),
     "scene, nan": (".scene", scene("sphere\nnan"), "line 5: the sizes of the sphere of 'a' must be 1 finite numbers"),
     "scene, index": (".scene", scene("mesh\n3 1\n0 0 0\n1 0 0\n0 1 0\n0 1 3"), "a triangle that names no vertex"),
@@ -133,6 +133,8 @@ FAULTS: dict[str, tuple[str, bytes | str, str]] = {
     "sdf, frame": (".sdf", link("<pose relative_to='desk'/>"), "line 1: .*there is no frame 'desk'; there are l"),
     "sdf, frames": (".sdf", link("<pose relative_to='l'/>"), "the frames are relative to each other: l to l"),
     "sdf, worlds": (".sdf", "<sdf><world name='a'/><world name='b'/></sdf>", "has the worlds 'a', 'b'"),
+    "sdf, long": (".sdf", collision("<sphere><radius>1</radius></sphere>").replace('"m"', LONG),
+                  "a name must have 1 to 256 characters"),
     "sdf, deep": (".sdf", "<sdf>" + "<model name='m'>" * 40 + "</model>" * 40 + "</sdf>", "nested more than 32 deep"),
     "sdf, many": (".sdf", "<sdf>" + "<model name='m'/>" * 300_000 + "</sdf>", "characters, at most 4000000 are read"),
     # robots

@@ -172,7 +172,7 @@ def test_names_are_those_of_the_file_and_numbered_where_they_are_not_one(tmp_pat
     text = f"scene\n* leg\n2\n{boxes[2:]}{boxes[2:]}* leg/0\n{boxes}* leg\n{boxes}* a b\n{boxes}.\n"
     path = save(tmp_path, ".scene", text.encode())
     assert [one.name for one in Scene.read(path, name="mine").obstacles] == ["leg/1", "leg/2", "leg/0", "leg/3", "a b"]
-    assert [one.name for one in Scene.read(path, without=["leg"]).obstacles] == ["leg/0", "a b"]
+    assert [one.name for one in Scene.read(path, without=["leg"], prefix="my ").obstacles] == ["my leg/0", "my a b"]
     with pytest.raises(SceneInvalid, match="nothing called 'legs' can be left out: did you mean leg"):
         Scene.read(path, without=["legs"])
 

@@ -19,6 +19,7 @@ from guidefield.errors import MalformedRequest, UnknownObject
 from guidefield.messages import codec, requests
 from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
+from guidefield.messages.scene import Scene
 
 MOTION_ENDINGS = (".csv", ".json", ".npz", ".rrd")
 """Suffixes of motion files."""
@@ -203,28 +204,22 @@ def split_xacro_arguments(xacro_args: Sequence[str]) -> dict[str, str | bool | i
     return arguments
 
 
-def read_scene_reference(scene: str, **options: Any) -> requests.SceneReference:
-    """Return the scene of an argument: a name, or what a file of any kind holds; print what is odd about it.
+def read_scene_file(file: Path, **options: Any) -> Scene:
+    """Read the scene of a file of any kind, and print what is odd about it.
 
     Args:
-        scene: The argument.
+        file: The file.
         options: Those of `Scene.read`.
 
     Raises:
         SceneInvalid: if the file can't be read.
     """
-    if not Path(scene).suffix:
-        return scene
-    from guidefield.scene_files.reading import SUFFIXES, read_scene
-
-    if not scene.lower().endswith(SUFFIXES):
-        return scene
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        read = read_scene(scene, **options)
+        scene = Scene.read(file, **options)
     for one in said:
         typer.echo(f"warning: {one.message}", err=True)
-    return read
+    return scene
 
 
 def make_certify_request(

@@ -17,6 +17,7 @@ from typing import Annotated, Any, NoReturn
 import msgspec
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from guidefield.batch.results import CannotWork
@@ -24,7 +25,7 @@ from guidefield.cli import demonstration, ending, serving
 from guidefield.cli.certifying import (
     make_certify_request,
     make_robot_reference,
-    read_scene_reference,
+    read_scene_file,
     replay_proofs,
     run_referee,
     split_xacro_arguments,
@@ -45,7 +46,7 @@ from guidefield.endpoint.link import DEFAULT_LISTEN
 from guidefield.endpoint.ros.options import Distribution, RosSettings
 from guidefield.endpoint.service import DEFAULT_STREAMS, CannotServe, ServiceSettings
 from guidefield.engine import answer
-from guidefield.errors import GuidefieldError, MalformedRequest, SceneInvalid, Status
+from guidefield.errors import GuidefieldError, MalformedRequest, Status
 from guidefield.first_start import compile_kernels
 from guidefield.messages import codec, requests
 from guidefield.messages.faults import list_choices
@@ -106,7 +107,7 @@ def main() -> None:
     try:
         app()
     except (GuidefieldError, CannotServe, CannotWork, OSError) as error:
-        err.print(f"[red]{_name(error)}[/red]: {error}", highlight=False, soft_wrap=True)
+        err.print(f"[red]{_name(error)}[/red]: {escape(str(error))}", highlight=False, soft_wrap=True)
         sys.exit(2)
 
 
@@ -512,8 +513,9 @@ def import_scene(
     file: Annotated[Path, typer.Argument(help="A mesh, a cloud, a MoveIt .scene, URDF, xacro, SDF or MJCF.")],
     named: Annotated[str | None, typer.Option("--as", help="Name of the scene; else that of the file.")] = None,
     scale: Scale = 1.0,
-    up: Annotated[UpAxis | None, typer.Option(help="The axis that is up in the file, where it doesn't say it.")] = None,
+    up: Annotated[UpAxis | None, typer.Option(help="The axis that is up in the file; else what it says, or z.")] = None,
     radius: Radius = None,
+    prefix: Annotated[str, typer.Option(help="Begins the name of each obstacle.")] = "",
     package_dir: PackageFolders = None,
     xacro_arg: XacroArguments = None,
     without: Annotated[
@@ -530,21 +532,19 @@ def import_scene(
     user: User = None,
 ) -> None:
     """Read a scene from a file of any kind, and store it at a service; or write it to a file."""
-    scene = read_scene_reference(
-        str(file),
+    scene = read_scene_file(
+        file,
         name=named,
         scale=scale,
         up=up,
         radius=radius,
+        prefix=prefix,
         package_dirs=package_dir or (),
         xacro_args=split_xacro_arguments(xacro_arg or ()),
         without=without or (),
     )
-    if isinstance(scene, str):
-        from guidefield.scene_files.reading import SUFFIXES
-
-        raise SceneInvalid(f"{scene!r} is no scene file; one ends in {', '.join(SUFFIXES)}")
-    said = f"{len(scene.obstacles)} obstacles: {list_choices([one.name for one in scene.obstacles])}"
+    count = len(scene.obstacles)
+    said = f"{count} obstacle{'s' if count > 1 else ''}: {list_choices([one.name for one in scene.obstacles])}"
     if output is not None:
         output.write_bytes(codec.encode(scene))
         typer.echo(f"{output}: {said}")
@@ -570,10 +570,24 @@ def _connect(endpoints: list[str] | None, name: str | None, config: Path | None,
 def _read_scene(
     scene: str | None, scale: float, radius: float | None, package_dirs: Sequence[Path] | None = None
 ) -> requests.SceneReference | None:
-    """Return the scene of the options."""
-    if scene is None:
-        return None
-    return read_scene_reference(scene, scale=scale, radius=radius, package_dirs=package_dirs or ())
+    """Return the scene of the options: a name, or the scene in a file.
+
+    Raises:
+        MalformedRequest: if a named scene is to be scaled or rounded.
+    """
+    if scene is None or not _is_scene_file(scene):
+        if scale != 1.0 or radius is not None:
+            raise MalformedRequest("--scale and --radius go with a --scene that is a file")
+        return scene
+    return read_scene_file(Path(scene), scale=scale, radius=radius, package_dirs=package_dirs or ())
+
+
+def _is_scene_file(scene: str) -> bool:
+    if not Path(scene).suffix:
+        return False
+    from guidefield.scene_files.reading import SUFFIXES  # with NumPy and Pinocchio, which most commands don't need
+
+    return scene.lower().endswith(SUFFIXES) or Path(scene).is_file()
 
 
 def _read_request(path: Path, scene: requests.SceneReference | None = None) -> requests.Request:

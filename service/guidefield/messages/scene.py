@@ -227,6 +227,7 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes
         scale: float = 1.0,
         up: Literal["x", "y", "z"] | None = None,
         radius: float | None = None,
+        prefix: str = "",
         package_dirs: Sequence[str | Path] = (),
         xacro_args: Mapping[str, str | bool | float] | None = None,
         without: Collection[str] = (),
@@ -242,6 +243,7 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes
             scale: Factor of all its lengths: 0.001 where they are in millimetres.
             up: The axis that is up in it; None: the one that its kind or itself says, else z.
             radius: Of the balls about the points of a cloud [m].
+            prefix: Begins the name of each obstacle, where one would be called as a link of the robot that plans.
             package_dirs: Folders in which packages and models are, besides those about the file.
             xacro_args: Arguments of a xacro file by name.
             without: Names of obstacles, objects, models or links that are left out with all that hangs below them.
@@ -267,6 +269,7 @@ class Scene(Message, weakref=True, dict=True):  # its dict is for `frozen_scenes
             scale=scale,
             up=up,
             radius=radius,
+            prefix=prefix,
             package_dirs=package_dirs,
             xacro_args=xacro_args,
             without=without,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 
@@ -17,6 +18,7 @@ from guidefield.messages.scene import MOST_OBSTACLES, HalfSpace, Mesh, Obstacle,
 from guidefield.messages.triples import MAX_VERTICES, Points
 from guidefield.messages.values import LARGEST, Float32Array, Uint32Array
 from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mjcf.conversion import circumscribed_ball
 
 TO_Z_UP = {
     "x": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
@@ -25,8 +27,10 @@ TO_Z_UP = {
 }
 """Rotation from a frame with an axis up to one with z up, by that axis; those of COLLADA and glTF."""
 
-LONGEST_NAME = 240
-"""Of an obstacle in a file, in characters: a number may follow it."""
+Kind = type[Obstacle] | Callable[..., dict[str, np.ndarray]]
+"""Class of an obstacle, or a function from the sizes of a shape to the vertices and triangles of its mesh."""
+LONGEST_NAME = 256
+"""Of an obstacle, in characters."""
 
 
 class SceneBuilder:
@@ -46,11 +50,11 @@ class SceneBuilder:
         self.warnings: list[str] = []
         self._without, self._left_out = set(without), set[str]()
         self._names: dict[str, None] = {}
-        self._obstacles: list[tuple[str, type[Obstacle], dict[str, Any]]] = []
+        self._obstacles: list[Obstacle] = []
 
     def add(
         self,
-        kind: type[Obstacle],
+        kind: Kind,
         name: str,
         placement: Any,
         owners: Collection[str] = (),
@@ -60,7 +64,7 @@ class SceneBuilder:
         """Add an obstacle.
 
         Args:
-            kind: Its class.
+            kind: Its class, or what makes the mesh that stands for it of its sizes.
             name: Its name in the file; several may have the same.
             placement: pinocchio.SE3 of its frame in the file's; a half-space is below the frame's z = 0.
             owners: Names of all that holds it.
@@ -69,14 +73,10 @@ class SceneBuilder:
                 points (n, 3).
 
         Raises:
-            SceneInvalid: if it has no name, too long a one, or a size that isn't positive, or there are too many.
+            SceneInvalid: if a size isn't positive or a number not finite, or there are too many.
         """
-        self._names.update(dict.fromkeys((name, *owners)))
-        if left_out := self._without.intersection((name, *owners)):
-            self._left_out |= left_out
+        if self.leaves_out(name, *owners):
             return
-        if not 0 < len(name) <= LONGEST_NAME:
-            raise SceneInvalid(f"{where}a name must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}")
         if len(self._obstacles) == MOST_OBSTACLES:
             raise SceneInvalid(f"{where}it has more than {MOST_OBSTACLES} obstacles, which is the most of a scene")
         fields = {}
@@ -88,32 +88,46 @@ class SceneBuilder:
             elif not (np.isfinite(scaled).all() and np.min(scaled) > 0.0):
                 raise SceneInvalid(f"{where}obstacle {name!r}: `{field}` must be positive, got {size}")
             fields[field] = scaled
-        self._obstacles.append((name, kind, self._placed(kind, placement, fields)))
+        if not isinstance(kind, type):
+            fields, kind = kind(**fields), Mesh
         try:
-            self._obstacles[-1][1](name=name, **self._obstacles[-1][2])
+            self._obstacles.append(kind(name=name, **self._placed(kind, placement, fields)))
         except ValueError as error:
             raise SceneInvalid(f"{where}obstacle {name!r}: {error}") from None
 
-    def scene(self, name: str) -> Scene:
+    def leaves_out(self, *names: str) -> bool:
+        """Return True if one of the names is left out."""
+        self._names.update(dict.fromkeys(names))
+        self._left_out |= self._without.intersection(names)
+        return not self._without.isdisjoint(names)
+
+    def scene(self, name: str, prefix: str) -> Scene:
         """Return the scene; where several obstacles have the same name, numbers follow it: `leg/0`, `leg/1`.
 
+        Args:
+            name: Of the scene.
+            prefix: Begins the name of each obstacle.
+
         Raises:
-            SceneInvalid: if there is no obstacle, or a name that is left out isn't there.
+            SceneInvalid: if there is no obstacle, a name is too long or missing, or one that is left out isn't there.
         """
         for missing in sorted(self._without - self._left_out):
             hint = suggest(missing, list(self._names)) or f"there are {list_choices(list(self._names))}"
             raise SceneInvalid(f"nothing called {missing!r} can be left out: {hint.strip()}")
         if not self._obstacles:
             raise SceneInvalid("it has no obstacle: nothing in it has a shape that is judged")
-        counts = Counter(name for name, _, _ in self._obstacles)
+        counts = Counter(one.name for one in self._obstacles)
         taken, numbers = {name for name, count in counts.items() if count == 1}, Counter[str]()
         obstacles: list[Any] = []
-        for one, kind, fields in self._obstacles:
-            unique = one
-            while counts[one] > 1 and (unique == one or unique in taken):
-                unique, numbers[one] = f"{one}/{numbers[one]}", numbers[one] + 1
+        for one in self._obstacles:
+            unique = one.name
+            while counts[one.name] > 1 and (unique == one.name or unique in taken):
+                unique, numbers[one.name] = f"{one.name}/{numbers[one.name]}", numbers[one.name] + 1
             taken.add(unique)
-            obstacles.append(kind(name=unique, **fields))
+            called = f"{prefix}{unique}"
+            if not 0 < len(called) <= LONGEST_NAME:
+                raise SceneInvalid(f"a name must have 1 to {LONGEST_NAME} characters, got {called[:64]!r}")
+            obstacles.append(one if called == one.name else msgspec.structs.replace(one, name=called))
         return Scene(name=name, obstacles=obstacles)
 
     def _placed(self, kind: type[Obstacle], placement: Any, fields: dict[str, Any]) -> dict[str, Any]:
@@ -132,6 +146,30 @@ class SceneBuilder:
             return {**placed, "vertices": _packed(fields["vertices"]), "triangles": triangles}
         plain = {field: tuple(size.tolist()) if np.ndim(size) else float(size) for field, size in fields.items()}
         return {**placed, **plain}
+
+
+def ellipsoid(radii: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the vertices (v, 3) and triangles (t, 3) of a mesh that contains an ellipsoid, at most 0.9 % larger.
+
+    Args:
+        radii: Along its axes, shape (3,).
+    """
+    ball = circumscribed_ball()
+    return {"vertices": ball.vertices * radii, "triangles": ball.faces}
+
+
+def cone(radius: float, length: float) -> dict[str, np.ndarray]:
+    """Return the vertices (v, 3) and triangles (t, 3) of a pyramid that contains a cone, 0.12 % wider.
+
+    Its tip is half the length above the origin, the middle of its base as far below.
+    """
+    turns = np.arange(64) * (2.0 * np.pi / 64)
+    rim = np.column_stack([np.cos(turns), np.sin(turns)]) * (radius / np.cos(np.pi / 64))
+    base = np.column_stack([rim, np.full(64, -0.5 * length)])
+    edge, after = np.arange(64), np.roll(np.arange(64), -1)
+    sides, below = (np.column_stack([a, b, np.full(64, tip)]) for a, b, tip in ((edge, after, 64), (after, edge, 65)))
+    ends = [[0.0, 0.0, 0.5 * length], [0.0, 0.0, -0.5 * length]]
+    return {"vertices": np.concatenate([base, ends]), "triangles": np.concatenate([sides, below])}
 
 
 def _check_rows(rows: np.ndarray, what: str, field: str) -> None:

@@ -15,10 +15,10 @@ from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, S
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.mesh_files.reading import read_mesh
 from guidefield.robot.mjcf.compilation import compile_file, import_mujoco
-from guidefield.robot.mjcf.conversion import circumscribed_ball, colliding, rest_configuration
+from guidefield.robot.mjcf.conversion import colliding, rest_configuration
 from guidefield.robot.mjcf.names import body_names, named
 from guidefield.robot.urdf.xacro_files import ArgumentValue
-from guidefield.scene_files.builder import SceneBuilder
+from guidefield.scene_files.builder import SceneBuilder, ellipsoid
 
 
 def read_urdf(
@@ -95,12 +95,10 @@ def _geom(model: Any, geom: int, name: str) -> dict[str, Any]:
         kinds.mjGEOM_CAPSULE: {"kind": Capsule, "radius": a, "length": 2.0 * b},
         kinds.mjGEOM_CYLINDER: {"kind": Cylinder, "radius": a, "length": 2.0 * b},
         kinds.mjGEOM_BOX: {"kind": Box, "size": [2.0 * a, 2.0 * b, 2.0 * c]},
+        kinds.mjGEOM_ELLIPSOID: {"kind": ellipsoid, "radii": [a, b, c]},
     }
     if kind in plain:
         return plain[kind]
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        ball = circumscribed_ball()
-        return {"kind": Mesh, "vertices": ball.vertices * (a, b, c), "triangles": ball.faces}
     if kind == kinds.mjGEOM_HFIELD:
         return {"kind": Mesh, **_height_field(model, index)}
     if index < 0 or model.geom_plugin[geom] >= 0:

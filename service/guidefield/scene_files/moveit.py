@@ -10,14 +10,15 @@ import pinocchio as pin
 
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.placements import se3
-from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
+from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Sphere
 from guidefield.messages.triples import MAX_VERTICES
-from guidefield.scene_files.builder import SceneBuilder
+from guidefield.scene_files.builder import Kind, SceneBuilder, cone
 
-PRIMITIVES: dict[str, tuple[type[Obstacle], tuple[str, ...]]] = {
+PRIMITIVES: dict[str, tuple[Kind, tuple[str, ...]]] = {
     "box": (Box, ("size",)),
     "sphere": (Sphere, ("radius",)),
     "cylinder": (Cylinder, ("radius", "length")),
+    "cone": (cone, ("radius", "length")),
 }
 """Class and fields of each shape that has sizes alone; a box has three."""
 
@@ -99,7 +100,7 @@ def _pose(lines: _Lines, name: str) -> Any:
 def _add_shape(lines: _Lines, name: str, pose: Any, builder: SceneBuilder) -> None:
     shape = lines.next_line(f"a shape of {name!r}").strip()
     where, sizes, local = f"line {lines._at}: ", dict[str, Any](), pin.SE3.Identity()
-    kind: type[Obstacle]
+    kind: Kind
     if shape in PRIMITIVES:
         kind, fields = PRIMITIVES[shape]
         values = lines.numbers(3 if shape == "box" else len(fields), f"the sizes of the {shape} of {name!r}")

@@ -38,6 +38,7 @@ def read_scene(
     scale: float = 1.0,
     up: str | None = None,
     radius: float | None = None,
+    prefix: str = "",
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, ArgumentValue] | None = None,
     without: Collection[str] = (),
@@ -53,8 +54,8 @@ def read_scene(
     with located(file):
         content = content_of(file)
         if suffix == ".json":
-            if scale != 1.0 or up is not None or without:
-                raise SceneInvalid("a scene in JSON is read as it is: no other scale, axes or parts")
+            if scale != 1.0 or up is not None or prefix or without:
+                raise SceneInvalid("a scene in JSON is read as it is: no other scale, axes, names or parts")
             return _read_json(content, name)
         builder.turn = TO_Z_UP[up or (up_axis(file) if suffix in MESH_SUFFIXES else "z")]
         if suffix in XML_SUFFIXES:
@@ -65,7 +66,7 @@ def read_scene(
             _read_cloud(file, radius, builder)
         else:
             _read_meshes(file, builder)
-        scene = builder.scene(name or file.stem)
+        scene = builder.scene(name or file.stem, prefix)
     for sentence in dict.fromkeys(builder.warnings):
         warnings.warn(f"{file.name}: {sentence}", stacklevel=3)
     return scene

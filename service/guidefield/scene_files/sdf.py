@@ -15,25 +15,34 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from lxml import etree
 
 from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.geometry.placements import se3
 from guidefield.messages.faults import list_choices
-from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
+from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import read_mesh, read_objects
-from guidefield.robot.mjcf.conversion import circumscribed_ball
 from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES, MeshResolver
 from guidefield.robot.urdf.nearby_files import enclosing_folders
 from guidefield.robot.urdf.xml import Element, fault, name_of, root_of, warning
-from guidefield.scene_files.builder import SceneBuilder, located
+from guidefield.scene_files.builder import Kind, SceneBuilder, cone, ellipsoid, located
 
 SUFFIXES = (".sdf", ".world")
 ROOTS = ("sdf", "gazebo")
 """Names of the root element; the second one is that of Gazebo's first files."""
 MAX_INCLUDES = 10_000
 """A file with more, those of included files counted, is refused."""
+GAZEBO_MODELS = {
+    "model://sun": ("it is a light", "<model name='sun'/>"),
+    "model://ground_plane": (
+        "it is the plane z = 0",
+        "<model name='ground_plane'><link name='link'><collision name='collision'><geometry><plane/></geometry>"
+        "</collision></link></model>",
+    ),
+}
+"""Models that most worlds include and each Gazebo has: what is said of one that isn't there, and what it is."""
 MAX_DEPTH = 32
 """Models nested or included deeper are refused."""
 OWN = ("", "__model__", "__root__", "world")
@@ -161,7 +170,17 @@ class SdfReader:
         if include.get("merge", "false").strip() in ("true", "1"):
             raise fault(include, "<include merge> is not read: leave 'merge' out, names then begin with the model's")
         uri = _text(include, "uri")
-        file = self._find(uri, scope.file, include)
+        if self._builder.leaves_out(include.findtext("name", uri.rstrip("/").rpartition("/")[2]).strip()):
+            return
+        try:
+            file = self._find(uri, scope.file, include)
+        except RobotInvalid as error:
+            if uri not in GAZEBO_MODELS:
+                message = f"{error.message}; or leave the model out: --without"
+                raise RobotInvalid(message, **error.details) from None
+            self._builder.warnings.append(warning(include, f"{uri} isn't there: {GAZEBO_MODELS[uri][0]}"))
+            file = Path(uri)
+            self._roots[file] = etree.fromstring(f"<sdf>{GAZEBO_MODELS[uri][1]}</sdf>")
         if file in stack:
             chain = " includes ".join(one.name for one in (*stack[stack.index(file) :], file))
             raise fault(include, f"the includes form a circle: {chain}", uri=uri)
@@ -233,26 +252,20 @@ class SdfReader:
         where = f"line {collision.sourceline}: "
         for shape in (one for geometry in collision.findall("geometry") for one in geometry):
             if shape.tag == "mesh":
-                sizes = self._mesh(shape, file)
-                self._builder.add(Mesh, name, at, owners, where, **sizes)
+                self._builder.add(Mesh, name, at, owners, where, **self._mesh(shape, file))
             elif shape.tag == "plane":
                 normal = np.array(_numbers(shape, "normal", 3, [0.0, 0.0, 1.0]))
                 if (length := float(np.linalg.norm(normal))) < 1e-9:
                     raise fault(shape, "the <normal> of a <plane> must not be zero")
                 turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal / length)
                 self._builder.add(HalfSpace, name, at * pin.SE3(turn.matrix(), np.zeros(3)), owners, where)
-            elif shape.tag == "ellipsoid":
-                ball = circumscribed_ball()
-                sizes = {"vertices": ball.vertices * _numbers(shape, "radii", 3), "triangles": ball.faces}
-                self._builder.add(Mesh, name, at, owners, where, **sizes)
             elif shape.tag in SHAPES:
-                kind, fields = SHAPES[shape.tag]
-                numbers = {one: _numbers(shape, one, 3 if one == "size" else 1) for one in fields}
-                self._builder.add(
-                    kind, name, at, owners, where, **{k: v if k == "size" else v[0] for k, v in numbers.items()}
-                )
+                kind, counts = SHAPES[shape.tag]
+                numbers = {one: _numbers(shape, one, count) for one, count in counts.items()}
+                sizes = {one: values if counts[one] > 1 else values[0] for one, values in numbers.items()}
+                self._builder.add(kind, name, at, owners, where, **sizes)
             elif shape.tag != "empty":
-                judged = ", ".join((*SHAPES, "ellipsoid", "plane", "mesh"))
+                judged = ", ".join((*SHAPES, "plane", "mesh"))
                 what = f"the <{shape.tag}> of collision {name!r} can't be judged; shapes are {judged}"
                 raise fault(shape, f"{what}: export it as a mesh, or leave it out by its name")
 
@@ -276,13 +289,15 @@ class SdfReader:
         return {"vertices": chosen.vertices - middle if is_centred else chosen.vertices, "triangles": chosen.triangles}
 
 
-SHAPES: dict[str, tuple[type[Obstacle], tuple[str, ...]]] = {
-    "box": (Box, ("size",)),
-    "sphere": (Sphere, ("radius",)),
-    "cylinder": (Cylinder, ("radius", "length")),
-    "capsule": (Capsule, ("radius", "length")),
+SHAPES: dict[str, tuple[Kind, dict[str, int]]] = {
+    "box": (Box, {"size": 3}),
+    "sphere": (Sphere, {"radius": 1}),
+    "cylinder": (Cylinder, {"radius": 1, "length": 1}),
+    "capsule": (Capsule, {"radius": 1, "length": 1}),
+    "cone": (cone, {"radius": 1, "length": 1}),
+    "ellipsoid": (ellipsoid, {"radii": 3}),
 }
-"""Class and fields of each shape that has sizes alone."""
+"""Kind of each shape that has sizes alone, and how many numbers each of these has."""
 
 
 def read_root(path: Path, warnings: list[str]) -> Element:
@@ -300,10 +315,13 @@ def read_root(path: Path, warnings: list[str]) -> Element:
 def _pose(element: Element, default: str = "") -> tuple[str, Any]:
     """Return the frame that the <pose> of an element is relative to, and its placement there, pinocchio.SE3."""
     pose = element.find("pose")
+    relative_to = default if pose is None else pose.get("relative_to") or default
     if pose is None or not (pose.text or "").strip():
-        relative_to = default if pose is None else pose.get("relative_to", default)
         return relative_to, pin.SE3.Identity()
-    is_quaternion = pose.get("rotation_format", "euler_rpy") == "quat_xyzw"
+    form = pose.get("rotation_format", "euler_rpy")
+    if form not in ("euler_rpy", "quat_xyzw"):
+        raise fault(pose, f"'rotation_format' must be euler_rpy or quat_xyzw, got {form!r}")
+    is_quaternion = form == "quat_xyzw"
     values = _finite(pose, (pose.text or "").split(), 7 if is_quaternion else 6)
     if not is_quaternion:
         angles = np.array(values[3:])
@@ -313,7 +331,7 @@ def _pose(element: Element, default: str = "") -> tuple[str, Any]:
         raise fault(pose, "the quaternion of <pose> must not be zero")
     else:
         placement = se3(values[:3], values[3:])
-    return pose.get("relative_to", default), placement
+    return relative_to, placement
 
 
 def _numbers(element: Element, tag: str, count: int, default: list[float] | None = None) -> list[float]:
