@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, settings
 
 from guidefield.kernels.jit.cache import keep_kernels_of
 
-# The same examples every time, or those of another day: `tools/test --hypothesis-profile=afresh`.
+# The same few examples every time, or more of another day: `tools/test --hypothesis-profile=afresh`.
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("the-same", UNHURRIED, derandomize=True)
+settings.register_profile("the-same", UNHURRIED, derandomize=True, max_examples=40)
 settings.register_profile("afresh", UNHURRIED, derandomize=False, print_blob=True)
 settings.load_profile("the-same")
 

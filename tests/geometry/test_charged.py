@@ -22,7 +22,7 @@ from tests.kernels.evaluation import triangles
 from tests.oracles import EPS
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(triangles)
 def test_rows_describe_the_triangle(corners: np.ndarray) -> None:
     tables = field_tables(corners[None])

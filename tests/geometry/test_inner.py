@@ -25,9 +25,9 @@ def test_balls_are_inside_and_fill_much(name: str) -> None:
     assert not balls.flags.writeable
     assert (np.abs(solids.winding(balls[:, :3], mesh)) > 0.5).all()
     rng = np.random.default_rng(0)
-    on_balls = solids.around(balls, 500, rng).reshape(-1, 3)
+    on_balls = solids.around(balls, 100, rng).reshape(-1, 3)
     assert (np.abs(solids.winding(on_balls, mesh)) > 0.5).all()
-    points = solids.in_box_of(mesh, 5000, rng)
+    points = solids.in_box_of(mesh, 1500, rng)
     inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
     assert solids.in_balls(inside, balls).mean() > (0.4 if name == "ring" else 0.2)
 

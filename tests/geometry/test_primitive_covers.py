@@ -81,7 +81,7 @@ def test_cylinders(radius: float, length: float, delta: float) -> None:
     check_inner(inner_cylinder(radius, length), cylinder_depth(radius, length))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.floats(0.002, 0.3), st.floats(0.0, 1.0), deltas)
 def test_capsules(radius: float, length: float, delta: float) -> None:
     reach = np.array([radius, radius, 0.5 * length + radius])

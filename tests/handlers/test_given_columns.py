@@ -48,7 +48,7 @@ def started_at(planned: PlanningGroup, columns: Columns, rows: np.ndarray) -> Pl
     return select(planned.robot, [joint.name for joint in planned.joints], None, q, pin.SE3.Identity())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(seed=SEEDS, kinds=st.sampled_from(KINDS))
 def test_columns_of_a_reply_in_any_order_are_the_same_motion(seed: int, kinds: str) -> None:
     planned = grouped(box_arm(kinds, 0))

@@ -289,7 +289,7 @@ def test_bad_input_is_named_and_the_service_lives(case: str, wire: PlainClient) 
 
 @pytest.mark.usefixtures("unharmed")
 @given(data=st.data())
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_mutated_request_has_one_answer_and_is_no_bug_of_ours(data: st.DataObject, wire: PlainClient) -> None:
     key, valid = data.draw(st.sampled_from([("plan", _plan(goal={"type": "nothing"})), ("kinematics", _kinematics())]))
     payload = bytearray(valid)

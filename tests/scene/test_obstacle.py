@@ -84,7 +84,7 @@ def random_primitive(rng: np.random.Generator):
     ][rng.integers(5)]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=50)
 @given(seeds)
 def test_signed_distance_of_primitives_is_the_formulas(seed):
     rng = np.random.default_rng(seed)
@@ -175,7 +175,7 @@ def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
     return abs(z) if inside else np.hypot(z, min(gaps))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(seeds)
 @example(176191)  # half a millimetre off
 def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):

@@ -23,7 +23,7 @@ from guidefield.scene.scene import Scene, build
 from tests.kernels.collide.lane_callers import placements_of_configurations
 from tests.robots import box_arm, group, grouped
 
-COUNTS = {"panda": 1700, "ur5": 1700, "kinova": 150}
+COUNTS = {"panda": 800, "ur5": 800, "kinova": 100}
 """Configurations for each scene; Coal is slow on the large meshes of the last."""
 
 ROBOTS = tuple(COUNTS)
@@ -115,7 +115,7 @@ def test_placements_are_pinocchios(robot: str) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("scene", ["zoo", "bookshelf", "wall_with_window"])
 def test_touching_is_what_coal_says(robot: str, scene: str) -> None:
-    """More than 10 000 configurations in all."""
+    """Some 5,000 configurations in all."""
     world, lanes = world_of(robot, scene)
     zs = draw(world.group, COUNTS[robot], 2)
     mine = lanes.touching(zs)

@@ -34,7 +34,7 @@ def random_motion(seed: int, kind: CurveKind = CurveKind.HERMITE, knots: int = 1
     return GivenMotion(kind, positions, rows, times, rates)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(seed=SEEDS, knots=st.integers(2, 30))
 def test_the_spline_is_scipys(seed: int, knots: int) -> None:
     rng = np.random.default_rng(seed)

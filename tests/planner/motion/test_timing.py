@@ -103,7 +103,7 @@ def test_twice_as_many_pieces_are_closer_to_the_curve(seed):
     assert away[1] < max(0.2 * away[0], 1e-3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(waypoints=ANY_WAYPOINTS, jerk=st.one_of(st.none(), st.floats(1.0, 1e4)), finer=st.sampled_from([1, 2, 8]))
 @example(waypoints=np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]), jerk=None, finer=1)
 @example(waypoints=np.array([[0.0], [1.0], [1.0 - 1e-7], [3.0]]), jerk=None, finer=1)

@@ -191,7 +191,7 @@ def test_moving_base_and_goal_alike_changes_nothing():
     assert np.allclose(there.solutions, here.solutions, rtol=0.0, atol=1e-4)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3), st.sampled_from([0.0, 0.2, np.inf]))
 def test_what_is_called_out_of_reach_is_at_least_so_far(position, tolerance):
     planned = group("panda")
