@@ -24,6 +24,7 @@ from guidefield.messages.replies import Done, InfoReply, PlanReply, PointPotenti
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.stores.recordings import Recordings
+from guidefield.stores.robots import RobotStore
 from guidefield.stores.scenes import SceneStore
 from tests.replies import plan_reply
 
@@ -409,3 +410,16 @@ def test_two_of_one_name_in_a_change_of_a_stored_scene_are_refused(tmp_path: Pat
         keeps.answer({"type": "change_scene", "name": "cell", "diff": {"type": "scene_diff", "add": [twin, twin]}})
     assert refused.value.details["path"] == "$.diff.add[1].name"
     assert store.read("cell") == (Scene("cell"), 1)
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        {"type": "forward_kinematics", "frames": ["a"], "configurations": [{}]},
+        {"scene": "table", "goal": {"type": "joints", "positions": {}}},
+    ],
+)
+def test_a_robots_name_that_no_file_can_have_is_refused_at_its_place(request_: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(MalformedRequest, match="robot 'bad name!' must be") as refused:
+        Engine(robots=RobotStore(tmp_path)).answer({**request_, "robot": "bad name!"})
+    assert refused.value.details["path"] == "$.robot"

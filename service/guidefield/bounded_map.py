@@ -146,6 +146,8 @@ class BoundedMap(Generic[Key, Value]):
 
     def find(self, key: Key, make: Callable[[], Value], size_of: Callable[[Value], int]) -> Value:
         """Return the value of a key, made once, whichever threads ask for it; exceptions of `make` come through."""
+        if (found := self.get(key)) is not None:
+            return found
         with self._lock:
             making = self._making.setdefault(key, threading.Lock())
         try:

@@ -531,11 +531,10 @@ class Engine:
                 "store it with its meshes (`Client.store_robot`), or send its text as a `urdf`",
                 path=reference if isinstance(reference, str) else reference.path,
             )
-        with at_path("$.robot"):
-            if not isinstance(reference, str):
-                return reference
-            holder, name = self._find_holder("robots", reference)
-            return holder._robots.find(name) or name
+        if not isinstance(reference, str):
+            return reference
+        holder, name = self._find_holder("robots", reference)
+        return holder._robots.find(name) or name
 
     def _build_scene(self, reference: requests.SceneReference, deadline: Deadline = UNLIMITED) -> Scene:
         """Build the scene of a request.

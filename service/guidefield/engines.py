@@ -70,14 +70,13 @@ class Engines:
         Raises:
             GuidefieldError: as `Engine.answer`; QuotaExceeded if the owner has no space for it.
         """
-        shared = self.stores.of(owner).shared
         if isinstance(request, requests.StoreScene | requests.ChangeScene | requests.StoreRobot):
             self.stores.require_room(owner, size)
         reply = self.of(owner).answer(request, received=received or time.monotonic(), watcher=watcher)
         if isinstance(request, requests.DeleteScene):
-            shared.remove("scenes", request.name)
+            self.stores.of(owner).shared.remove("scenes", request.name)
         elif isinstance(request, requests.DeleteRobot):
-            shared.remove("robots", request.name)
+            self.stores.of(owner).shared.remove("robots", request.name)
         return self._add_shared(asking, owner, reply)
 
     def render(self, owner: str, run_id: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -121,15 +120,14 @@ class EngineWorker:
         request = keys.decode_query(query)
         if isinstance(request, MotionRequest) and request.run_id is None:
             request = msgspec.structs.replace(request, run_id=job.run_id)
-        with _from_payload(request):
+        size = len(query.payload)
+        try:
             reply = self.engines.answer(
-                query.user,
-                query.owner,
-                request,
-                size=len(query.payload),
-                received=job.received,
-                watcher=call,
+                query.user, query.owner, request, size=size, received=job.received, watcher=call
             )
+        except GuidefieldError as error:
+            _place_in_payload(error, request)
+            raise
         if isinstance(reply, MotionReply) and reply.status.code == Status.PREEMPTED and call.set_back():
             self.engines.stores.of(query.owner).recordings.drop(reply.run_id)
             return None
@@ -161,14 +159,9 @@ PAYLOADS = {StoreScene: "scene", ChangeScene: "diff", StoreRobot: "files"}
 """The field of a request that is the payload that came for it."""
 
 
-@contextlib.contextmanager
-def _from_payload(request: Request) -> Iterator[None]:
-    """Say where in its payload a fault of a request is."""
-    try:
-        yield
-    except GuidefieldError as error:
-        holder = f"$.{PAYLOADS.get(type(request), '')}"
-        path = str(error.details.get("path", ""))
-        if type(request) in PAYLOADS and path.startswith(holder):
-            error.details["path"] = f"${path[len(holder) :]}"
-        raise
+def _place_in_payload(error: GuidefieldError, request: Request) -> None:
+    """Say where in its payload the fault of a request is."""
+    holder = f"$.{PAYLOADS.get(type(request), '')}"
+    path = str(error.details.get("path", ""))
+    if type(request) in PAYLOADS and path.startswith(holder):
+        error.details["path"] = f"${path[len(holder) :]}"

@@ -6,9 +6,9 @@ other; a client that doesn't read keeps one thread, until Zenoh ends its link. O
 counts as one's. What waits is bounded, for each client, each user and all.
 One user has at most half of the threads and of the room.
 
-The same threads attend to where answers come from, one at a time. That one sends what has come by itself: to wake
-another thread for it takes longer than to send it. Where sending takes long after all, another one takes its place, and
-for a while nothing is sent to that user by whoever attends.
+A thread more attends to where answers come from, and sends what it posts by itself: to wake another thread for it takes
+longer than to send it. Where sending takes long after all, another one takes its place, and for a while nothing is sent
+to that user by whoever attends.
 """
 
 from __future__ import annotations
@@ -50,13 +50,9 @@ class _Letter:
     send: Callable[[], None]
 
 
-_POLL = object(), _Letter(0, lambda: None)
-"""In place of an answer to send: that it is a thread's turn to poll."""
-
-
 @dataclass
 class _Lane:
-    """What waits for one client; whether one of it is being sent."""
+    """What waits for one client; whether one of it is being sent, or will be by the thread that polls."""
 
     user: str
     letters: deque[_Letter] = field(default_factory=deque)
@@ -76,6 +72,10 @@ class _Share:
         """Whether an answer of a size [bytes] may wait beside them."""
         return not self.letters or (self.letters < OF_USER * MOST_LETTERS and self.size + size <= OF_USER * MOST_BYTES)
 
+    def may_send(self) -> bool:
+        """Whether another thread may send to its clients."""
+        return self.threads < OF_USER * MOST_THREADS
+
 
 class Outbox:
     """Sends answers in threads of its own.
@@ -84,10 +84,11 @@ class Outbox:
         poll: Waits until some answers have come, and posts them; called again and again, by one thread at a time.
     """
 
-    def __init__(self, poll: Callable[[], None] | None = None) -> None:
+    def __init__(self, poll: Callable[[], None] = lambda: None) -> None:
         self._poll = poll
         self._polls = False
-        self._polling: int | None = None
+        self._poller: int | None = None
+        self._own: deque[tuple[object, _Letter]] = deque()
         self._sending: tuple[str, float] | None = None
         self._slow: dict[str, float] = {}
         self._sent_at = 0.0
@@ -111,40 +112,43 @@ class Outbox:
         Returns:
             Whether it will be sent. One answer to a client always is.
         """
+        user, key = asker.user, asker if asker.client else object()
         with self._lock:
-            key: object = asker if asker.client else object()
             lane = self._lanes.get(key)
             if lane is not None and lane.size + size > MOST_BYTES_OF_CLIENT:
                 return False
-            if not self._shares.get(asker.user, _Share()).takes(size):
+            share = self._shares.get(user) or _Share()
+            if not share.takes(size):
                 return False
             if self._count >= MOST_LETTERS or (self._count and self._size + size > MOST_BYTES):
                 return False
             if lane is None:
-                lane = self._lanes[key] = _Lane(asker.user)
-            lane.letters.append(_Letter(size, send))
-            lane.size += size
-            share = self._shares.setdefault(asker.user, _Share())
-            share.size += size
-            share.letters += 1
-            self._size += size
-            self._count += 1
-            if not lane.busy and len(lane.letters) == 1:
-                self._be_ready(asker.user, key)
+                lane = self._lanes[key] = _Lane(user)
+            self._shares[user] = share
+            self._add(lane, share, size, 1)
+            letter = _Letter(size, send)
+            if lane.busy or lane.letters:
+                lane.letters.append(letter)
+            elif self._poller == threading.get_ident() and share.may_send() and user not in self._slow:
+                lane.busy = True
+                share.threads += 1
+                self._own.append((key, letter))
+            else:
+                lane.letters.append(letter)
+                self._be_ready(user, key)
             return True
 
     def begin_polling(self) -> None:
         """Have a thread poll, from now on."""
         with self._lock:
-            if self._poll is not None and not self._polls:
+            if not self._polls:
                 self._polls = True
-                self._have_taken()
-                threading.Thread(target=self._watch, name="guidefield-outbox-watch", daemon=True).start()
+                self._start(self._poll_all)
+                self._start(self._watch)
 
     def end_polling(self, wake: Callable[[], None]) -> None:
         """Have no thread poll any more; `wake` ends the wait of the one that does."""
-        with self._lock:
-            self._polls = False
+        self._polls = False
         wake()
 
     def close(self, within: float) -> None:
@@ -158,86 +162,116 @@ class Outbox:
             self._sendable_now.notify_all()
         self._watched.set()
 
+    def _start(self, run: Callable[[], None]) -> None:
+        threading.Thread(target=run, name="guidefield-outbox", daemon=True).start()
+
+    def _add(self, lane: _Lane, share: _Share, size: int, count: int) -> None:
+        """Count answers of a size together that come, or that are gone."""
+        lane.size += size
+        share.size += size
+        share.letters += count
+        self._size += size
+        self._count += count
+
     def _be_ready(self, user: str, key: object) -> None:
-        """Something may be sent to a client: have a thread do it, one that idles or a new one.
+        """Something may be sent to a client: have a thread do it."""
+        self._ready.setdefault(user, deque()).append(key)
+        self._have_taken()
+
+    def _have_taken(self) -> None:
+        """Have one thread look for an answer to send, one that idles or a new one.
 
         One is woken, not all: where a hundred idled, they took longer to find nothing than an answer took.
         """
-        self._ready.setdefault(user, deque()).append(key)
-        if self._polling != threading.get_ident():  # that one looks when it has polled
-            self._have_taken()
-
-    def _have_taken(self) -> None:
         if self._idle:
             self._sendable_now.notify()
-        else:
-            self._start_thread()
-
-    def _start_thread(self) -> None:
-        if self._threads < MOST_THREADS + self._is_unpolled():  # whoever doesn't read keeps all from attending else
+        elif self._threads < MOST_THREADS:
             self._threads += 1
-            threading.Thread(target=self._send_all, name="guidefield-outbox", daemon=True).start()
+            self._start(self._send_all)
 
     def _send_all(self) -> None:
         while (taken := self._next()) is not None:
-            if taken is _POLL:
-                self._poll_once()
-                continue
-            key, letter = taken
-            try:
-                letter.send()
-            except Exception:  # the thread must outlive it, and there is nobody to tell
-                _log.exception("an answer could not be sent")
+            self._send(*taken)
+
+    def _send(self, key: object, letter: _Letter) -> None:
+        try:
+            letter.send()
+        except Exception:  # the thread must outlive it, and there is nobody to tell
+            _log.exception("an answer could not be sent")
+        with self._lock:
             self._settle(key, letter)
 
-    def _poll_once(self) -> None:
-        assert self._poll is not None, "there is something to poll"
-        try:
-            self._poll()
-        except Exception:
-            _log.exception("answers could not be taken")
-
     def _next(self) -> tuple[object, _Letter] | None:
-        """The next answer to send, or `_POLL`; None where there was neither for a while, or nothing is to be sent."""
+        """The next answer to send; None where there was none for a while, or nothing is to be sent any more."""
         with self._lock:
-            polls = self._polling == threading.get_ident()
-            if polls and not self._polls:
-                self._polling, polls = None, False
-            if not polls:
-                self._idle += 1
-                found = self._sendable_now.wait_for(self._has_work, IDLE)
-                self._idle -= 1
-                if not found:
-                    self._threads -= 1
-                    return None
+            self._idle += 1
+            self._sendable_now.wait_for(lambda: self._closed or self._sendable() is not None, IDLE)
+            self._idle -= 1
             user = self._sendable()
-            if self._closed or (user is None and not polls and not self._is_unpolled()):
+            if self._closed or user is None:
                 self._threads -= 1
                 return None
-            if user is None:
-                self._polling = threading.get_ident()
-                return _POLL
-            return self._taken_of(user, polls=polls)
+            keys = self._ready.pop(user)
+            key = keys.popleft()
+            if keys:
+                self._ready[user] = keys  # at the end: every other user comes first
+            self._shares[user].threads += 1
+            lane = self._lanes[key]
+            lane.busy = True
+            if not self._idle and self._sendable() is not None:
+                self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
+            return key, lane.letters.popleft()
 
-    def _taken_of(self, user: str, *, polls: bool) -> tuple[object, _Letter]:
-        """An answer to a user, which this thread will send; whether that one also `polls`."""
-        keys = self._ready.pop(user)
-        key = keys.popleft()
-        if keys:
-            self._ready[user] = keys  # at the end: every other user comes first
-        self._shares[user].threads += 1
+    def _sendable(self) -> str | None:
+        """The first user to whose clients something may be sent: one that doesn't have too many threads."""
+        return next((user for user in self._ready if self._shares[user].may_send()), None)
+
+    def _settle(self, key: object, letter: _Letter) -> None:
+        """Count an answer that is sent; have the next one of its client sent."""
         lane = self._lanes[key]
-        lane.busy = True
-        if polls and self._slow.get(user, 0.0) < (now := time.monotonic()):
-            self._sending, self._sent_at = (user, now), now
+        share = self._shares[lane.user]
+        lane.busy = False
+        share.threads -= 1
+        self._add(lane, share, -letter.size, -1)
+        if not share.letters:
+            del self._shares[lane.user]
+        if lane.letters:
+            self._be_ready(lane.user, key)  # at the end: every other client comes first
+        else:
+            del self._lanes[key]
+            if self._ready:
+                self._sendable_now.notify()  # somebody of the same user may have waited for this thread
+        if not self._count:
+            self._emptied.notify_all()
+
+    def _poll_all(self) -> None:
+        """Poll, and send what was posted meanwhile, until another thread does or none is to."""
+        me = self._poller = threading.get_ident()
+        while self._polls and self._poller == me:
+            try:
+                self._poll()
+            except Exception:
+                _log.exception("answers could not be taken")
+            while (taken := self._next_own(me)) is not None:
+                self._send(*taken)
+        with self._lock:
+            if self._poller == me:  # another thread may have its number later
+                self._poller = None
+
+    def _next_own(self, me: int) -> tuple[object, _Letter] | None:
+        """The next answer that the thread which polls sends by itself; None if there is none, or it polls no more."""
+        with self._lock:
+            if self._poller != me:
+                return None
+            if not self._own:
+                self._sending = None
+                return None
+            key, letter = self._own.popleft()
+            self._sent_at = time.monotonic()
+            self._sending = self._lanes[key].user, self._sent_at
             if not self._watched.is_set():
                 self._watched.set()
-            return key, lane.letters.popleft()
-        if polls:
-            self._polling = None
-        if self._is_unpolled() or (not self._idle and self._sendable() is not None):
-            self._have_taken()  # it was told of more than it takes, and may be kept by whoever doesn't read
-        return key, lane.letters.popleft()
+            return key, letter
 
     def _watch(self) -> None:
         """Have another thread poll where the one that does takes long to send something."""
@@ -246,45 +280,21 @@ class Outbox:
             time.sleep(STALLED)
             with self._lock:
                 now = time.monotonic()
+                self._slow = {name: until for name, until in self._slow.items() if until > now}
                 if self._sending is not None and now - self._sending[1] > STALLED:
-                    user, self._sending, self._polling = self._sending[0], None, None
-                    self._slow = {name: until for name, until in self._slow.items() if until > now}
-                    self._slow[user] = now + SLOW_FOR
-                    self._have_taken()
-                elif self._sending is None and now - self._sent_at > WATCHED_FOR and not self._closed:
+                    self._slow[self._sending[0]] = now + SLOW_FOR
+                    self._sending = self._poller = None
+                    self._leave_own()
+                    self._start(self._poll_all)
+                elif not (self._sending or self._slow or self._closed) and now - self._sent_at > WATCHED_FOR:
                     self._watched.clear()
 
-    def _has_work(self) -> bool:
-        return self._closed or self._sendable() is not None or self._is_unpolled()
-
-    def _is_unpolled(self) -> bool:
-        return self._polls and self._polling is None
-
-    def _sendable(self) -> str | None:
-        """The first user to whose clients something may be sent: one that doesn't have too many threads."""
-        most = OF_USER * MOST_THREADS
-        return next((user for user in self._ready if self._shares[user].threads < most), None)
-
-    def _settle(self, key: object, letter: _Letter) -> None:
-        with self._lock:
-            if self._polling == threading.get_ident():
-                self._sending = None
+    def _leave_own(self) -> None:
+        """Leave to other threads what the one that polled has not begun to send."""
+        while self._own:
+            key, letter = self._own.popleft()
             lane = self._lanes[key]
             lane.busy = False
-            lane.size -= letter.size
-            share = self._shares[lane.user]
-            share.threads -= 1
-            share.letters -= 1
-            share.size -= letter.size
-            if not share.letters:
-                del self._shares[lane.user]
-            self._size -= letter.size
-            self._count -= 1
-            if lane.letters:
-                self._be_ready(lane.user, key)  # at the end: every other client comes first
-            else:
-                del self._lanes[key]
-                if self._ready:
-                    self._sendable_now.notify()  # somebody of the same user may have waited for this thread
-            if not self._count:
-                self._emptied.notify_all()
+            lane.letters.appendleft(letter)
+            self._shares[lane.user].threads -= 1
+            self._be_ready(lane.user, key)

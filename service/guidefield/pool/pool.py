@@ -286,7 +286,7 @@ class Pool:
 
     def _hear(self, slot: Slot, worker: Worker) -> None:
         """Take what a worker told, and send it what it has room for."""
-        awaits_room = not worker.send_rest()
+        awaits_room = worker.has_rest and not worker.send_rest()
         if awaits_room != worker.awaits_room:
             worker.awaits_room = awaits_room
             events = selectors.EVENT_READ | (selectors.EVENT_WRITE if awaits_room else 0)

@@ -184,6 +184,11 @@ class Worker:
             self._rest += [memoryview(part) for part in (head, job, payload) if len(part)]
             return is_first and self._send_some()
 
+    @property
+    def has_rest(self) -> bool:
+        """Whether something of a job is left to be sent."""
+        return bool(self._rest)
+
     def send_rest(self) -> bool:
         """Send more of what is left; return whether that was all."""
         with self._sending:

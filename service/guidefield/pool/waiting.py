@@ -43,6 +43,8 @@ HALVED_IN = 30.0
 """Half-life of a user's use of processors [s]: after heavy use a user is served like others again within minutes."""
 FORGOTTEN = 1e-3
 """Less than this is nothing [s]."""
+MOST_REMEMBERED = 100
+"""Users of whom it is remembered what they got before those are looked for of whom it is nothing any more."""
 NEWEST = 0.1
 """Weight of the newest request in the typical time of one."""
 
@@ -214,7 +216,8 @@ class Usage:
         """A request of a user took so long, and so much of the processors [s]."""
         self.typical += NEWEST * (seconds - self.typical)
         self._spent[user] = self.of(user, now) + processor, now
-        self._spent = {name: spent for name, spent in self._spent.items() if self.of(name, now) > FORGOTTEN}
+        if len(self._spent) > MOST_REMEMBERED:
+            self._spent = {name: spent for name, spent in self._spent.items() if self.of(name, now) > FORGOTTEN}
 
     def users(self, now: float) -> set[str]:
         """Return the users who got any."""
@@ -354,11 +357,9 @@ class Waiting:
                 del self._running[user]
             self._usage.add(user, seconds, processor, time.monotonic())
             self._turns[user] = self._turns.get(user, self._turn) + processor
-            self._turns = {
-                name: turn
-                for name, turn in self._turns.items()
-                if turn > self._turn or name in self._lines or name in self._running
-            }
+            if len(self._turns) > MOST_REMEMBERED:
+                here = self._lines.keys() | self._running.keys()
+                self._turns = {name: turn for name, turn in self._turns.items() if turn > self._turn or name in here}
 
     def take_expired(self, now: float) -> list[Task]:
         """Remove the tasks whose deadline has passed, and return them."""

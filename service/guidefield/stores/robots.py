@@ -94,8 +94,9 @@ class RobotStore:
             MalformedRequest: if the name can't be a file's.
             RobotInvalid: if a file of it is damaged.
         """
-        path = self._path(name)
-        content = None if name in library.entries() else read_if_any(path)  # what comes with the package isn't stored
+        if name in library.entries():  # what comes with the package isn't stored
+            return None
+        content = read_if_any(self._path(name))
         return None if content is None else self._read(name, content.decode(errors="replace"))
 
     def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
