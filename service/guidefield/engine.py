@@ -260,15 +260,19 @@ class Engine:
             lay_out_ahead(request, load)
         return False
 
-    def warm_up(self, robots: Sequence[str] = ()) -> None:
+    def warm_up(self, robots: Sequence[str] = (), recorder: bool = False) -> None:
         """Load packages and kernels, and prepare robots, so that the first plan doesn't wait for them.
+
+        Args:
+            robots: Robots of the catalog.
+            recorder: Whether recordings are drawn here, too: that takes as much time and memory as all the rest.
 
         Raises:
             RobotInvalid: if a robot is unknown or can't be used.
         """
         compile_kernels(_log.info)
         with pause_collector():
-            for room in ("handlers.plan", "handlers.certify", "recorder.recorder"):
+            for room in ("handlers.plan", "handlers.certify", *(["recorder.recorder"] if recorder else [])):
                 importlib.import_module(f"guidefield.{room}")
             importlib.import_module("guidefield.kernels.jit.compilers").load_imported()
         self.answer(requests.Potential(scene=self._scenes.names()[0], points=[(0.0, 0.0, 0.0)]))

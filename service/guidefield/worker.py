@@ -82,7 +82,7 @@ class EngineSetup:
         """In a worker process: log, and warm an engine up."""
         logs.configure(self.log_level, json=self.json_logs)
         engines = self.engines()
-        engines.of(PLAIN).warm_up(self.prepare)
+        engines.of(PLAIN).warm_up(self.prepare, self.eager_recordings)
         return EngineWorker(engines, self.eager_recordings)
 
 
