@@ -5,6 +5,7 @@ Those of a robot's bodies are one table for SIMD batches and proofs.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -39,12 +40,18 @@ from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
+from guidefield.parallel import run_queue
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.shapes import hull_vertices, triangulation
+from guidefield.system import usable_processors
 
 _NO_VERTICES, _ZEROS = np.empty(0, np.float32), np.zeros(3, np.int64)
+
+
+MANY_NUMBERS = 200_000
+"""Tables with more numbers than that of balls are written on all processors: some 10,000 triangles."""
 
 
 class UnservedError(Exception):
@@ -115,11 +122,12 @@ class PartsTable:
     def _written(self) -> Arrays:
         sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _KINDS}
         made = in_memory({name: (kind, (sizes[name],)) for name, kind in _KINDS.items()})
-        begins = dict.fromkeys(_KINDS, 0)
+        begins, works = dict.fromkeys(_KINDS, 0), []
         for layout, write in self._added:
             ends = {name: begins[name] + layout[name][1][0] for name in _KINDS}
-            write({name: made[name][begins[name] : ends[name]] for name in _KINDS})
+            works.append(functools.partial(write, {name: made[name][begins[name] : ends[name]] for name in _KINDS}))
             begins = ends
+        run_queue(iter(works), usable_processors() if sizes["balls"] > MANY_NUMBERS else 1)
         return made
 
     def _mesh(self, mesh: MeshTree, placement: Any | None) -> int:

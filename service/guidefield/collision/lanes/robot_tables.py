@@ -143,7 +143,8 @@ def _add_hulls(table: PartsTable, shape: Any, cut: Decomposition | None, placeme
         about = _box_about(shape.vertices()) if hull is None else polytope_about(hull)
         root = table.add_hull(moved(placement, about))
         return root, np.array([root])
-    found = [(part, _surface_of(*triangulation(shape), part)) for part in cut.parts]
+    surface = triangulation(shape)
+    found = [(part, _surface_of(*surface, part)) for part in cut.parts]
     found = [(part, points) for part, points in found if len(points)]  # a part of the inside only has no surface
     hulls = [part for part, _ in found] if len(found) == 1 else [cut.hull, *(part for part, _ in found)]
     nodes = []
