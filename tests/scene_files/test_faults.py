@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import struct
 import zipfile
@@ -173,7 +174,9 @@ def test_a_fault_names_the_file_and_the_part(name: str, tmp_path: Path) -> None:
 
 
 def test_a_file_that_is_not_there_or_a_wrong_option_is_said(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
     for path, given, said in (
+        (tmp_path / "pipe.stl", {}, "pipe.stl: only a regular file of at most 1073741824 bytes is read"),
         (tmp_path / "lost.sdf", {}, "lost.sdf can't be opened: No such file"),
         (tmp_path, {}, "is no scene file"),
         (tmp_path / "a.stl", {"scale": float("nan")}, "`scale` and `radius` must be positive, got nan"),

@@ -91,7 +91,7 @@ class SceneBuilder:
         if not isinstance(kind, type):
             fields, kind = kind(**fields), Mesh
         try:
-            self._obstacles.append(kind(name=name, **self._placed(kind, placement, fields)))
+            self._obstacles.append(kind(name=name, **self._fields_at(kind, placement, fields)))
         except ValueError as error:
             raise SceneInvalid(f"{where}obstacle {name!r}: {error}") from None
 
@@ -130,20 +130,20 @@ class SceneBuilder:
             obstacles.append(one if called == one.name else msgspec.structs.replace(one, name=called))
         return Scene(name=name, obstacles=obstacles)
 
-    def _placed(self, kind: type[Obstacle], placement: Any, fields: dict[str, Any]) -> dict[str, Any]:
+    def _fields_at(self, kind: type[Obstacle], placement: Any, fields: dict[str, Any]) -> dict[str, Any]:
         rotation, position = self.turn @ placement.rotation, self.turn @ placement.translation * self.scale
         if kind is HalfSpace:
             normal = rotation[:, 2]
             return {"normal": tuple(normal.tolist()), "offset": float(normal @ position)}
         if kind is PointCloud:
-            return {"points": _packed(fields["points"] @ rotation.T + position), "radius": float(fields["radius"])}
+            return {"points": _pack(fields["points"] @ rotation.T + position), "radius": float(fields["radius"])}
         quaternion = tuple(pin.Quaternion(rotation).coeffs().tolist())
         placed = {"position": tuple(position.tolist())}
         if kind is not Sphere:
             placed["quaternion_xyzw"] = quaternion
         if kind is Mesh:
             triangles = Uint32Array(fields["triangles"].astype("<u4").tobytes())
-            return {**placed, "vertices": _packed(fields["vertices"]), "triangles": triangles}
+            return {**placed, "vertices": _pack(fields["vertices"]), "triangles": triangles}
         plain = {field: tuple(size.tolist()) if np.ndim(size) else float(size) for field, size in fields.items()}
         return {**placed, **plain}
 
@@ -181,7 +181,7 @@ def _check_rows(rows: np.ndarray, what: str, field: str) -> None:
         raise SceneInvalid(f"{what}: `{field}[{wrong[0]}]` must be finite, within {LARGEST:g} m, got {told}")
 
 
-def _packed(points: np.ndarray) -> Points:
+def _pack(points: np.ndarray) -> Points:
     """Pack points (n, 3), as float32 where they lose nothing by it."""
     with np.errstate(over="ignore", invalid="ignore"):
         single = points.astype("<f4")

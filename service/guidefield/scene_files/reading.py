@@ -52,6 +52,8 @@ def read_scene(
     if (suffix := file.suffix.lower()) not in SUFFIXES:
         raise SceneInvalid(f"{file.name!r} is no scene file; one ends in {', '.join(SUFFIXES)}", path=str(file))
     with located(file):
+        if file.exists() and not (file.is_file() and file.stat().st_size <= clouds.MAX_BYTES):
+            raise SceneInvalid(f"only a regular file of at most {clouds.MAX_BYTES} bytes is read")
         content = content_of(file)
         if suffix == ".json":
             if scale != 1.0 or up is not None or prefix or without:
