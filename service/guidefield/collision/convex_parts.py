@@ -97,6 +97,21 @@ class PartsTable:
             return self._single(HALF_SPACE, numbers, centre, np.inf)
         raise UnservedError(type(shape).__name__)
 
+    def add_above(self, balls: np.ndarray, links: np.ndarray) -> int:
+        """Add nodes without parts above bodies; the first of them.
+
+        Args:
+            balls: Centre and radius of the ball about each, shape (n, 4) [m].
+            links: Their children, nodes of the table, which may be added later, shape (n, 2).
+        """
+
+        def write(made: Arrays) -> None:
+            made["balls"][:] = balls.ravel()
+            made["links"][:] = np.column_stack([links, np.full(len(links), -1)]).ravel()
+
+        layout = tree_layout(0, len(balls), [0] * len(CLUSTERS))
+        return self._add(layout, write, np.array([self._n_nodes, self._n_parts, self._n_blocks]))
+
     def add_tree(self, mesh: MeshTree) -> int:
         """Add a mesh in the body's frame; the root of its tree."""
         return self._mesh(mesh, None)

@@ -105,7 +105,7 @@ def surface_of(mesh: Joined) -> MeshSurface | None:
     if not has_area(vertices, mesh.triangles):
         return None
     triangles, solid, warnings = _facing_outwards(mesh)
-    hull = _own_hull(vertices, mesh._replace(triangles=triangles).welded) if solid else None
+    hull = own_hull(vertices, mesh._replace(triangles=triangles).welded) if solid else None
     if solid and mesh.width > 0.0:
         triangles = np.concatenate([triangles, crack_lids(triangles, mesh.seams)])
         warnings.append(f"its surface had cracks up to {1000.0 * mesh.width:.2g} mm wide, which were closed")
@@ -230,8 +230,13 @@ def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: lis
     return piece
 
 
-def _own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
-    """The hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume."""
+def own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
+    """Return the hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume.
+
+    Args:
+        vertices: Shape (v, 3) [m], each used.
+        triangles: Shape (t, 3).
+    """
     size = float(np.linalg.norm(extents(vertices)))
     if _is_dented(vertices, _first_ones(vertices, triangles), _CONVEX * size):
         return None

@@ -13,6 +13,7 @@ from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.charged import field_tables
 from guidefield.geometry.closed import connected_pieces, volumes
 from guidefield.geometry.convex import convex_hull
+from guidefield.geometry.edges import numbered_edges
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.extents import extents
 from guidefield.geometry.mesh_surface import (
@@ -155,13 +156,15 @@ def _restored(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]
 
 
 def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
-    """Triangles of each solid: a connected piece that encloses a volume, with the hollows that lie within it.
+    """Return the triangles of each solid: a piece that encloses a volume, with the hollows that lie within it.
+
+    Solids that touch at corners or along edges are pieces of their own.
 
     Args:
         vertices: Shape (v, 3) [m].
         triangles: Of a closed mesh, counter-clockwise from outside, shape (t, 3).
     """
-    labels = connected_pieces(len(vertices), triangles)[triangles[:, 0]]
+    labels = _label_pieces(len(vertices), triangles)
     if (labels == labels[0]).all():
         return [triangles]
     order = np.argsort(labels, kind="stable")
@@ -176,6 +179,28 @@ def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
         # a hollow in nothing is the surface of everything else: it belongs to the largest
         found[next(around, len(solids) - 1)].append(hollow)
     return [np.concatenate(group) for group in found]
+
+
+def _label_pieces(count: int, triangles: np.ndarray) -> np.ndarray:
+    """Label the triangles of each piece of a closed mesh alike, shape (t,).
+
+    A piece is connected by edges that two triangles share, as vertices and edges of more triangles may be where bodies
+    touch. Pieces that aren't closed by themselves stay together with all that they share vertices with.
+    """
+    numbers, edges = numbered_edges(triangles)
+    sides = np.repeat(np.arange(len(triangles)), 3)
+    shared = np.flatnonzero(np.bincount(numbers, minlength=edges)[numbers] == 2)
+    pairs = sides[shared[np.argsort(numbers[shared], kind="stable")]].reshape(-1, 2)
+    labels = connected_pieces(len(triangles), pairs)
+    ways = np.where(triangles < np.roll(triangles, -1, axis=1), 1.0, -1.0).ravel()
+    _, edge_of_piece = np.unique(labels[sides] * edges + numbers, return_inverse=True)
+    is_open = np.bincount(edge_of_piece, ways)[edge_of_piece] != 0.0
+    if not is_open.any():
+        return labels
+    together = connected_pieces(count, triangles)[triangles[:, 0]]
+    broken = np.isin(together, together[sides[is_open]])
+    joined: np.ndarray = np.where(broken, len(triangles) + together, labels)
+    return joined
 
 
 def _winding(corners: np.ndarray, point: np.ndarray) -> float:

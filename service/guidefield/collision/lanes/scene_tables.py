@@ -15,10 +15,18 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.flat_forest import flat_forest
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
-from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
+from guidefield.collision.lanes.surface_tables import (
+    CLUSTER,
+    boxes_about,
+    cloud_parts,
+    cluster_rows,
+    large_surface,
+)
 from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
+from guidefield.geometry.mesh_surface import own_hull
 from guidefield.geometry.mesh_tree import mesh_tree
+from guidefield.geometry.placements import moved
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import FIRST_BLOCK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
@@ -264,6 +272,8 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.nd
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
+        if obstacle.solid and obstacle.cropped is None and len(obstacle.surfaces) > 1:
+            return _solids(obstacle, table)
         return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table)
     placement = obstacle.placement
     root = table.add_shape(obstacle.shape, placement)
@@ -278,6 +288,56 @@ def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     root = table.add_shape(coal.Sphere(cloud.radius), pin.SE3.Identity())
     row = _row(np.eye(3), 0.5 * (low + high), 0.5 * (high - low))
     return np.array([(CLOUD, True, root)], np.int64), row[None]
+
+
+def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
+    """Stand for each solid of a mesh: a convex one is a part with a box about it, another one a tree of triangles."""
+    corners = [np.take(obstacle.vertices, part, axis=0) for _, part, _ in obstacle.surfaces]
+    hulls = [_hull_of(*np.unique(part, return_inverse=True), vertices) for vertices, part, _ in obstacle.surfaces]
+    trees = [mesh_tree(some) if hull is None else None for some, hull in zip(corners, hulls, strict=True)]
+    sizes = [1 if tree is None else len(tree.balls) for tree in trees]
+    roots = len(corners) - 1 + np.cumsum([0, *sizes[:-1]])
+    table.add_above(*_tree_above(corners, roots))
+    places, rows = list[np.ndarray](), list[np.ndarray]()
+    for some, hull, tree, root in zip(corners, hulls, trees, roots.tolist(), strict=True):
+        if tree is not None:
+            table.add_tree(tree)
+            nodes, members = tree.clusters[CLUSTER]
+        elif hull is not None:
+            table.add_hull(moved(obstacle.placement, hull))
+            nodes, members = np.zeros(1, np.int64), np.arange(len(some))[None]
+        places.append(_places_of(root + nodes)[:, :3])
+        rows.append(cluster_rows(some, members))
+    return np.concatenate(places), np.concatenate(rows)
+
+
+def _hull_of(used: np.ndarray, rows: np.ndarray, vertices: np.ndarray) -> np.ndarray | None:
+    hull = own_hull(vertices[used], rows.reshape(-1, 3))
+    return None if hull is None else np.array(hull.points())
+
+
+def _tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Halve bodies along the widest side of their middles until each is alone.
+
+    Args:
+        bodies: The corners of each, shape (t, 3, 3) [m]; two of them at least.
+        roots: The node of each, shape (n,).
+
+    Returns:
+        The ball about each node above them, shape (n - 1, 4) [m], and its children, shape (n - 1, 2); the root first.
+    """
+    boxes = np.array([(some.min(axis=(0, 1)), some.max(axis=(0, 1))) for some in bodies])
+    balls, links, pending = list[np.ndarray](), np.empty((len(bodies) - 1, 2), np.int64), [np.arange(len(bodies))]
+    for members in pending:  # which grows
+        middle = 0.5 * (boxes[members, 0].min(axis=0) + boxes[members, 1].max(axis=0))
+        farthest = max(float(np.linalg.norm(bodies[one] - middle, axis=2).max()) for one in members.tolist())
+        centres = boxes[members].mean(axis=1)
+        order = members[np.argsort(centres[:, np.argmax(np.ptp(centres, axis=0))], kind="stable")]
+        for side, half in enumerate(np.split(order, [len(order) // 2])):
+            links[len(balls), side] = roots[half[0]] if len(half) == 1 else len(pending)
+            pending += [half] if len(half) > 1 else []
+        balls.append(np.array([*middle, farthest]))
+    return np.array(balls), links
 
 
 def _clusters(corners: np.ndarray, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
