@@ -30,7 +30,7 @@ from guidefield.planner.optimize.settings import (
     in_few_pieces,
     of_many,
 )
-from guidefield.planner.optimized_motion import HURRIED
+from guidefield.planner.optimized_motion import HURRIED, LOOKS
 from guidefield.planner.path_motion import soonest_along
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.task.ending import refusal
@@ -95,7 +95,7 @@ def test_a_motion_whose_optimisation_had_no_time_says_so() -> None:
 
 def test_a_motion_that_nothing_repairs_is_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     made, path = over_the_wall()
-    misled(monkeypatch, 4 * [through_the_wall(made, path)])
+    misled(monkeypatch, 2 * (2 + LOOKS) * [through_the_wall(made, path)])
     finished = finish(made, PathSoFar(path), Stages(made))
     assert finished.verdict.free
     np.testing.assert_array_equal(finished.path[[0, -1]], path[[0, -1]])

@@ -34,7 +34,7 @@ from guidefield.planner.connect import tree_search
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.prove.certificate import certify
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.scene.scene import build
 
 REPEATS = 3

@@ -21,7 +21,7 @@ from guidefield.planner.connect.connect import Rounds, shorter
 from guidefield.planner.connect.settings import TREE
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import ConfigurationGoal
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 
 SECONDS = 20.0
 """Budget of one problem."""

@@ -15,7 +15,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ModelConfiguration
 
 FIRST_REACH = 0.1
-"""Obstacles are looked for within this of the robot first, then within twice as much [m]."""
+"""Obstacles are looked for within this of the robot first, then within twice as much [m], at size 1."""
 
 DIRECTED = 1e-9
 """Closest points nearer to each other than this tell no direction [m]."""
@@ -144,7 +144,7 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
         world: Robot and obstacles; the robot is placed.
         centres: Of the balls about its bodies, shape (r, 3) [m, world].
     """
-    reach, count = FIRST_REACH, len(world.pairs) - world.pairs.n_self
+    reach, count = FIRST_REACH * world.group.size, len(world.pairs) - world.pairs.n_self
     while True:
         pairs = _pairs_within(world, centres, reach)
         closest = _closest(world, centres, pairs)

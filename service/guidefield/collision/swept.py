@@ -24,10 +24,10 @@ from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 
 SELF_MARGIN = 1e-4
-"""What capsules of the robot keep from each other [m]."""
+"""What capsules of the robot keep from each other [m], at size 1."""
 
 FLOOR = 5e-4
-"""Motions that the capsules can't tell apart are halved down to this [m]."""
+"""Motions that the capsules can't tell apart are halved down to this [m], at size 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,8 @@ class SweptWorld:
             margin: What robot and obstacles have to keep apart [m].
         """
         start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
-        return bool(motion_apart(self.robot, self.tables, start, end, margin, SELF_MARGIN, FLOOR))
+        own, floor = SELF_MARGIN * self.group.size, FLOOR * self.group.size
+        return bool(motion_apart(self.robot, self.tables, start, end, margin, own, floor))
 
     def keeps(self, q: Configuration, margin: float) -> bool:
         """`apart` at a single configuration (nq,): True is rigorous."""

@@ -31,7 +31,7 @@ from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
 SURE = 1e-3
-"""Only what is deeper than this is taken for a proof: Coal's depths are found by steps [m]."""
+"""Only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1."""
 
 
 def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> BlockingPairs | None:
@@ -57,7 +57,7 @@ def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> Bloc
             continue
         reach = float(np.linalg.norm(about.centres[body] - tip.placement.translation) + about.radii[body])
         depth = depth_of(world, pair)
-        if depth is not None and depth > SURE + aside + turned * reach:
+        if depth is not None and depth > SURE * group.size + aside + turned * reach:
             depths.setdefault(world.pair_names(pair), depth)
     if not depths:
         return None
@@ -82,8 +82,8 @@ LEAST_DIFFERENCE = 0.3
 """Chosen ones differ by this at least in some coordinate [rad, or the unit of length]. Unrecorded."""
 
 GRAZING_DISTANCE = 1e-3
-"""Distance that they keep from obstacles beyond the clearance asked for, if there are such [m]: a certificate isn't
-stopped by grazing then. Unrecorded."""
+"""Distance that they keep from obstacles beyond the clearance asked for, if there are such, at size 1 [m]: grazing
+would stop a certificate. Unrecorded."""
 
 MAX_STARTS = 8192
 """Starts from which a configuration that is free is looked for. Unrecorded."""
@@ -336,7 +336,7 @@ def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
     """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
-    return _touch_nothing(problem, zs, GRAZING_DISTANCE)
+    return _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)
 
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:

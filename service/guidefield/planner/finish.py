@@ -1,8 +1,9 @@
 """From a path that was found to the trajectory that is executed: optimise shape and time together, certify it.
 
-What the certificate refuses is optimised again with more weight on the clearance, and more samples. Where that can't be
-certified either, the path that was found is taken instead, as fast as it can be executed round its corners. Where that
-is refused the motion is drawn closer to the path. In the end it stops at every corner: then it is the path itself.
+What the certificate refuses is optimised again with more weight on the clearance, and more samples, and with looks at
+where it touches. Where that can't be certified either, a motion between it and the path that was found is taken, or
+that path, as fast as it can be executed round its corners. Where that is refused the motion is drawn closer to it. In
+the end it stops at every corner: then it is the path itself.
 """
 
 from __future__ import annotations
@@ -36,7 +37,11 @@ REPAIRS = 4
 
 STRAIGHT_MARGIN = 0.03
 """Distance that straight paths which take the place of steps between guide planes keep from obstacles, beyond the
-clearance asked for [m]. A choice: less than what the optimiser keeps, so that it has to push little."""
+clearance asked for [m], at size 1. A choice: less than what the optimiser keeps, so that it has to push little."""
+
+BLENDS, BLENDED = (0.9, 0.75, 0.5, 0.25), 65
+"""Shares of the way from the motion as it was found to a refused one that are tried, and places of which a motion
+between them is made. Choices."""
 
 LOST = "the optimised motion did not cross every guide plane within its polygon"
 """Warning about a motion that is the one that was found therefore."""
@@ -67,7 +72,8 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     why = finished.verdict.reason
     if not as_found.verdict.free:
         return as_found if why is Reason.CONTACT else finished
-    return _warn(as_found, f"the optimised motion was not certified ({why.value}); this is the motion as it was found")
+    message = f"the optimised motion was not certified ({why.value}); this is the motion as it was found"
+    return _blend(problem, finished, as_found, stages) or _warn(as_found, message)
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
@@ -134,6 +140,30 @@ def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
         stage.outcome = f"{trajectory.duration:.3f} s"
     stopping = certify_motion(problem, trajectory, {plane: knots[at] for plane, at in found.crossings.items()}, stages)
     return _warn(stopping, STOPPING) if finished is None or stopping.verdict.free else finished
+
+
+def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Stages) -> Finished | None:
+    """Return the certified motion nearest to a refused one between that and one that is certified.
+
+    None where none is certified and quicker than that one, and where guide planes are crossed.
+    """
+    motions = [one.trajectory for one in (refused, certified)]
+    if certified.crossings or None in motions or problem.path_constraints:
+        return None
+    shares = np.linspace(0.0, 1.0, BLENDED)
+    far, near = (one.evaluate(one.times[0] + one.duration * shares)[0] for one in motions if one is not None)
+    for share in BLENDS:
+        if problem.deadline.expired():
+            break
+        with stages.entered("parameterize", f"{share:.0%} of the way to the refused motion") as stage:
+            motion = motion_along(problem, cast(ChartPoints, near + share * (far - near)))
+            stage.outcome = f"{motion.duration:.3f} s"
+        if certified.trajectory is None or motion.duration >= certified.trajectory.duration:
+            continue
+        made = certify_motion(problem, motion, {}, stages)
+        if made.verdict.free:
+            return made
+    return None
 
 
 def _round_corners(
@@ -213,6 +243,6 @@ def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int,
     if problem.path_constraints:  # which a straight way would leave
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
-    margin = problem.min_clearance + STRAIGHT_MARGIN
+    margin = problem.min_clearance + STRAIGHT_MARGIN * problem.group.size
     ways = [problem.lanes.shortened(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
     return np.concatenate([path[:1], *(way[1:] for way in ways)])

@@ -29,7 +29,7 @@ from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import certify_moving
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.scene.guide_plane import GuidePlane
 
 NOMINAL = 0.9
@@ -39,7 +39,8 @@ AHEAD = 0.25
 WAIT = 0.1
 """How long the robot waits before it looks again [s]."""
 COMFORT = 0.02
-"""What a round keeps from what moves, beyond what is asked for, if it does after waiting for `PATIENCE` at most [m]."""
+"""What a round keeps from what moves, beyond what is asked for, if it does after waiting for `PATIENCE` at most [m],
+at size 1."""
 PATIENCE = 1.0
 """For how long the robot waits for that [s]: what moves on leaves more room. Else the round keeps `MARGIN`."""
 
@@ -117,7 +118,7 @@ def _wait(problem: Problem, path: ScheduledPath, aim: Aim, index: int, attempt: 
         )
         return _give_up(Status.STUCK_IN_MINIMUM, message, problem, path, aim, index)
     waiting = path.until([path.z], [path.time + WAIT])
-    verdict = _judge(problem, waiting.trajectory(since=-2), MARGIN)
+    verdict = _judge(problem, waiting.trajectory(since=-2), MARGIN * problem.group.size)
     if verdict.free:
         return waiting
     if (gave_way := _give_way(problem, path, index, attempt)) is not None:
@@ -167,10 +168,10 @@ def _extend_in_comfort(problem: Problem, path: ScheduledPath, guided: GuidedPath
     """The path with a guided path's way after it, once that keeps `COMFORT`; None if it doesn't within `PATIENCE`."""
     before = path
     while path.time < problem.scene.end and path.time <= before.time + PATIENCE:
-        if (longer := _extend(problem, path, guided, COMFORT)) is not None:
+        if (longer := _extend(problem, path, guided, COMFORT * problem.group.size)) is not None:
             return longer
         waiting = path.until([path.z], [path.time + WAIT])
-        if not _judge(problem, waiting.trajectory(since=-2), MARGIN).free:
+        if not _judge(problem, waiting.trajectory(since=-2), MARGIN * problem.group.size).free:
             return None
         path = waiting
         problem.tell(Note(f"waits at {path.time:.2f} s"))
@@ -213,7 +214,7 @@ def _give_up(
         "stage": "guide",
         "plane": index,
         "guide_plane": aim.plane.name,
-        "distance": max(aim.distance(_tip(problem, path)) - APPROACH.on_plane, 0.0),
+        "distance": max(aim.distance(_tip(problem, path)) - APPROACH.on_plane * problem.group.size, 0.0),
         "time": path.time,
     }
     return path.failed(Ending(status, message, details))

@@ -1,9 +1,10 @@
 """Optimise a motion that was found, shape and time together, and certify it: among what rests and what moves alike.
 
 What the certificate refuses among obstacles that rest is optimised again with more weight on the clearance, and more
-samples. Among obstacles that move there is a certified motion already: what is waiting stays waiting, until a departure
-the robot stands where it starts, and what is moved is optimised with every obstacle where it is at the time, and the
-departure besides, where there is a wait. It is taken if it is better, and certified.
+samples; then with looks at where it touched. Among obstacles that move there is a certified motion already: what is
+waiting stays waiting, until a departure the robot stands where it starts, and what is moved is optimised with every
+obstacle where it is at the time, and the departure besides, where there is a wait. It is taken if it is better, and
+certified.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace
+from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
 from guidefield.planner.optimize.settings import (
     MANY,
     OPTIMIZATION,
@@ -30,6 +32,7 @@ from guidefield.planner.optimize.settings import (
     guided_of_many,
     in_few_pieces,
     of_many,
+    sized,
 )
 from guidefield.planner.optimize.worth import better
 from guidefield.planner.path_motion import limits_of
@@ -87,6 +90,9 @@ NO_PLANES = Crossed((), (), {})
 """Of a motion that crosses none."""
 
 
+LOOKS = 3
+"""How often a motion that is refused again is optimised with a look at where it touched, at most."""
+
 ANY_TIME = (0.0, -math.inf)
 """Of a motion that begins at time 0, and may end at any."""
 
@@ -100,7 +106,7 @@ def optimize_motion(
     between: tuple[float, float] = ANY_TIME,
     judged_by: Judge = judge,
 ) -> Finished | None:
-    """Optimise a motion; where it is refused among obstacles that rest, optimise it again.
+    """Optimise a motion; where it is refused among obstacles that rest, optimise it again, up to `LOOKS` times more.
 
     Args:
         problem: Robot, world, limits, deadline and most steps.
@@ -120,27 +126,41 @@ def optimize_motion(
     begun = _moving_part(motion) if moves else motion
     settings = settings_of(problem, passes=bool(crossed.passages))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
-    for _ in range(2):
+    touched: list[TouchedPoint] = []
+    for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
             optimized = optimize(
-                problem, begun, settings, others, crossed.passages, leave_by=between[0], arrive_from=between[1]
+                problem, begun, settings, others, crossed.passages, None, between[0], between[1], touched
             )
             stage.outcome = optimized.outcome.value
         if optimized.outcome is Outcome.NOT_WITHIN:
             break
+        made = None
         if optimized.outcome is not Outcome.NOT_PASSING:
             made = _of_optimized(problem, optimized, begun, settings, crossed, between[1], stages, judged_by)
             if made is not None and (made.verdict.free or finished is None):
                 finished = made
         if moves or problem.deadline.expired() or (finished is not None and finished.verdict.free):
             break
-        why = "a guide plane was lost" if finished is None else "the certificate refused it"
-        message, settings, others = f"again, looking closer, because {why}", closer(settings), ()
+        if attempt == 0:
+            why = "a guide plane was lost" if finished is None else "the certificate refused it"
+            message, settings, others = f"again, looking closer, because {why}", closer(settings), ()
+            continue
+        found = [] if made is None else touched_points(problem, made.verdict)
+        if not found:
+            break
+        touched += found
+        message = "again, looking at where it touched, because the certificate refused it"
     return finished
 
 
 def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
     """Of the optimisation of a problem's motion, which may have to pass something on its way."""
+    return sized(_usual_settings_of(problem, passes), problem.group.size)
+
+
+def _usual_settings_of(problem: Problem, passes: bool) -> OptimizationSettings:
+    """The same at size 1."""
     settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
     if problem.path_constraints:
         return constrained(of_many(settings) if many else settings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol, cast
 
@@ -24,7 +24,7 @@ from guidefield.prove.closest import ClosestPairs
 from guidefield.prove.curve import Curve
 from guidefield.prove.enclosures import enclosures_at, world_at
 from guidefield.prove.minima import confirm, smallest_along
-from guidefield.prove.search import TOLERANCE, Found, Goal, Smallest
+from guidefield.prove.search import Found, Goal, Smallest
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
@@ -102,20 +102,22 @@ class Closest:
 
     Attributes:
         distance: The smallest that was found, attained at `time` [m]; infinite without such a pair.
-        bound: What is kept all along, certified [m]: `TOLERANCE` less, or smaller where there was no time to tell.
+        bound: What is kept all along, certified [m]: `tolerance` less, or smaller where there was no time to tell.
         time: When [s].
         pair: Names of the two bodies, a link first; None without such a pair.
+        tolerance: By how much the bound is smaller where there was time to tell [m].
     """
 
     distance: float
     bound: float
     time: float
     pair: tuple[str, str] | None
+    tolerance: float
 
     @property
     def exact(self) -> bool:
         """True if no distance is smaller by more than the tolerance; in contact it is that of the deepest sample."""
-        return self.pair is None or self.distance <= 0.0 or self.distance - self.bound <= 1.01 * TOLERANCE
+        return self.pair is None or self.distance <= 0.0 or self.distance - self.bound <= 1.01 * self.tolerance
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +335,7 @@ def _coarse(times: np.ndarray) -> np.ndarray:
 def _closest(found: Smallest, world: World) -> Closest:
     """An answer in the words of the scene."""
     pair = None if found.pair < 0 else world.pair_names(found.pair)
-    return Closest(found.distance, found.bound, found.time, pair)
+    return Closest(found.distance, found.bound, found.time, pair, found.tolerance)
 
 
 def _with_enclosure(found: Closest, inside: list[int], time: float, world: World) -> Closest:
@@ -343,7 +345,7 @@ def _with_enclosure(found: Closest, inside: list[int], time: float, world: World
     """
     if not inside or found.distance <= 0.0:
         return found
-    return Closest(0.0, min(found.bound, 0.0), time, world.pair_names(inside[0]))
+    return replace(found, distance=0.0, bound=min(found.bound, 0.0), time=time, pair=world.pair_names(inside[0]))
 
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:

@@ -101,7 +101,7 @@ def _with_depths(
         ]
         if one.distance > NEARLY or not within or (worst := min(within))[0] > one.distance:
             return one
-        return Smallest(worst[0], min(worst[0], one.bound), *worst[1:])
+        return replace(one, distance=worst[0], bound=min(worst[0], one.bound), time=worst[1], pair=worst[2])
 
     obstacle = [deepest(one, span, obstacle_depths) for one, span in zip(found.obstacle, spans, strict=True)]
     distances = found.distances.copy()

@@ -52,10 +52,11 @@ from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 
 TOLERANCE = 1e-4
-"""Maximum error of a smallest distance [m]."""
+"""Maximum error of a smallest distance [m], at size 1."""
 
 RESOLUTION_FLOOR = 1e-5
-"""A pair that moves no farther in a segment and still can't be told apart is undecided [m]; `docs/certificate.md`."""
+"""A pair that moves no farther in a segment and still can't be told apart is undecided [m], at size 1;
+`docs/certificate.md`."""
 
 EVERY_KIND = OWN_PAIRS | AT_REST | IN_MOTION
 """All pairs."""
@@ -110,12 +111,14 @@ class Smallest:
         bound: Certified lower bound of all distances [m].
         time: When [s].
         pair: Index of the world's pair; -1 without one.
+        tolerance: By how much the bound is smaller where there was time for it [m].
     """
 
     distance: float = np.inf
     bound: float = np.inf
     time: float = np.nan
     pair: int = -1
+    tolerance: float = TOLERANCE
 
 
 class Goal(NamedTuple):
@@ -227,12 +230,12 @@ class _Search:
         for row, (since, until, own) in zip(self._questions, asked, strict=True):
             row[[SINCE, UNTIL, OWN]] = self._parameter_at(since), self._parameter_at(until), own
         error += ARITHMETIC * float(np.abs(curve.pieces).max(initial=0.0))
-        self._tolerance = max(TOLERANCE, 4.0 * error)
+        self._tolerance = max(TOLERANCE * world.group.size, 4.0 * error)
         self._verdict = np.zeros(VERDICT)
         margin = 0.0 if goal.min_clearance is None else goal.min_clearance
         self._verdict[[KINDS, MARGIN, ERROR, END]] = goal.kinds, margin, error, np.inf
         self._verdict[STAND_OFF] = with_coal_error(margin) - margin
-        self._verdict[RESOLUTION] = -1.0 if goal.min_clearance is None else goal.resolution
+        self._verdict[RESOLUTION] = -1.0 if goal.min_clearance is None else goal.resolution * world.group.size
 
     def found(self) -> Found:
         samples = self._goal.samples
@@ -293,7 +296,7 @@ class _Search:
     def _as_smallest(self, row: np.ndarray) -> Smallest:
         pair = int(row[PAIR])
         pair = index_of_pair(self._world, pair) if pair >= 0 else -1
-        return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time_at(float(row[TIME])), pair)
+        return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time_at(float(row[TIME])), pair, self._tolerance)
 
     def _find_piece(self, parameter: float) -> tuple[int, float]:
         """Index of a piece and the parameter on it."""

@@ -8,9 +8,15 @@ import pytest
 from guidefield.kernels.barrier.sampled_robot import SOFT, barrier
 from tests.kernels.parts import from_python
 
-penalty = from_python(barrier)
+of_a_size = from_python(barrier)
 
 RANGES = (0.08, 0.04, 0.012)
+
+
+def penalty(distance: float, reach: float) -> tuple[float, float, float]:
+    """The barrier of a robot of usual size."""
+    found: tuple[float, float, float] = of_a_size(distance, reach, 1.0)
+    return found
 
 
 @pytest.mark.parametrize("reach", RANGES)
@@ -43,5 +49,11 @@ def test_it_falls_is_convex_and_continuous(reach: float) -> None:
     assert penalty(reach, reach) == (0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("distance", [-0.01, 0.004, 0.03])
+def test_it_goes_with_the_size(distance: float) -> None:
+    value, slope, curvature = penalty(distance, 0.08)
+    assert of_a_size(8.0 * distance, 8.0 * 0.08, 8.0) == pytest.approx((value, slope / 8.0, curvature / 64.0))
+
+
 def test_it_runs_without_a_compiler() -> None:
-    assert barrier.py_func(0.04, 0.08) == pytest.approx((2.0, -250.0, 32500.0))
+    assert barrier.py_func(0.04, 0.08, 1.0) == pytest.approx((2.0, -250.0, 32500.0))

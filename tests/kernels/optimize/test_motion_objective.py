@@ -66,7 +66,7 @@ def motion(name: str, moving: bool) -> tuple[BSpline, MotionLimits]:
     jerk[0] = np.inf
     lower, upper = spline.points.min(axis=0) - 0.05, spline.points.max(axis=0) + 0.03
     lower[-1], upper[-1] = -np.inf, np.inf
-    return spline, frozen(MotionLimits, velocity, acceleration, jerk, lower, upper)
+    return spline, frozen(MotionLimits, velocity, acceleration, jerk, lower, upper, np.ones(nv))
 
 
 def ends_of(spline: BSpline) -> MotionEnds:
@@ -323,7 +323,7 @@ def test_a_motion_may_begin_and_end_at_a_velocity_limit(place: int, speed: float
     velocities = np.full(PIECES + 2, 0.9)
     velocities[place] = speed
     points = 0.4 * 2.0 * np.concatenate([[0.0], np.cumsum(velocities)])[:, None]
-    limits = frozen(MotionLimits, *(np.array([limit]) for limit in (2.0, 1e3, 1e5, -np.inf, np.inf)))
+    limits = frozen(MotionLimits, *(np.array([limit]) for limit in (2.0, 1e3, 1e5, -np.inf, np.inf, 1.0)))
     assert math.isfinite(limit_barrier(points, 0.4, limits)) == finite
 
 

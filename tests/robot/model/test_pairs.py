@@ -20,12 +20,15 @@ def test_the_pairs_that_always_touch_are_those_that_do_at_all_samples(name: str)
     links = [model.link_of_geometry(index) for index in range(len(geometry.geometryObjects))]
     names = [frozenset((links[pair.first], links[pair.second])) for pair in geometry.collisionPairs]
     disabled = set(names[::7])
-    found = pairs._shares_touching(model.model, geometry, model.joints, links, model.rest, disabled)
+    found = pairs._shares_touching(model.model, geometry, model.joints, links, model.rest, disabled, model.size)
     data, geometry_data = model.model.createData(), scratch_space(geometry)
     for request in geometry_data.collisionRequests:
         request.security_margin = pairs.TOUCH
     counts, rng = dict.fromkeys(names, 0), np.random.default_rng(0)
-    for q in [model.rest, *(pairs._random_configuration(model.model, model.joints, rng) for _ in range(pairs.SAMPLES))]:
+    for q in [
+        model.rest,
+        *(pairs._random_configuration(model.model, model.joints, rng, model.size) for _ in range(pairs.SAMPLES)),
+    ]:
         pin.computeCollisions(model.model, data, geometry, geometry_data, q, False)
         results = zip(names, geometry_data.collisionResults, strict=True)
         for pair in {pair for pair, result in results if result.isCollision()}:

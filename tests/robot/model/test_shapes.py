@@ -13,6 +13,7 @@ import guidefield
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import HULL_STAND_OFF, triangulation
+from guidefield.robot.model.size import USUAL_REACH
 from tests.geometry import solids
 from tests.robots import ARMS, load, robot
 
@@ -78,8 +79,8 @@ def _farthest_probe(body: object) -> float:
     return farthest
 
 
-def _arm_of(mesh: solids.Mesh, folder: Path) -> RobotModel:
-    """One link of a mesh that turns on a small base."""
+def _arm_of(mesh: solids.Mesh, folder: Path, reach: float = 1.0) -> RobotModel:
+    """One link of a mesh that turns on a small base, with a frame as far away as it reaches [m]."""
     trimesh.Trimesh(*mesh, process=False).export(folder / "shell.stl")
     box = '<collision><geometry><box size="0.02 0.02 0.02"/></geometry></collision>'
     shell = '<collision><geometry><mesh filename="shell.stl"/></geometry></collision>'
@@ -87,9 +88,23 @@ def _arm_of(mesh: solids.Mesh, folder: Path) -> RobotModel:
         '<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="1 0 0"/>'
         '<axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>'
     )
-    text = f'<robot name="r"><link name="base">{box}</link><link name="arm">{shell}</link>{joint}</robot>'
-    (folder / "r.urdf").write_text(text)
+    end = f'<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0 0 {reach!r}"/></joint>'
+    links = f'<link name="base">{box}</link><link name="arm">{shell}</link><link name="tip"/>'
+    (folder / "r.urdf").write_text(f'<robot name="r">{links}{joint}{end}</robot>')
     return load(UrdfFile(path=str(folder / "r.urdf")))
+
+
+@pytest.mark.parametrize("size", [0.0625, 32.0])
+def test_a_mesh_of_a_robot_of_another_size_is_judged_as_at_home(tmp_path: Path, size: float) -> None:
+    for corner in (0.002, 0.02):  # a hull stands off by less than 5 mm, and by more
+        outline = np.array([(0, 0), (0.3, 0), (0.15, corner), (0, 0.3)])
+        bent = trimesh.creation.extrude_triangulation(outline, np.array([(0, 1, 2), (0, 2, 3)]), 0.1)
+        home = _arm_of((np.array(bent.vertices), np.array(bent.faces)), tmp_path).geometry_choices[1]
+        vertices = size * np.array(bent.vertices, np.float32)
+        away = _arm_of((vertices, np.array(bent.faces)), tmp_path, size * USUAL_REACH)
+        assert away.size == pytest.approx(size)
+        assert away.geometry_choices[1].judged_as == home.judged_as
+        assert away.geometry_choices[1].stand_off == pytest.approx(size * home.stand_off)
 
 
 @pytest.mark.parametrize("inverted", [True, False])

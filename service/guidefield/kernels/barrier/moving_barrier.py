@@ -206,7 +206,7 @@ def moving_barrier(
             d, nx, ny, nz, body = nearest_body(p[0], p[1], p[2], moved.candidates, count, moved.bodies, farthest)
             if body < 0:
                 continue
-            value, slope, curvature = barrier(d - clearance, reach)
+            value, slope, curvature = barrier(d - clearance, reach, robot.size)
             more, more_slope, more_curvature = deficit(d, floor)
             w = robot.weights[i]
             total += w * (value + more)

@@ -35,7 +35,7 @@ from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, Vector, load, store, total as total_of
 
 MARGIN = 0.04
-"""A group may move this far before bodies are looked for anew [m]."""
+"""A group may move this far before bodies are looked for anew [m], at size 1."""
 
 MOST = 24
 """With more bodies about it than this, a group looks for them anew each time."""
@@ -86,8 +86,9 @@ def remembered_bodies(
     """The same of configuration s, for a reach that is the same each time; looks for them where it has to."""
     x, y, z = work.centres[g, 0], work.centres[g, 1], work.centres[g, 2]
     dx, dy, dz = x - near.centres[s, g, 0], y - near.centres[s, g, 1], z - near.centres[s, g, 2]
-    if near.counts[s, g] < 0 or dx * dx + dy * dy + dz * dz > MARGIN * MARGIN:
-        found = bodies_that_count(robot, tables, g, reach + MARGIN, work)
+    margin = MARGIN * robot.size
+    if near.counts[s, g] < 0 or dx * dx + dy * dy + dz * dz > margin * margin:
+        found = bodies_that_count(robot, tables, g, reach + margin, work)
         near.counts[s, g] = found if found <= MOST else -1
         near.centres[s, g, 0], near.centres[s, g, 1], near.centres[s, g, 2] = x, y, z
         for k in range(min(found, MOST)):
@@ -145,7 +146,7 @@ def obstacle_barrier(
                 x, y, z, w = _block(robot, at, last, work.block)
                 p = moved_by(T, x, y, z)
                 d, nx, ny, nz = nearest_body_of_each(p, work.candidates, count, tables, farthest, work.lanes)
-                value, slope, curvature = barrier(d - clearance, reach)
+                value, slope, curvature = barrier(d - clearance, reach, robot.size)
                 more, more_slope, more_curvature = deficit(d, floor)
                 store(work.sums, 0, load(work.sums, 0) + w * (value + more))
                 _sum_up(p, (nx, ny, nz), w * (slope + more_slope), w * (curvature + more_curvature), work.sums)

@@ -23,16 +23,19 @@ from guidefield.kernels.kinematics.poses import moved_by
 from guidefield.kernels.simd.vector import LANES_64, select
 
 SOFT = 0.01
-"""Below this distance the barrier is its parabola [m]; below half the range where that is less."""
+"""Below this distance the barrier is its parabola [m], at size 1; below half the range where that is less."""
 
 STEEPNESS = 100.0
 """Cost of a point on top of the barrier where nothing of the floor remains."""
 
 
 @inlined
-def barrier(distance: Any, reach: float) -> tuple[Any, Any, Any]:
-    """The barrier of range `reach` at a distance, or at one in each lane: value and two derivatives by the distance."""
-    soft = min(SOFT, 0.5 * reach)
+def barrier(distance: Any, reach: float, size: float) -> tuple[Any, Any, Any]:
+    """The barrier of range `reach` at a distance, or at one in each lane: value and two derivatives by the distance.
+
+    The size is that of the robot.
+    """
+    soft = min(SOFT * size, 0.5 * reach)
     within = distance < reach
     x = select(distance > soft, distance, soft) * (1.0 / reach)
     over = 1.0 / x
@@ -89,6 +92,7 @@ class SampledRobot(NamedTuple):
         link_balls: (b, 4) centre and radius of a ball about each, in the frame of its joint [m].
         pairs: (k, 2) group and body of links that are kept apart.
         pair_ranges: (k,) range of the barrier between them [m], positive.
+        size: The robot's.
     """
 
     joints: GroupJoints
@@ -104,6 +108,7 @@ class SampledRobot(NamedTuple):
     link_balls: Rows
     pairs: IndexRows
     pair_ranges: Row
+    size: float
 
 
 ROBOT = numba_type(SampledRobot)

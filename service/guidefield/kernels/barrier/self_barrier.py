@@ -64,7 +64,7 @@ def self_barrier(robot: SampledRobot, share: float, work: Workspace) -> float:
             p = moved_by(T, robot.points[0, i], robot.points[1, i], robot.points[2, i])
             d, nx, ny, nz = body_distance(p[0], p[1], p[2], other, links, reach, reach)
             if d < reach:
-                value, slope, curvature = barrier(d, reach)
+                value, slope, curvature = barrier(d, reach, robot.size)
                 w = share * robot.weights[i] * (robot.groups[g, PAST] - first) / (last - first)
                 total += w * value
                 _row(robot, robot.groups[g, JOINT], robot.link_joints[other], p, (nx, ny, nz), work)

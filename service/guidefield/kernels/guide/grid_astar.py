@@ -16,7 +16,7 @@ from guidefield.kernels.distance.distance import TABLES, DistanceTables, bodies_
 from guidefield.kernels.jit.signatures import INDICES, INDICES_OUT, SCALAR, VECTOR, Floats, Integers, compiled, inlined
 
 CAP = 0.25
-"""Clearance beyond this doesn't count [m]."""
+"""Clearance beyond this doesn't count [m], at size 1."""
 
 _HASTE = 1.1
 """The way found costs at most so many times the cheapest: the estimate of what is left is so much too large."""
@@ -74,13 +74,13 @@ def _pop(heap: Floats, cells: Integers, size: int) -> None:
 
 @inlined
 def _free_at(
-    there: int, x: float, y: float, z: float, tables: DistanceTables, centre: Floats, reach: float,
+    there: int, x: float, y: float, z: float, tables: DistanceTables, centre: Floats, reach: float, cap: float,
     candidates: Integers, free_out: np.ndarray,
 ) -> float:  # fmt: skip
     """Clearance at a point of the grid, remembered; -1 beyond reach."""
     if math.isnan(free_out[there]):
         beyond = _distance(x, y, z, centre) > reach
-        free_out[there] = -1.0 if beyond else _clearance(x, y, z, tables, CAP, candidates)
+        free_out[there] = -1.0 if beyond else _clearance(x, y, z, tables, cap, candidates)
     return float(free_out[there])
 
 
@@ -109,13 +109,13 @@ def _way_back(origin: Integers, last: int, way_out: Integers) -> int:
 @compiled(
     types.int64(
         *(TABLES, VECTOR, SCALAR, INDICES, INDICES, INDICES),
-        *(SCALAR, SCALAR, SCALAR, VECTOR, SCALAR, SCALAR, CLEARANCES, INDICES_OUT),
+        *(SCALAR, SCALAR, SCALAR, SCALAR, VECTOR, SCALAR, SCALAR, CLEARANCES, INDICES_OUT),
     )
 )
 def wavefront(
     tables: DistanceTables, low: Floats, spacing: float, counts: Integers, start: Integers, goal: Integers,
-    comfort: float, ample: float, floor: float, centre: Floats, reach: float, arm: float, free_out: np.ndarray,
-    way_out: Integers,
+    cap: float, comfort: float, ample: float, floor: float, centre: Floats, reach: float, arm: float,
+    free_out: np.ndarray, way_out: Integers,
 ) -> int:  # fmt: skip
     """A cheap way over a grid between two of its points.
 
@@ -129,8 +129,9 @@ def wavefront(
         counts: Points along each axis, shape (3,).
         start: Indices of the first point, shape (3,).
         goal: Indices of the last, shape (3,).
+        cap: Clearance beyond this doesn't count [m].
         comfort: Clearance at which a way costs twice its length [m].
-        ample: Clearance beyond which more makes a way no cheaper, at most `CAP` [m].
+        ample: Clearance beyond which more makes a way no cheaper, at most the cap [m].
         floor: Points nearer to an obstacle are out of bounds [m].
         centre: Points farther than `reach` from here are out of bounds, shape (3,) [m].
         reach: See `centre` [m]; may be infinite.
@@ -153,7 +154,7 @@ def wavefront(
     last = (goal[0] * ny + goal[1]) * nz + goal[2]
     cost[first], size = 0.0, 1
     x, y, z = low[0] + spacing * start[0], low[1] + spacing * start[1], low[2] + spacing * start[2]
-    _free_at(first, x, y, z, tables, centre, math.inf, candidates, free_out)
+    _free_at(first, x, y, z, tables, centre, math.inf, cap, candidates, free_out)
     along[first] = _distance(x, y, z, centre)
     heap[0], cells[0] = 0.0, first
     while size > 0:
@@ -177,7 +178,7 @@ def wavefront(
             if here + step * at_best >= cost[there]:
                 continue
             x, y, z = low[0] + spacing * a, low[1] + spacing * b, low[2] + spacing * c
-            clear = _free_at(there, x, y, z, tables, centre, reach, candidates, free_out)
+            clear = _free_at(there, x, y, z, tables, centre, reach, cap, candidates, free_out)
             if clear <= floor:
                 cost[there] = _SETTLED
                 continue

@@ -21,8 +21,8 @@ from guidefield.kernels.jit.signatures import (
     inlined,
 )
 
-_NEAR = 1e-3
-"""A ray hits what is nearer than this [m]."""
+_NEAR = 0.0025
+"""A ray hits what is nearer than this, as a share of the longest."""
 
 
 @inlined
@@ -37,7 +37,7 @@ def _ray_length(
     while t < longest:
         x, y, z = centre[0] + t * dx, centre[1] + t * dy, centre[2] + t * dz
         free = nearest_body(x, y, z, candidates, count, tables, longest)[0]
-        if free < _NEAR:
+        if free < _NEAR * longest:
             return t
         t += free
     return longest

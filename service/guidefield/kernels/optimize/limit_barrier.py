@@ -32,6 +32,7 @@ class MotionLimits(NamedTuple):
     Attributes:
         velocity, acceleration, jerk: Positive [rad/s, rad/s², rad/s³; or with m].
         lower, upper: Range of positions; one that is a single value does not count here [rad or m].
+        sizes: How many times as far as at size 1 a coordinate goes: 1 for angles.
     """
 
     velocity: Row
@@ -39,6 +40,7 @@ class MotionLimits(NamedTuple):
     jerk: Row
     lower: Row
     upper: Row
+    sizes: Row
 
 
 LIMITS = numba_type(MotionLimits)

@@ -71,9 +71,10 @@ class DescentRules(NamedTuple):
         settled: A step that promises less than this share of the objective is not taken. Nor is a further one after a
             whole step that brought what it would of a quadratic function, up to this share: it would promise as little.
         little: After a step that brought less than this share of the objective no further one is taken.
-        longest: Most that a coordinate of a control point [rad or m] and the departure [s] move in one step.
+        longest: Most that a coordinate of a control point [rad, or m at size 1] and the departure [s] move in one step.
         most_stretched: Most that u changes in one step.
-        trusted: Where a coordinate is further from where the clearance was looked at, no further step is taken.
+        trusted: Where a coordinate is further from where the clearance was looked at, as counted there, no further step
+            is taken.
         damping: Added to the Hessian's diagonal, as a share of it.
     """
 
@@ -115,11 +116,11 @@ ROOM = numba_type(DescentRoom)
 
 
 @uncounted
-def _largest(values: Floats) -> float:
-    """The largest amount in a row."""
+def _largest(values: Floats, sizes: Floats) -> float:
+    """The largest amount in rows one after the other, of coordinates of some sizes."""
     most = 0.0
     for i in range(values.shape[0]):
-        most = max(most, abs(values[i]))
+        most = max(most, abs(values[i]) / sizes[i % sizes.shape[0]])
     return most
 
 
@@ -134,19 +135,21 @@ def _move(points: Floats, ends: MotionEnds, move: Floats, stride: float, step: f
 
 
 @uncounted
-def _distance(first: Floats, second: Floats) -> float:
-    """The largest difference between the inner control points of two motions, shape (n, nv)."""
+def _distance(first: Floats, second: Floats, sizes: Floats) -> float:
+    """The largest difference between the inner control points of two motions, shape (n, nv), over sizes (nv,)."""
     most = 0.0
     for i in range(ENDS, first.shape[0] - ENDS):
         for p in range(first.shape[1]):
-            most = max(most, abs(first[i, p] - second[i, p]))
+            most = max(most, abs(first[i, p] - second[i, p]) / sizes[p])
     return most
 
 
 @uncounted
-def _stride(move: Floats, free: int, rules: DescentRules) -> float:
+def _stride(move: Floats, free: int, rules: DescentRules, sizes: Floats) -> float:
     """Share of a step, in which times are behind what is free, that goes no further than is allowed."""
-    moves = max(_largest(move[:free]), _largest(move[free + 1 :]))
+    moves = _largest(move[:free], sizes)
+    if move.shape[0] > free + 1:
+        moves = max(moves, abs(move[free + 1]))
     stretched: float = abs(move[free])
     return min(1.0, rules.longest / max(moves, 1e-300), rules.most_stretched / max(stretched, 1e-300))
 
@@ -236,7 +239,7 @@ def newton_descent(
         promised = -inner_product(gradient, move)
         if promised < rules.settled * abs(value):
             break
-        stride = _stride(move, free, rules)
+        stride = _stride(move, free, rules, limits.sizes)
         lower = math.inf
         length, departure = step, begin
         for _ in range(rules.tries):
@@ -267,7 +270,7 @@ def newton_descent(
         taken += 1
         step, begin = length, departure
         points_out[:, :] = trial
-        if value - lower < rules.little * abs(value) or _distance(trial, model.points) > rules.trusted:
+        if value - lower < rules.little * abs(value) or _distance(trial, model.points, limits.sizes) > rules.trusted:
             break
         if stride == 1.0 and abs(value - lower - 0.5 * promised) < rules.settled * abs(value):
             break

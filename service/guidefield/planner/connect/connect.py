@@ -27,7 +27,7 @@ from guidefield.planner.task.trace import Step, StepKind, TreeGrown
 from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.chart import ANGLE
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 FEW = 0.01
@@ -193,7 +193,7 @@ def connect(
     Returns:
         What the tree found is shortened.
     """
-    lanes, clearance = problem.lanes, problem.min_clearance
+    lanes, clearance, margin = problem.lanes, problem.min_clearance, MARGIN * problem.group.size
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     if len(near) > 1 or problem.objective is Objective.TIME:
         quickest = _quickest(problem, z_start, near, rng, prove)
@@ -219,11 +219,11 @@ def connect(
         problem.tell(TreeGrown(found.trees))
         if found.path is None:
             break
-        path = lanes.shortened(found.path, resolution, clearance + MARGIN)
+        path = lanes.shortened(found.path, resolution, clearance + margin)
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
             if problem.optimization_iterations:
-                rounds = Rounds(problem.optimization_iterations, resolution, MARGIN)
+                rounds = Rounds(problem.optimization_iterations, resolution, margin)
                 better = shorter(problem, path, roots, rounds, rng, accepted)
                 path, message = better.path, f"{message}, {better.message}"
             for z in path[1:]:
@@ -248,7 +248,7 @@ def _quickest(
     message = f"of {len(goals)} goals {way.tried} tried; " if len(goals) > 1 else ""
     message += "the straight motion is free" if len(path) == 2 else f"found by trees in {way.iterations} iterations"
     if problem.optimization_iterations and len(path) > 2:
-        rounds = Rounds(problem.optimization_iterations, TREE.resolution, MARGIN)
+        rounds = Rounds(problem.optimization_iterations, TREE.resolution, MARGIN * problem.group.size)
         roots = np.concatenate([goals, *map(problem.group.turned_otherwise, goals)])
         better = shorter(problem, path, roots, rounds, rng, accepted)
         path, message = better.path, f"{message}, {better.message}"

@@ -20,7 +20,7 @@ from guidefield.planner.connect.settings import QUICKEST, TREE
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import TreeGrown
 from guidefield.read_only import ReadOnly
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 
@@ -129,7 +129,7 @@ class _Search:
             problem.tell(TreeGrown(found.trees))
             if found.path is None:
                 return
-            way = lanes.shortened(found.path, TREE.resolution, clearance + MARGIN)
+            way = lanes.shortened(found.path, TREE.resolution, clearance + MARGIN * problem.group.size)
         self.found.append((self.score(way), way))
 
 

@@ -109,7 +109,7 @@ def _alike_sources(group: PlanningGroup, origins: bytes) -> Sources:
         if joint.kind in ROTATION:
             rotations.append(joint.idx_v + ROTATION[joint.kind].start)
     endless, origin = ~np.isfinite(upper - lower), np.frombuffer(origins)
-    reach = np.where(lengths, ROAM, np.where(group.winds, WIND, np.pi))
+    reach = np.where(lengths, ROAM * group.sizes, np.where(group.winds, WIND, np.pi))
     lower[endless], upper[endless] = origin - reach[endless], origin + reach[endless]
     with np.errstate(divide="ignore"):
         frequency = np.where(period > 0.0, 1.0 / period, 0.0).astype(np.float32)

@@ -34,17 +34,19 @@ class TipWay(ReadOnly):
     Attributes:
         points: Shape (n, 3) [m, world].
         tangents: Unit vectors along it, shape (n, 3).
-        clearances: Distance to obstacles, at most `CAP`, shape (n,) [m].
+        clearances: Distance to obstacles, at most `CAP` at its size, shape (n,) [m].
+        size: The robot's, which lengths go with.
     """
 
     points: np.ndarray
     tangents: np.ndarray
     clearances: np.ndarray
+    size: float
 
 
 def tip_way(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float,
-    ample: float = CAP,
+    ample: float = np.inf, size: float = 1.0,
 ) -> TipWay | None:  # fmt: skip
     """The way of the tip with most clearance for its length; None if there is none.
 
@@ -58,29 +60,33 @@ def tip_way(
         centre: What the tip can't be farther from than `reach`, shape (3,) [m, world].
         reach: See `centre` [m]; may be infinite.
         ample: Clearance beyond which more is worth no detour [m].
+        size: The robot's.
     """
-    low, high = _box(tables, start, goal, centre, reach)
-    spacing = max(TIP_WAY.spacing, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
+    low, high = _box(tables, start, goal, centre, reach, TIP_WAY.around * size)
+    spacing = max(TIP_WAY.spacing * size, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
     low = start - spacing * np.ceil((start - low) / spacing)  # the start is a point of the grid
     counts = np.ceil((high - low) / spacing).astype(np.int64) + 1
     first, last = (np.rint((end - low) / spacing).astype(np.int64) for end in (start, goal))
-    ends = clearances(tables, np.array([start, low + spacing * last]))
+    ends = clearances(tables, np.array([start, low + spacing * last]), size)
     floor = float(min(radius, 0.5 * ends.min()))
     if floor <= 0.0:
         return None
     found = np.empty(int(np.prod(counts)), np.int64)
     free = np.full(len(found), np.nan, np.float32)
-    ample = float(np.clip(ample, TIP_WAY.least_ample, CAP))
-    for comfort, arm in (*((comfort, reach) for comfort in TIP_WAY.comforts), (TIP_WAY.comforts[0], np.inf)):
-        n = wavefront(tables, low, spacing, counts, first, last, comfort, ample, floor, centre, reach, arm, free, found)
+    cap, comforts = CAP * size, [comfort * size for comfort in TIP_WAY.comforts]
+    ample = float(np.clip(ample, TIP_WAY.least_ample * size, cap))
+    for comfort, arm in (*((comfort, reach) for comfort in comforts), (comforts[0], np.inf)):
+        n = wavefront(
+            tables, low, spacing, counts, first, last, cap, comfort, ample, floor, centre, reach, arm, free, found
+        )
         if n >= 2:
             points = low + spacing * np.stack(np.unravel_index(found[:n][::-1], tuple(counts)), axis=1)
             points[-1] = goal
-            return _smoothed(tables, points)
+            return _smoothed(tables, points, size)
     return None
 
 
-def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> np.ndarray:
+def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
     """What is free in a plane about a point: corners (k, 2) of a convex polygon, counter-clockwise, along `across`.
 
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
@@ -89,41 +95,42 @@ def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray) -> n
         tables: The obstacles.
         centre: The point, shape (3,) [m].
         across: Two unit vectors of the plane, shape (2, 3).
+        size: The robot's.
     """
     corners = np.empty((2 * TIP_WAY.rays, 2))
-    return corners[: free_section(tables, centre, across, TIP_WAY.longest, corners)]
+    return corners[: free_section(tables, centre, across, TIP_WAY.longest * size, corners)]
 
 
-def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray) -> np.ndarray:
+def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
     """How much of planes about points is seen from there, shape (n,) [m^2].
 
     Args:
         tables: The obstacles.
         centres: The points, shape (n, 3) [m].
         across: Two unit vectors of each plane, shape (n, 2, 3).
+        size: The robot's.
     """
     areas = np.empty(len(centres))
-    open_areas_kernel(tables, centres, across, TIP_WAY.longest, TIP_WAY.compared_rays, areas)
+    open_areas_kernel(tables, centres, across, TIP_WAY.longest * size, TIP_WAY.compared_rays, areas)
     return areas
 
 
-def enclosed(tables: DistanceTables, point: np.ndarray, normals: np.ndarray) -> bool:
+def enclosed(tables: DistanceTables, point: np.ndarray, normals: np.ndarray, size: float = 1.0) -> bool:
     """Whether a point (3,) is in a passage: in one of the planes with unit normals (n, 3) all rays from it hit."""
     across = np.array([axes_across(normal) for normal in normals])
-    return is_enclosed(tables, point, across, TIP_WAY.longest, TIP_WAY.compared_rays)
+    return is_enclosed(tables, point, across, TIP_WAY.longest * size, TIP_WAY.compared_rays)
 
 
-def clearances(tables: DistanceTables, points: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 3) to the obstacles, at most `CAP`, shape (n,) [m]."""
-    clear: np.ndarray = np.minimum(distance_at_points(tables, points, CAP)[0], CAP)
+def clearances(tables: DistanceTables, points: np.ndarray, size: float = 1.0) -> np.ndarray:
+    """Distance of points (n, 3) to the obstacles, at most `CAP` at a size, shape (n,) [m]."""
+    clear: np.ndarray = np.minimum(distance_at_points(tables, points, CAP * size)[0], CAP * size)
     return clear
 
 
 def _box(
-    tables: DistanceTables, start: np.ndarray, goal: np.ndarray, centre: np.ndarray, reach: float
+    tables: DistanceTables, start: np.ndarray, goal: np.ndarray, centre: np.ndarray, reach: float, around: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of a box about obstacles and both ends, and no larger than the reach."""
-    around = TIP_WAY.around
+    """Corners of a box about obstacles and both ends, with some space around, and no larger than the reach."""
     low, high = np.minimum(start, goal) - around, np.maximum(start, goal) + around
     if len(tables.nodes):
         low, high = np.minimum(low, tables.nodes[0, :3] - around), np.maximum(high, tables.nodes[0, 3:] + around)
@@ -133,19 +140,19 @@ def _box(
     return low, high
 
 
-def _smoothed(tables: DistanceTables, points: np.ndarray) -> TipWay:
+def _smoothed(tables: DistanceTables, points: np.ndarray, size: float) -> TipWay:
     """The way as a band: drawn straight, pushed off the obstacles; no point of it loses clearance."""
-    least = TIP_WAY.kept * clearances(tables, points)
+    least, cap = TIP_WAY.kept * clearances(tables, points, size), CAP * size
     for _ in range(TIP_WAY.smoothings):
-        distances, away, _ = distance_at_points(tables, points, CAP)
+        distances, away, _ = distance_at_points(tables, points, cap)
         tangents = _tangents(points)
         away -= np.einsum("ij,ij->i", away, tangents)[:, None] * tangents
         moved = points.copy()
         moved[1:-1] = 0.25 * points[:-2] + 0.5 * points[1:-1] + 0.25 * points[2:]
-        moved[1:-1] += (TIP_WAY.push * (CAP - np.minimum(distances, CAP))[:, None] * away)[1:-1]
-        keeps = clearances(tables, moved) >= least
+        moved[1:-1] += (TIP_WAY.push * (cap - np.minimum(distances, cap))[:, None] * away)[1:-1]
+        keeps = clearances(tables, moved, size) >= least
         points = np.where(keeps[:, None], moved, points)
-    return TipWay(points, _tangents(points), clearances(tables, points))
+    return TipWay(points, _tangents(points), clearances(tables, points, size), size)
 
 
 def _tangents(points: np.ndarray) -> np.ndarray:
@@ -175,8 +182,9 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))
     place, normals = (goal.centroid, goal.normal[None]) if isinstance(goal, GuidePlane) else (goal, NORMALS)
     centre, reach = arm_reach(problem)
-    ample = min(_room(tables, start, NORMALS), _room(tables, place, normals))
-    way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample)
+    size = problem.group.size
+    ample = min(_room(tables, start, NORMALS, size), _room(tables, place, normals, size))
+    way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
     if way is None:
         return None
     places = _places(tables, way)
@@ -184,13 +192,13 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
     return tuple(plane for plane in planes if plane is not None)
 
 
-def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray) -> float:
+def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: float) -> float:
     """Clearance that is ample for a way with such an end [m].
 
     From a tube no way is roomier than the tube: more clearance elsewhere is worth no detour. So a goal inside a tube
     is reached through the tube, and not round it and in at its far end.
     """
-    return float(clearances(tables, end[None])[0]) if enclosed(tables, end, normals) else CAP
+    return float(clearances(tables, end[None], size)[0]) if enclosed(tables, end, normals, size) else CAP * size
 
 
 def _places(tables: DistanceTables, way: TipWay) -> list[int]:
@@ -204,7 +212,10 @@ def _places(tables: DistanceTables, way: TipWay) -> list[int]:
 def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
     """The places and one more, unless it is next to one of them or to an end."""
     others = [0, len(way.points) - 1, *chosen]
-    if min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others) < AUTO_PLANES.apart:
+    if (
+        min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others)
+        < AUTO_PLANES.apart * way.size
+    ):
         return chosen
     return sorted([*chosen, place])
 
@@ -217,7 +228,7 @@ def _bottlenecks(way: TipWay) -> set[int]:
         if abs(clear[k] - clear[first]) <= AUTO_PLANES.plateau * clear[first]:
             continue
         falls = first > 0 and clear[first - 1] > clear[first]
-        if falls and clear[k] > clear[k - 1] and clear[first] < CAP:
+        if falls and clear[k] > clear[k - 1] and clear[first] < CAP * way.size:
             found |= {first, k - 1}
         first = k
     return found
@@ -225,7 +236,7 @@ def _bottlenecks(way: TipWay) -> set[int]:
 
 def _mouths(way: TipWay) -> set[int]:
     """Where clearance falls below a share of what counts as free."""
-    confined = way.clearances < AUTO_PLANES.mouth * CAP
+    confined = way.clearances < AUTO_PLANES.mouth * CAP * way.size
     return set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
 
 
@@ -252,10 +263,11 @@ def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[
 
 def _see(tables: DistanceTables, way: TipWay, a: int, b: int) -> bool:
     """Return whether the straight way between two places keeps a share of the clearance that they have."""
-    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / AUTO_PLANES.sight_step)))
+    step = AUTO_PLANES.sight_step * way.size
+    steps = max(2, int(np.ceil(float(np.linalg.norm(way.points[b] - way.points[a])) / step)))
     points = np.linspace(way.points[a], way.points[b], steps + 1)
     local = float(min(way.clearances[a], way.clearances[b]))
-    return float(clearances(tables, points).min()) >= AUTO_PLANES.sight * local
+    return float(clearances(tables, points, way.size).min()) >= AUTO_PLANES.sight * local
 
 
 def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tuple[int, int] | None = None) -> int:
@@ -265,7 +277,7 @@ def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tu
     if not len(places):
         return place
     across = np.array([axes_across(way.tangents[k]) for k in places])
-    areas = open_areas(tables, way.points[places], across)
+    areas = open_areas(tables, way.points[places], across, way.size)
     return int(places[np.lexsort([np.abs(places - place), areas])[0]])
 
 
@@ -274,11 +286,11 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
     across = axes_across(way.tangents[place])
     centre = way.points[place].copy()
     for _ in range(AUTO_PLANES.centrings):
-        moved = centre + centroid(section(tables, centre, across)) @ across
-        if clearances(tables, moved[None])[0] < AUTO_PLANES.centred * way.clearances[place]:
+        moved = centre + centroid(section(tables, centre, across, way.size)) @ across
+        if clearances(tables, moved[None], way.size)[0] < AUTO_PLANES.centred * way.clearances[place]:
             break
         centre = moved
-    corners = _distinct(section(tables, centre, across))
+    corners = _distinct(section(tables, centre, across, way.size))
     vertices = [tuple(vertex) for vertex in (centre + corners @ across).tolist()]
     try:
         return build(messages.GuidePlane(name=f"GP-auto-{number}", vertices=vertices), number - 1)

@@ -29,7 +29,7 @@ from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.link_chain import link_chain
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane
 
@@ -105,7 +105,7 @@ def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, 
                 return _blocked(guided, aim, index)
             if made.ended is Round.ARRIVED:
                 return Crossing(Status.SUCCESS, f"reached {plane.name}", np.array(guided.path))
-            little = made.before - made.after < APPROACH.creeping * min(attempt.step, made.before)
+            little = made.before - made.after < APPROACH.creeping * min(attempt.step * guided.size, made.before)
             creeping = creeping + 1 if little else 0
             if creeping >= APPROACH.creeping_rounds:
                 return _given_up(
@@ -161,10 +161,11 @@ def margin_at(problem: Problem, q: Configuration) -> float:
         problem: Robot, world and what is asked for.
         q: Where the robot starts, shape (nq,).
     """
-    if swept_world(problem.world).keeps(q, 2.0 * MARGIN):
-        return max(problem.min_clearance, MARGIN)
+    margin = MARGIN * problem.group.size
+    if swept_world(problem.world).keeps(q, 2.0 * margin):
+        return max(problem.min_clearance, margin)
     start = max(clearance_at(problem.world, problem.group.expand(q)).obstacle_distance, 0.0)
-    return max(problem.min_clearance, min(MARGIN, 0.5 * start))
+    return max(problem.min_clearance, min(margin, 0.5 * start))
 
 
 def projected(group: PlanningGroup) -> tuple[Attempt, ...]:

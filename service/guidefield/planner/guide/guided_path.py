@@ -58,6 +58,11 @@ class GuidedPath:
         self._refused: tuple[ChartPoint, ChartPoint] | None = None
 
     @property
+    def size(self) -> float:
+        """The robot's: lengths that are chosen for it are so many times as large."""
+        return self.problem.group.size
+
+    @property
     def q(self) -> Configuration:
         """Where the robot is now, shape (nq,)."""
         return self.path[-1]
@@ -104,10 +109,10 @@ class GuidedPath:
         steps = self.path[since:]
         if len(steps) < 3:
             return
-        if self.keeps(steps[0], steps[-1], max(WAYS.comfortable, self.margin)):
+        if self.keeps(steps[0], steps[-1], max(WAYS.comfortable * self.size, self.margin)):
             del self.path[since + 1 : -1]
             return
-        for margin in (m for m in WAYS.margins if m > self.margin):
+        for margin in (m for one in WAYS.margins if (m := one * self.size) > self.margin):
             for kept in ([], *([step] for step in steps[-2:0:-1]), steps[1:-1]):
                 if all(self.keeps(a, b, margin) for a, b in pairwise([steps[0], *kept, steps[-1]])):
                     self.path[since + 1 : -1] = kept
@@ -122,7 +127,8 @@ class GuidedPath:
             since: Index in the path of the earlier configuration.
         """
         swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
-        margin = next((margin for margin in WAYS.dips if all(swept.keeps(q, margin) for q in ends)), None)
+        margins = (dip * self.size for dip in WAYS.dips)
+        margin = next((margin for margin in margins if all(swept.keeps(q, margin) for q in ends)), None)
         return margin is not None and not all(self.keeps(a, b, margin) for a, b in pairwise(self.path[since:]))
 
     def undo(self, since: int) -> None:

@@ -60,16 +60,16 @@ class Descent(ReadOnly):
 
 def settings_of(guided: GuidedPath, tolerance: float) -> Settings:
     """How descents go, for the kernels."""
-    exact = int(swept_world(guided.problem.world).exact)
+    exact, size = int(swept_world(guided.problem.world).exact), guided.size
     return Settings(
         regularization=DESCENT.regularization,
-        on_constraint=DESCENT.on_constraint,
+        on_constraint=DESCENT.on_constraint * size,
         tolerance=tolerance,
         fine=DESCENT.fine,
-        close=DESCENT.close,
+        close=DESCENT.close * size,
         margin=guided.margin,
-        self_margin=SELF_MARGIN,
-        floor=FLOOR,
+        self_margin=SELF_MARGIN * size,
+        floor=FLOOR * size,
         exact=exact,
     )
 
@@ -115,7 +115,9 @@ def descend(
                 q = found[steps]
                 path.append(q[planned])
                 potentials.append(float(trial[REACHED]))
-                if before - potentials[-1] < tolerance * before and guided.keeps(path[-1], path[-1], DESCENT.close):
+                if before - potentials[-1] < tolerance * before and guided.keeps(
+                    path[-1], path[-1], DESCENT.close * guided.size
+                ):
                     answer = ENDED
             else:
                 longest = 0.5 * float(trial[SHARE])

@@ -54,16 +54,13 @@ class Minimizer(Protocol):
         """
 
 
-_MARGINS = frozen(np.array(WAYS.margins))
-
-
 @dataclass(frozen=True)
 class Attempt:
     """One way of trying a plane.
 
     Attributes:
         minimizer: Who lowers the potential.
-        step: Length of an advance [m].
+        step: Length of an advance at size 1 [m].
         careful: Whether a round that comes nearer to obstacles than its ends do is made again with shorter advances.
     """
 
@@ -95,7 +92,7 @@ def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
     at_once = isinstance(minimizer, Projected) and minimizer.blocks is Blocks.ONE
     if at_once and swept_world(guided.problem.world).exact:
         assert isinstance(minimizer, Projected)
-        yield from _in_kernel(guided, aim, minimizer, attempt.step)
+        yield from _in_kernel(guided, aim, minimizer, attempt.step * guided.size)
         return
     before = aim.distance(guided.tip)
     yield Made(approach(guided, aim, attempt), before, aim.distance(guided.tip))
@@ -103,16 +100,17 @@ def rounds(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Iterator[Made]:
 
 def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
     """One round towards a guide plane: advance, slide and reorient; the guided path takes every step."""
-    distance = aim.distance(guided.tip)
-    if distance <= APPROACH.on_plane:
+    distance, on_plane = aim.distance(guided.tip), APPROACH.on_plane * guided.size
+    if distance <= on_plane:
         return Round.ARRIVED
     direction = (aim.closest_point(guided.tip) - guided.tip) / distance
     since = len(guided.path) - 1
-    step, smallest = min(attempt.step, distance), min(APPROACH.smallest_step, 0.5 * distance)
+    step = min(attempt.step * guided.size, distance)
+    smallest = min(APPROACH.smallest_step * guided.size, 0.5 * distance)
     moved = guided.advance(direction, step, smallest, attempt.minimizer.reach)
     if moved.q is None:
         return Round.BLOCKED
-    arrived = moved.step >= distance - APPROACH.on_plane
+    arrived = moved.step >= distance - on_plane
     if arrived:  # minimise in the guide plane itself, inside its polygon
         plane = aim.plane
         attempt.minimizer.settle(guided, plane.centroid, plane.normal, aim.inside(0.5 * aim.inset))
@@ -120,9 +118,9 @@ def approach(guided: GuidedPath, aim: Aim, attempt: Attempt) -> Round:
         gained = distance - aim.distance(guided.tip)
         attempt.minimizer.settle(guided, guided.tip, direction, aim.within(distance - APPROACH.guard * gained))
     guided.straighten(since)
-    if attempt.careful and step > APPROACH.short and guided.dips(since):
+    if attempt.careful and step > APPROACH.short * guided.size and guided.dips(since):
         guided.undo(since)
-        return approach(guided, aim, replace(attempt, step=0.5 * step))
+        return approach(guided, aim, replace(attempt, step=0.5 * step / guided.size))
     return Round.ARRIVED if arrived else Round.NEARER
 
 
@@ -142,7 +140,7 @@ def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) 
     )  # fmt: skip
     ended = kernel.approach(
         mover_of(group), field.charged, field.tables, swept.robot, swept.tables, aim.table,
-        settings_of(guided, minimizer.tolerance), _going(aim, step), minimizer.most_steps, q, record,
+        settings_of(guided, minimizer.tolerance), _going(aim, step, guided.size), minimizer.most_steps, q, record,
     )  # fmt: skip
     counts = record.counts.tolist()
     field.evaluations += counts[EVALUATIONS]
@@ -174,16 +172,16 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
             guided.take(q, StepKind.DESCEND, f"U = {value:.4g}", value, kept=bool(kept))
 
 
-def _going(aim: Aim, step: float) -> kernel.Rounds:
-    """How rounds go, for the kernel."""
+def _going(aim: Aim, step: float, size: float) -> kernel.Rounds:
+    """How rounds of a robot of a size go, for the kernel."""
     return kernel.Rounds(
         step=step,
-        smallest=APPROACH.smallest_step,
+        smallest=APPROACH.smallest_step * size,
         guard=APPROACH.guard,
-        on_plane=APPROACH.on_plane,
+        on_plane=APPROACH.on_plane * size,
         depth=aim.inside(0.5 * aim.inset).depth,
-        comfortable=WAYS.comfortable,
+        comfortable=WAYS.comfortable * size,
         middle=frozen(aim.plane.centroid),
         normal=frozen(aim.plane.normal),
-        margins=_MARGINS,
+        margins=frozen(size * np.array(WAYS.margins)),
     )

@@ -1,4 +1,4 @@
-"""The numbers of the guided planner, each with what chose it.
+"""The numbers of the guided planner, each with what chose it; lengths are those at size 1.
 
 "Scenes" are those of the thesis, by `tools/bench seed`; service/docs/algorithm.md, "Projected", has what happens
 otherwise. Where it says *unrecorded* nobody wrote down how a number was chosen.

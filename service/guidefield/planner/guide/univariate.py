@@ -100,11 +100,11 @@ class Univariate:
         searching = Searching(
             UNIVARIATE.first_turn,
             UNIVARIATE.last_turn,
-            UNIVARIATE.first_slide,
-            UNIVARIATE.last_slide,
+            UNIVARIATE.first_slide * guided.size,
+            UNIVARIATE.last_slide * guided.size,
             guided.margin,
-            SELF_MARGIN,
-            FLOOR,
+            SELF_MARGIN * guided.size,
+            FLOOR * guided.size,
         )
         path, counts = np.empty((UNIVARIATE.most_steps, len(guided.q))), np.zeros(COUNTS, np.int64)
         taken = sweep(

@@ -26,6 +26,7 @@ def clearance_samples(
     clearance: float,
     samples: int,
     settings: OptimizationSettings,
+    sizes: np.ndarray,
     *,
     in_time: bool = False,
 ) -> MotionSamples:
@@ -37,18 +38,24 @@ def clearance_samples(
         clearance: What is asked for [m].
         samples: How many on a piece.
         settings: Of the optimisation.
+        sizes: Of the coordinates, shape (nv,).
         in_time: Whether obstacles move. Then it counts by half of that, and half of its share of time: they come to a
             robot that stands, too.
     """
     bounds, middles, pieces, of_pieces, shares = places(spline.pieces, samples)
-    counts = _counts(spline.at(bounds), kept, clearance, settings, in_time=in_time)
+    counts = _counts(spline.at(bounds) / sizes, kept, clearance, settings, in_time=in_time)
     placed = MotionSamples(pieces, middles, of_pieces, *counts, shares)
     read_only(*placed)
     return placed
 
 
 def samples_in_time(
-    motion: Trajectory, kept: tuple[float, float], clearance: float, samples: int, settings: OptimizationSettings
+    motion: Trajectory,
+    kept: tuple[float, float],
+    clearance: float,
+    samples: int,
+    settings: OptimizationSettings,
+    sizes: np.ndarray,
 ) -> tuple[MotionSamples, ChartPoints]:
     """The same of a motion that is no spline, among obstacles that move.
 
@@ -58,6 +65,7 @@ def samples_in_time(
         clearance: What is asked for [m].
         samples: How many.
         settings: Of the optimisation.
+        sizes: Of the coordinates, shape (nv,).
 
     Returns:
         The samples, each at a control point of its own, their places being times [s]; the points, shape
@@ -65,7 +73,7 @@ def samples_in_time(
     """
     bounds = motion.times[0] + motion.duration * np.arange(samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])
-    counts = _counts(motion.evaluate(bounds)[0], kept, clearance, settings, in_time=True)
+    counts = _counts(motion.evaluate(bounds)[0] / sizes, kept, clearance, settings, in_time=True)
     each = np.tile([1.0, 0.0, 0.0, 0.0], (samples, 1))
     placed = MotionSamples(np.arange(samples), middles, each, *counts, np.ones(samples))
     read_only(*placed)
@@ -76,7 +84,7 @@ def samples_in_time(
 def _counts(
     zs: ChartPoints, kept: tuple[float, float], clearance: float, settings: OptimizationSettings, *, in_time: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Weights, ranges and floors of samples between chart points (s + 1, nv), each of shape (s,)."""
+    """Weights, ranges and floors of samples between chart points over their sizes (s + 1, nv), each of shape (s,)."""
     lengths = np.linalg.norm(np.diff(zs, axis=0), axis=1)
     total = max(float(lengths.sum()), 1e-300)
     until = np.cumsum(lengths) - 0.5 * lengths

@@ -143,7 +143,13 @@ class Descent(ReadOnly):
         """For a motion, with so many samples on a piece."""
         in_time = len(question.moving.motions) > 0
         placed = clearance_samples(
-            spline, question.kept, question.clearance, samples, question.settings, in_time=in_time
+            spline,
+            question.kept,
+            question.clearance,
+            samples,
+            question.settings,
+            question.limits.sizes,
+            in_time=in_time,
         )
         near = nothing_remembered(len(placed.pieces), len(question.robot.groups))
         both = spline.start, spline.end

@@ -32,7 +32,7 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.interior_point import Descent, Look, Question
 from guidefield.planner.optimize.passages import Passage, first_places, passing, with_knots
-from guidefield.planner.optimize.sampled_robot import few_points, sampled_robot
+from guidefield.planner.optimize.sampled_robot import TouchedPoint, few_points, sampled_robot, with_points
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimize.start import (
     ends_of,
@@ -92,6 +92,7 @@ def optimize(
     sections: Sections | None = None,
     leave_by: float = 0.0,
     arrive_from: float = -math.inf,
+    touched: Sequence[TouchedPoint] = (),
 ) -> Optimized:
     """Optimise a motion that goes along a path that was found, within the problem's deadline and its number of steps.
 
@@ -112,9 +113,10 @@ def optimize(
         sections: Path constraints, and where they hold; None: those of the problem, all along.
         leave_by: It begins before this [s], if it begins later than at 0.
         arrive_from: It ends after this [s].
+        touched: Points of the robot at which such motions were refused, which are looked at as well.
     """
     kept = Sections.whole(problem.constrained_frames, len(passages)) if sections is None else sections
-    descending = _Descending(problem, settings, passages, kept, (leave_by, arrive_from))
+    descending = _Descending(problem, settings, passages, kept, (leave_by, arrive_from), touched)
     best = descending.coarse(motion)
     rest = iter(others)
     while descending.outcome is None and not (best and _is_soon(problem, best.look.spline, settings)):
@@ -168,7 +170,9 @@ class _Descending:
         passages: tuple[Passage, ...],
         sections: Sections,
         between: tuple[float, float],
+        touched: Sequence[TouchedPoint],
     ) -> None:
+        self._touched = touched
         self._problem, self._settings, self._passages, self._sections = problem, settings, passages, sections
         self._leave_by, self._arrive_from = between
         self._limits, self._tables = motion_limits(problem), distance_tables(problem.scene)
@@ -179,7 +183,7 @@ class _Descending:
     def coarse(self, motion: Trajectory) -> _Coarse | None:
         """A motion after all weights but the fine ones; None where it can't be brought within limits."""
         problem, tables, ends = self._problem, self._tables, motion.positions[[0, -1]]
-        robot = sampled_robot(problem, tables, ends)
+        robot = with_points(problem, sampled_robot(problem, tables, ends), self._touched)
         kept = [kept_at(problem, robot, z, at) for z, at in zip(ends, motion.times[[0, -1]].tolist(), strict=True)]
         moving, longest = ends_of(problem, motion), np.inf
         if problem.in_motion:

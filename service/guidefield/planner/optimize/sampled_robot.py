@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from guidefield.kernels.barrier.sampled_robot import FIRST, PAST, PAST_FEW, SampledRobot
+from guidefield.collision.clearance import clearance_at
+from guidefield.kernels.barrier.sampled_robot import FIRST, JOINT, PAST, PAST_FEW, SampledRobot
 from guidefield.kernels.barrier.self_barrier import pair_distances
 from guidefield.kernels.distance.distance import DistanceTables
 from guidefield.kernels.simd.vector import LANES_64
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT
 from guidefield.planner.task.problem import Problem
-from guidefield.read_only import read_only
+from guidefield.prove.verdict import Verdict
+from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.group.alike import memoized_for_alike
@@ -35,7 +40,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         joints=group_joints(problem.group),
         ignored=_ignored(problem, moving),
         pairs=pairs,
-        pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range),
+        pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range * problem.group.size),
     )
     read_only(*robot)
     closest = np.full(len(pairs), np.inf)
@@ -43,7 +48,70 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
-    robot = robot._replace(pair_ranges=np.clip(closest, SAMPLED_ROBOT.least_range, SAMPLED_ROBOT.range))
+    least, most = (length * problem.group.size for length in (SAMPLED_ROBOT.least_range, SAMPLED_ROBOT.range))
+    robot = robot._replace(pair_ranges=np.clip(closest, least, most))
+    read_only(*robot)
+    return robot
+
+
+@dataclass(frozen=True, eq=False)
+class TouchedPoint(ReadOnly):
+    """A point of a moving link at which the certificate refused a motion.
+
+    Attributes:
+        body: The link's body.
+        point: Where it is, shape (3,), in the frame of the body's joint [m].
+        other: The robot's other body, where it touched that; -1 where it touched an obstacle.
+    """
+
+    body: int
+    point: np.ndarray
+    other: int
+
+
+def touched_points(problem: Problem, verdict: Verdict) -> list[TouchedPoint]:
+    """Find the closest points of the pair that a verdict refused, where it was judged, among obstacles at rest."""
+    if verdict.pair is None or verdict.chart_point is None or problem.scene.moves:
+        return []
+    world = problem.world
+    closest = clearance_at(world, problem.group.expand_from_chart(verdict.chart_point))
+    of_kinds = (
+        (closest.obstacle_pair, closest.pairs[1], closest.witness),
+        (closest.self_pair, closest.pairs[0], closest.self_witness),
+    )
+    found = []
+    for names, pair, witness in of_kinds:
+        if names is None or witness is None or set(names) != set(verdict.pair):
+            continue
+        bodies, links = world.pairs.of(pair), world.pairs.links
+        for body, other, point in zip(bodies, bodies[::-1], witness, strict=True):
+            if body < links and (joint := world.bodies.joints[body]) > 0:
+                at = world.data.oMi[int(joint)].actInv(point)
+                found.append(TouchedPoint(body, at, other if other < links else -1))
+    return found
+
+
+def with_points(problem: Problem, robot: SampledRobot, touched: Sequence[TouchedPoint]) -> SampledRobot:
+    """The same robot with more points, each a group of its own that counts as several."""
+    moving = _moving(problem.group)
+    for one in touched:
+        group, count = moving.index(one.body), robot.points.shape[1]
+        pairs, ranges = robot.pairs, robot.pair_ranges
+        if one.other >= 0:
+            pairs = np.concatenate([pairs, [[len(robot.groups), one.other]]])
+            ranges = np.append(ranges, SAMPLED_ROBOT.range * robot.size)
+        ball = np.append(one.point, 0.0)
+        robot = robot._replace(
+            points=np.column_stack([robot.points, one.point]),
+            weights=np.append(robot.weights, SAMPLED_ROBOT.touched * robot.weights.mean()),
+            groups=np.concatenate([robot.groups, [[robot.groups[group, JOINT], count, count + 1, count + 1]]]),
+            balls=np.concatenate([robot.balls, ball[None]]),
+            blocks=np.column_stack([robot.blocks, ball]),
+            first_blocks=np.append(robot.first_blocks, robot.blocks.shape[1]),
+            ignored=np.concatenate([robot.ignored, robot.ignored[group : group + 1]]),
+            pairs=pairs,
+            pair_ranges=ranges,
+        )
     read_only(*robot)
     return robot
 
@@ -84,6 +152,7 @@ def _of_group(group: PlanningGroup) -> SampledRobot:
         link_balls=_balls(links),
         pairs=np.empty((0, 2), np.int64),
         pair_ranges=np.empty(0),
+        size=group.size,
     )
     read_only(*robot)
     return robot

@@ -1,5 +1,7 @@
 """The numbers of the optimisation of motions, each with what chose it; `tools/bench motion` measures them.
 
+Lengths are those at size 1, see `sized`; a coordinate in metres counts by the robot's size, too.
+
 "Problems" are 35 of the public ones of a Panda as pose goals, at 15 rad/s² and 500 rad/s³. Where it says *unrecorded*
 nobody wrote down how a number was chosen; a prototype's were chosen on 70 of the same sets, some of which are measured
 now. "Constrained" are up to 33 of `tools/bench constrained`, of three robots.
@@ -164,6 +166,7 @@ class SampledRobotSettings:
         coarser: One in so many of a link's points stands for all against other links. Chosen for time; the value is
             unrecorded.
         farthest: Ends count as keeping at most so much from obstacles [m]. Unrecorded.
+        touched: A point at which the certificate refused a motion counts as so many. A choice.
         spacing: Of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice.
     """
 
@@ -172,6 +175,7 @@ class SampledRobotSettings:
     least_range: float = 0.004
     coarser: int = 3
     farthest: float = 0.25
+    touched: float = 8.0
     spacing: float = 0.05
 
 
@@ -216,6 +220,14 @@ OPTIMIZATION: Mapping[Objective, OptimizationSettings] = MappingProxyType(
 """By what a motion is optimised for. For `CLEARANCE`, by 56 problems of a Panda, 20 of a UR5 and 13 of a Fetch with
 configurations as goals: with less weight at the ends motions come up to 6 mm nearer than their ends, with more on the
 whole way they take up to five times as long for 2 mm."""
+
+
+def sized(settings: OptimizationSettings, size: float) -> OptimizationSettings:
+    """For a robot of a size: what it keeps from obstacles goes with it."""
+    if size == 1.0:
+        return settings
+    lengths = ("range", "floor", "farthest_floor", "least_floor")
+    return dataclasses.replace(settings, **{name: size * getattr(settings, name) for name in lengths})
 
 
 MANY = 24

@@ -23,7 +23,7 @@ def motion_limits(problem: Problem) -> MotionLimits:
     jerk = np.full(group.nv, np.inf) if problem.jerk_limits is None else problem.jerk_limits
     if problem.in_motion or problem.scene.moves:  # its time can't be scaled in the end
         jerk = (1.0 - ROUNDING) * jerk
-    rows = (group.velocity_limits, group.acceleration_limits, jerk, group.lower, group.upper)
+    rows = (group.velocity_limits, group.acceleration_limits, jerk, group.lower, group.upper, group.sizes)
     limits = MotionLimits(*(np.array(row, float) for row in rows))
     read_only(*limits)
     return limits
@@ -47,7 +47,7 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
         limits: What is kept.
         settings: How many pieces there are.
     """
-    return _stretched(motion, _pieces(motion, settings), limits, settings)
+    return _stretched(motion, _pieces(motion, limits, settings), limits, settings)
 
 
 def scheduled_motion(
@@ -65,7 +65,7 @@ def scheduled_motion(
         arrive_from: It ends after this [s].
     """
     begin = float(motion.times[0])
-    fastest = float(np.linalg.norm(motion.velocities, axis=1).max())
+    fastest = float(np.linalg.norm(motion.velocities / limits.sizes, axis=1).max())
     pieces = int(np.ceil(0.5 * fastest * motion.duration / settings.piece))
     spline = _stretched(motion, int(np.clip(pieces, settings.least_pieces, settings.most_pieces)), limits, settings)
     step = max(spline.step, max(motion.duration, settings.room * (arrive_from - begin)) / spline.pieces)
@@ -85,7 +85,7 @@ def moving_motion(
     """
     speeds = np.maximum(*(np.abs(end.velocity) for end in ends))
     stop = float((speeds / limits.acceleration).max()) / settings.stop_pieces
-    step = min(motion.duration / _pieces(motion, settings), 0.5 * longest_step(ends, limits))
+    step = min(motion.duration / _pieces(motion, limits, settings), 0.5 * longest_step(ends, limits))
     step = min(step, stop) if stop > 0.0 else step
     pieces = int(np.clip(np.ceil(motion.duration / step), settings.least_pieces, settings.most_moving_pieces))
     step = motion.duration / pieces
@@ -113,9 +113,9 @@ def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits, settings: 
     return BSpline.between(start, end, points, step)
 
 
-def _pieces(motion: Trajectory, settings: OptimizationSettings) -> int:
+def _pieces(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> int:
     """How many pieces a motion has."""
-    length = length_of(motion.positions)
+    length = length_of(motion.positions, limits.sizes)
     return int(np.clip(np.ceil(length / settings.piece), settings.least_pieces, settings.most_pieces))
 
 

@@ -33,7 +33,9 @@ def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: Op
     kept = [kept_at(problem, robot, z, time) for z, time in zip(ends, other.times[[0, -1]].tolist(), strict=True)]
     values = []
     for one in (motion, other):
-        samples, points = samples_in_time(one, (kept[0], kept[1]), problem.min_clearance, settings.compared, settings)
+        samples, points = samples_in_time(
+            one, (kept[0], kept[1]), problem.min_clearance, settings.compared, settings, problem.group.sizes
+        )
         n, nv = points.shape
         clearance, _ = clearance_along(
             robot,
@@ -72,8 +74,8 @@ def keeps_aside(problem: Problem, motion: Trajectory, distance: float) -> bool:
 
 
 def kept_at(problem: Problem, robot: SampledRobot, z: ChartPoint, time: float) -> float:
-    """What a robot keeps from obstacles at a chart point (nv,) and a time [s], at most `farthest` [m]."""
-    z, most = np.ascontiguousarray(z), SAMPLED_ROBOT.farthest
+    """What a robot keeps from obstacles at a chart point (nv,) and a time [s], at most `farthest` at its size [m]."""
+    z, most = np.ascontiguousarray(z), SAMPLED_ROBOT.farthest * problem.group.size
     at_rest = obstacle_distance(robot, distance_tables(problem.scene), z, most)
     if not problem.scene.moves:
         return at_rest

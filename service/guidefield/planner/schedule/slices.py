@@ -18,7 +18,7 @@ from guidefield.geometry.placements import moved
 from guidefield.messages import scene as messages
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.task.problem import Problem
-from guidefield.robot.model.margin import MARGIN
+from guidefield.robot.model.size import MARGIN
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
 from guidefield.scene.motion import posed
@@ -152,14 +152,15 @@ class Slices:
     def _slice(self, index: int) -> tuple[BatchCollision, float]:
         """The robot among what moves in a slice, and what it has to keep [m]."""
         kept, begin, end = self._problem.min_clearance, index * self.length, (index + 1) * self.length
+        size = self._problem.group.size
         moments, moves = {}, 0.0
         for mover, ball in self._balls.items():
             way = 0.0 if index >= self.resting_from else 0.5 * self._speed(mover, ball, begin, end) * self.length
-            copies = int(np.clip(math.ceil(way / SCHEDULE.finest), 1, SCHEDULE.most_copies))
+            copies = int(np.clip(math.ceil(way / (SCHEDULE.finest * size)), 1, SCHEDULE.most_copies))
             moments[mover] = (begin + (np.arange(copies) + 0.5) / copies * self.length).tolist()
             moves = max(moves, way / copies)
         if index < self.resting_from:
-            kept += MARGIN + moves
+            kept += MARGIN * size + moves
         return BatchCollision.build(_world(self._problem, moments, np.empty((0, 2), np.int64))), kept
 
     def _speed(self, mover: int, ball: MovingBall | None, begin: float, end: float) -> float:

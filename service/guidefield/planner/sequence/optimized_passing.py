@@ -25,6 +25,7 @@ from guidefield.planner.optimize.settings import (
     OptimizationSettings,
     closer,
     constrained,
+    sized,
 )
 from guidefield.planner.sequence.joined import Joined, Part, PassedAt, find_refused_part, passed_about, slowest
 from guidefield.planner.sequence.nearness import PassedGoal
@@ -156,7 +157,7 @@ def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> Op
     radius = min(one.goal.radius for one in parts if one.goal is not None)
     wanted = math.ceil(length_of(motion.positions) / (PASSING.piece * radius))
     least = min(max(wanted, PASSING.least_pieces * len(parts)), PASSING.most_pieces)
-    settings = OPTIMIZATION[problem.objective]
+    settings = sized(OPTIMIZATION[problem.objective], problem.group.size)
     keeps = problem.path_constraints or any(one.way is not None for one in parts)
     settings = constrained(settings) if keeps else settings
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))

@@ -15,6 +15,7 @@ from guidefield.kernels.jit.compilers import load_imported
 from guidefield.memo import MISSING, Answers
 from guidefield.parallel import run_queue
 from guidefield.robot.model.model import RobotModel
+from guidefield.robot.model.size import power_of_two
 from guidefield.system import usable_processors
 
 _log = logging.getLogger(__name__)
@@ -82,12 +83,16 @@ class ByShape(Generic[Found]):
 
     Args:
         doing: How finding it is called.
-        question: For a Coal shape and what is asked besides; None: nothing is found for such a shape.
-        restored: What was found, from its arrays.
+        question: For a Coal shape, what is asked besides, and the unit of its lengths [m]; None: nothing is found for
+            such a shape.
+        restored: What was found, in metres, from its arrays and that unit.
     """
 
     def __init__(
-        self, doing: str, question: Callable[[Any, Any], Question | None], restored: Callable[[Arrays], Found | None]
+        self,
+        doing: str,
+        question: Callable[[Any, Any, float], Question | None],
+        restored: Callable[[Arrays, float], Found | None],
     ) -> None:
         self._doing, self._question, self._restored = doing, question, restored
         self._known = Answers[tuple[Found | None, ...]]()
@@ -104,17 +109,23 @@ class ByShape(Generic[Found]):
 
     def search(self, robot: RobotModel, asked: Hashable) -> Search[Found]:
         """What is known, and what has to be found."""
-        known = self._known.of(robot, asked)
+        known, unit = self._known.of(robot, asked), power_of_two(robot.size)
+
+        def restored(arrays: Arrays) -> Found | None:
+            return self._restored(arrays, unit)
+
         if known is not MISSING:
-            return Search(known, (), self._restored, lambda found: found)
+            return Search(known, (), restored, lambda found: found)
         return Search(
-            None, self._asked_of(robot, asked), self._restored, lambda found: self._known.keep(robot, asked, found)
+            None, self._asked_of(robot, asked, unit), restored, lambda found: self._known.keep(robot, asked, found)
         )
 
-    def _asked_of(self, robot: RobotModel, asked: Hashable) -> list[tuple[Question | None, Callable[..., ShapeTask]]]:
+    def _asked_of(
+        self, robot: RobotModel, asked: Hashable, unit: float
+    ) -> list[tuple[Question | None, Callable[..., ShapeTask]]]:
         """What is found for each shape, in the geometry's order, and what makes a task of it."""
         return [
-            (self._question(shape.geometry, asked), functools.partial(ShapeTask.of, self._doing, robot, index))
+            (self._question(shape.geometry, asked, unit), functools.partial(ShapeTask.of, self._doing, robot, index))
             for index, shape in enumerate(robot.geometry.geometryObjects)
         ]
 

@@ -30,7 +30,7 @@ SPREAD = 0.76
 """Spacing of spread points over the side of the square that is their share, so that they are as many as meant."""
 
 LEAST_SPACING = 1e-3
-"""Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line."""
+"""Points of a link are no denser than this for its thinness [m]: a link can be as thin as a line. At size 1."""
 
 ALWAYS_CLOSE = 2.0
 """Links whose gap at rest is below this many radii of their capsules don't repel each other."""
@@ -73,7 +73,8 @@ def robot_charges(robot: RobotModel) -> RobotCharges:
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     areas = surface_areas(robot)
     spacing = SPREAD * float(np.sqrt(sum(areas) / min(POINTS, POINTS_PER_SHAPE * max(len(areas), 1))))
-    shapes = tuple(_charged(vertices, triangles, spacing) for vertices, triangles in meshes)
+    least = LEAST_SPACING * robot.size
+    shapes = tuple(_charged(vertices, triangles, spacing, least) for vertices, triangles in meshes)
     return RobotCharges(shapes, _repelling(robot, shapes))
 
 
@@ -112,18 +113,18 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 }
 
 
-def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> ChargedShape:
-    inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array(spacing)}
-    found = remembered("charges", inputs, lambda: _found(vertices, triangles, spacing))
+def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> ChargedShape:
+    inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array([spacing, least])}
+    found = remembered("charges", inputs, lambda: _found(vertices, triangles, spacing, least))
     (radius,) = found["radius"].tolist()
     p0, p1 = found["axis"]
     return ChargedShape(found["points"], found["weights"], Capsule(p0, p1, radius))
 
 
-def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float) -> Arrays:
+def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> Arrays:
     capsule = fit_capsule(vertices)
     # a thin edge must not slip between the points of a thin link
-    across = max(2.0 * capsule.radius, LEAST_SPACING)
+    across = max(2.0 * capsule.radius, least)
     points: SurfacePoints = surface_points(vertices, triangles, min(spacing, across))
     return {
         "points": points.points,

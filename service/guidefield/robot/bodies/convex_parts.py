@@ -14,9 +14,10 @@ from guidefield.geometry.surfaces import Surface
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
+from guidefield.robot.model.size import scale
 
 TIGHT = 0.005
-"""A part that stands off its mesh by no more isn't halved [m]."""
+"""A part that stands off its mesh by no more isn't halved [m], at size 1."""
 
 MOST = 4
 """Most parts of a mesh for a plan, which asks its triangles next. With 8, connections of a UR5 take as long."""
@@ -41,11 +42,12 @@ def known_parts(robot: RobotModel) -> tuple[Decomposition | None, ...]:
     return PARTS.known(robot, MOST)
 
 
-def _question(shape: Any, most: int) -> Question | None:
-    """What the parts of a mesh are kept under: a name, what they depend on, and how they are found."""
+def _question(shape: Any, most: int, unit: float) -> Question | None:
+    """What the parts of a mesh, in a unit [m], are kept under: a name, what they depend on, how they are found."""
     if not isinstance(shape, coal.BVHModelBase):
         return None
     vertices, triangles = triangulation(shape)
+    vertices = vertices if unit == 1.0 else vertices / unit
     inputs = {
         "vertices": vertices,
         "triangles": triangles,
@@ -79,9 +81,10 @@ def _stored(parts: tuple[Part, ...]) -> Arrays:
     }
 
 
-def _restored(arrays: Arrays) -> Decomposition | None:
+def _restored(arrays: Arrays, unit: float) -> Decomposition | None:
     if not len(arrays["counts"]):
         return None
+    arrays = scale(arrays, unit, "vertices", "stand_offs")
     first = np.cumsum(arrays["counts"], axis=0)[:-1]
     columns = [np.split(arrays[name], first[:, k]) for k, name in enumerate(_FIELDS)]
     hull, *parts = (

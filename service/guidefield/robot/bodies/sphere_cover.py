@@ -21,9 +21,10 @@ from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import WIDEST_GAP, triangulation
+from guidefield.robot.model.size import scale
 
 DELTA = 0.015
-"""By how much covers may leave the shapes, unless told otherwise [m]."""
+"""By how much covers may leave the shapes, unless told otherwise [m], at size 1."""
 
 LARGE = 3_000.0
 """A surface of more squares of delta than these gets a cover that may leave it further: as if it had as many.
@@ -52,7 +53,7 @@ class Coverage:
 
     Attributes:
         shapes: In the geometry's order.
-        delta: By how much the covers may leave the shapes [m]; those of `LARGE` ones may leave them further.
+        delta: By how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones may leave them further.
     """
 
     shapes: tuple[ShapeCoverage, ...]
@@ -70,7 +71,7 @@ class Coverage:
 
     @property
     def overhang(self) -> float:
-        """Largest overhang of a sphere [m], at most `delta` unless a shape is `LARGE`."""
+        """Largest overhang of a sphere [m], at most `delta` at size 1 unless a shape is `LARGE`."""
         return max(shape.cover.overhang for shape in self.shapes)
 
 
@@ -79,7 +80,7 @@ def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logge
 
     Args:
         robot: The robot.
-        delta: By how much the covers may leave the shapes [m].
+        delta: By how much the covers may leave the shapes [m], at size 1.
         progress: Called before each shape that isn't known yet; what it raises comes through.
 
     Raises:
@@ -102,13 +103,14 @@ def known_coverage(robot: RobotModel, delta: float = DELTA) -> tuple[ShapeCovera
     return COVERS.known(robot, delta)
 
 
-def _question(shape: Any, delta: float) -> Question:
-    """What the balls of a shape are kept under: a name, what they depend on, and how they are found."""
+def _question(shape: Any, delta: float, unit: float) -> Question:
+    """What the balls of a shape, in a unit [m], are kept under: a name, what they depend on, and how they are found."""
     kind = next((kind for kind in _KINDS if isinstance(shape, kind)), None)
     if kind is None:
         raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
     inputs, build = _KINDS[kind]
     arrays = inputs(shape)
+    arrays = scale(arrays, 1.0 / unit, *(arrays.keys() - {"triangles"}))
     return (
         f"coverage-{kind.__name__.lower()}",
         {**arrays, "delta": np.array(delta)},
@@ -176,9 +178,10 @@ def _stored(found: ShapeCoverage) -> Arrays:
     return {**arrays, "inner": found.inner}
 
 
-def _restored(arrays: Arrays) -> ShapeCoverage:
+def _restored(arrays: Arrays, unit: float) -> ShapeCoverage:
+    arrays = scale(arrays, unit, "spheres", "overhangs", "groups", "bound", "inner")
     return ShapeCoverage(Cover(**{name: arrays[name] for name in _FIELDS}), arrays["inner"].reshape(-1, 4))
 
 
 COVERS = ByShape("covering", _question, _restored)
-"""By robot and by how much covers may leave the shapes [m]."""
+"""By robot and by how much covers may leave the shapes [m], at size 1."""

@@ -10,13 +10,13 @@ from guidefield.robot.bodies.charges import robot_charges, surface, surface_area
 from guidefield.robot.model.model import RobotModel
 
 SPACING = 0.036
-"""Largest spacing of the points [m]."""
+"""Largest spacing of the points [m], at size 1."""
 
 SPACING_OF_RADIUS = 0.3
 """Largest spacing as a share of the radius of the capsule about a shape: what is slim goes where it is narrow."""
 
 SMALLEST_SPACING = 0.008
-"""No finer than this [m]."""
+"""No finer than this [m], at size 1."""
 
 MOST = 1500
 """About how many points a robot gets at most; beyond, all spacings grow alike."""
@@ -34,7 +34,7 @@ def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     spacings = np.array(
         [
-            np.clip(SPACING_OF_RADIUS * charged.capsule.radius, SMALLEST_SPACING, SPACING)
+            np.clip(SPACING_OF_RADIUS * charged.capsule.radius, SMALLEST_SPACING * robot.size, SPACING * robot.size)
             for charged in robot_charges(robot).shapes
         ]
     )

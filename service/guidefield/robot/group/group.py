@@ -33,7 +33,7 @@ from guidefield.robot.model.spaces import (
 )
 
 LENGTH_OF_A_RADIAN = 0.5
-"""How far a joint slides for what counts as one radian [m]; a power of two, which divides without rounding.
+"""How far a joint slides for what counts as one radian [m], at size 1; a power of two, which divides without rounding.
 
 Measured when shape came before time, on the public problems of Fetch, whose torso slides (`tools/bench quality` and
 `connect`), and on chains whose base moves (`tools/fixed_requests`). With 1 m Fetch's motions take a fifth longer. With
@@ -42,14 +42,19 @@ moving base become less smooth and longer in time. The tree's mean time differs 
 """
 
 
-def units_of(joints: Sequence[Joint]) -> np.ndarray:
-    """What counts as one radian in each coordinate of the chart of some joints, shape (nv,) [rad or m]."""
+def units_of(joints: Sequence[Joint], size: float) -> np.ndarray:
+    """What counts as one radian in each coordinate of the chart of a robot's joints, shape (nv,) [rad or m]."""
     units = []
     for joint in joints:
         of_joint = np.ones(joint.nv)
-        of_joint[TRANSLATION.get(joint.kind, slice(0))] = LENGTH_OF_A_RADIAN
+        of_joint[TRANSLATION.get(joint.kind, slice(0))] = LENGTH_OF_A_RADIAN * _travel(joint, size)
         units.append(of_joint)
     return np.concatenate(units)
+
+
+def _travel(joint: Joint, size: float) -> float:
+    """How many times as far a joint of a robot of a size slides: small robots drive and fly as far as others."""
+    return size if joint.kind is JointKind.PRISMATIC else max(size, 1.0)
 
 
 LONGEST_TURN = 3.0
@@ -123,6 +128,11 @@ class PlanningGroup:
         """Names of the tangent's columns."""
         return [name for joint in self.joints for name in chart.velocity_names(joint)]
 
+    @property
+    def size(self) -> float:
+        """The robot's, see `RobotModel`."""
+        return self.robot.size
+
     @cached_property
     def is_euclidean(self) -> bool:
         """Whether chart velocities are the tangent's velocities: no planar, spherical or floating joint."""
@@ -137,6 +147,11 @@ class PlanningGroup:
     def units(self) -> np.ndarray:
         """What counts as one radian in each coordinate of the chart, shape (nv,) [rad or m]: the group's metric."""
         return _units(self)
+
+    @cached_property
+    def sizes(self) -> np.ndarray:
+        """How many times as far as at size 1 each coordinate of the chart goes, shape (nv,): 1 for angles."""
+        return _sizes(self)
 
     @cached_property
     def periods(self) -> np.ndarray:
@@ -354,7 +369,7 @@ class PlanningGroup:
         middle, reach = np.where(self.winds, origin, 0.0), np.where(self.winds, WIND, np.pi)
         for joint in self.joints:
             lengths = np.arange(self.nv)[_at_v(joint)][chart.TRANSLATION.get(joint.kind, slice(0, 0))]
-            middle[lengths], reach[lengths] = origin[lengths], ROAM
+            middle[lengths], reach[lengths] = origin[lengths], ROAM * _travel(joint, self.size)
         endless = ~np.isfinite(self.lower)
         z = rng.uniform(np.where(endless, middle - reach, self.lower), np.where(endless, middle + reach, self.upper))
         for joint in self.joints:
@@ -437,9 +452,16 @@ def _with_rates(joint: Joint, velocity: Mapping[str, float], acceleration: Mappi
 
 @memoized_for_alike
 def _units(group: PlanningGroup) -> np.ndarray:
-    units = units_of(group.joints)
+    units = units_of(group.joints, group.size)
     read_only(units)
     return units
+
+
+@memoized_for_alike
+def _sizes(group: PlanningGroup) -> np.ndarray:
+    sizes = np.where(group.units == 1.0, 1.0, group.units / LENGTH_OF_A_RADIAN)
+    read_only(sizes)
+    return sizes
 
 
 @memoized_for_alike

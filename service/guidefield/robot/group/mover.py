@@ -15,7 +15,7 @@ from guidefield.robot.model.frames import joint_indices
 LARGEST_TURN = np.deg2rad(15.0)
 """No joint turns more than this in one step of a descent [rad]."""
 LARGEST_SLIDE = 0.1
-"""None slides more than this in one step [m]."""
+"""None slides more than this in one step [m], at size 1."""
 
 
 @memoized_for_alike
@@ -28,7 +28,7 @@ def mover_of(group: PlanningGroup) -> Mover:
     values, indices = np.full(group.nv, -1), joint_indices(model)
     for joint in group.joints:
         slides = TRANSLATION.get(joint.kind, slice(0, 0))
-        largest[joint.idx_v : joint.idx_v + joint.nv][slides] = LARGEST_SLIDE
+        largest[joint.idx_v : joint.idx_v + joint.nv][slides] = LARGEST_SLIDE * group.size
         first = model.joints[indices[joint.name]].idx_q
         for k in range(1 if joint.nq == 1 else slides.stop):
             at = joint.idx_v + k

@@ -16,7 +16,7 @@ import pinocchio as pin
 from guidefield.robot.model.model import Joint, JointKind
 
 ROAM = 2.0
-"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m]."""
+"""How far from the origin's position `PlanningGroup.random` goes where a translation has no limits [m], at size 1."""
 
 WIND = 2.0 * np.pi
 """The same for an angle without limits whose whole turns count [rad]."""

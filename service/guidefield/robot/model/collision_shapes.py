@@ -22,7 +22,8 @@ from guidefield.parallel import run_queue
 from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh, unit_of
 from guidefield.robot.model.model import GeometryChoice
-from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_question, know_triangulation
+from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_in_metres, hull_question, know_triangulation
+from guidefield.robot.model.size import power_of_two
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.links import THICKNESS
 from guidefield.system import usable_processors
@@ -84,7 +85,7 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
 
 
 def settle(
-    model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], warnings: list[str]
+    model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], size: float, warnings: list[str]
 ) -> tuple[GeometryChoice, ...]:
     """Give each shape that stands for a mesh its triangles, or its hull where that is as tight.
 
@@ -93,6 +94,7 @@ def settle(
         geometry: Pinocchio geometry model of the text that `read_meshes` returned; changed in place.
         meshes: What it read.
         uris: What the URDF calls a mesh, by the path of its file.
+        size: The robot's.
         warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh has no inside
             or is so large that its numbers are hardly metres.
 
@@ -100,7 +102,8 @@ def settle(
         What was chosen for each shape.
     """
     choices = []
-    settled = _settled_meshes({id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)})
+    areas = {id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)}
+    settled = _settled_meshes(areas, power_of_two(size))
     for shape in geometry.geometryObjects:
         link = model.frames[shape.parentFrame].name
         path, scale, mesh = meshes.get(shape.name) or (Path(), np.ones(3), None)
@@ -135,35 +138,36 @@ class _Settled(NamedTuple):
     wall: str
 
 
-def _settled_meshes(meshes: Mapping[int, FileMesh]) -> dict[int, _Settled]:
-    """As what each mesh is judged; new ones are found on all processors.
+def _settled_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _Settled]:
+    """As what each mesh is judged, by lengths in a unit [m]; new ones are found on all processors.
 
     What is known is read by this thread alone: threads must not load kernels at the same time.
     """
     settled: dict[int, _Settled] = {}
 
     def settle_one(key: int, mesh: FileMesh) -> None:
-        settled[key] = _settled(mesh, remembered(*hull_question(*mesh)))
+        settled[key] = _settled(mesh, remembered(*hull_question(*mesh, unit)), unit)
 
     works = []
     for key, mesh in meshes.items():
-        known = recalled(*hull_question(*mesh))
+        known = recalled(*hull_question(*mesh, unit))
         if known is None:
             works.append(functools.partial(settle_one, key, mesh))
         else:
-            settled[key] = _settled(mesh, known)
+            settled[key] = _settled(mesh, known, unit)
     if works:
         load_imported("cover.", "distance.", "linalg.")
         run_queue(iter(works), min(usable_processors(), len(works)))
     return settled
 
 
-def _settled(mesh: FileMesh, found: Arrays) -> _Settled:
+def _settled(mesh: FileMesh, found: Arrays, unit: float) -> _Settled:
+    found = hull_in_metres(found, unit)
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
-    if distance <= HULL_STAND_OFF:
+    if distance <= HULL_STAND_OFF * unit:
         return _Settled(convex(found["vertices"], found["triangles"]), "convex hull", distance, filled, "")
     tree = bvh(*mesh)
-    know_triangulation(tree, mesh.triangles)
+    know_triangulation(tree, mesh.triangles, unit)
     return _Settled(tree, "triangle mesh", 0.0, 0.0, found["wall"].tobytes().decode())
 
 

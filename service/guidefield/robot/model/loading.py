@@ -28,6 +28,7 @@ from guidefield.robot.model.model import (
     RobotSource,
 )
 from guidefield.robot.model.neutral_names import neutral_names
+from guidefield.robot.model.size import find_size
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
@@ -91,7 +92,8 @@ def load(
     warnings += _differing_root(described, source.root_joint)
     if not geometry.ngeoms:
         warnings.append(f"robot {name!r} {NO_GEOMETRY}: it can be asked for forward and inverse kinematics alone")
-    choices = settle(model, geometry, meshes, facts.meshes, warnings)
+    size = find_size(model, geometry, {name: mesh.vertices for name, (*_, mesh) in meshes.items()})
+    choices = settle(model, geometry, meshes, facts.meshes, size, warnings)
     laws = followers.laws(facts)
     joints = tuple(_joint(model, index, facts, laws, card, warnings) for index in range(1, model.njoints))
     _check_columns(name, joints)
@@ -107,9 +109,9 @@ def load(
     stated = rest.stated(model, joints, described, card, warnings)
     links = [choice.link for choice in choices]
     disabled = described.disabled_among(facts.links)
-    settled = pairs.settle(model, geometry, joints, links, disabled, described.said_by, stated.q)
+    settled = pairs.settle(model, geometry, joints, links, disabled, described.said_by, stated.q, size)
     warnings += settled.warnings
-    q_rest = rest.settle(model, geometry, joints, links, stated.q, warnings)
+    q_rest = rest.settle(model, geometry, joints, links, stated.q, size, warnings)
     return RobotModel(
         name=name,
         model=model,
@@ -124,6 +126,7 @@ def load(
         warnings=tuple(warnings),
         source=source,
         rest_state=stated.state,
+        size=size,
     )
 
 

@@ -171,6 +171,8 @@ class RobotModel:
         remarks: The same about a robot that comes with guidefield: told where it is described, for its users can't mend
             it.
         held: Names of the links that are objects it holds.
+        size: Of its reach over a usual one, 1 where that is usual: lengths that are chosen for it are that many times
+            as large (`size`).
     """
 
     name: str
@@ -188,6 +190,7 @@ class RobotModel:
     remarks: tuple[str, ...] = ()
     rest_state: str | None = None
     held: tuple[str, ...] = ()
+    size: float = 1.0
 
     def joint(self, name: str) -> Joint | None:
         """The movable joint of that name, or None."""

@@ -20,9 +20,10 @@ from guidefield.robot.model.spaces import RobotConfiguration
 SAMPLES = 200
 """Random configurations that tell whether two links always touch."""
 ROAM = 1.0
-"""How far sliding joints are drawn from their zero at most [m]."""
+"""How far sliding joints are drawn from their zero at most [m], at size 1."""
 TOUCH = 1e-4
-"""Links this close count as touching [m]: faces that slide on each other, which no motion could be certified for."""
+"""Links this close count as touching [m], at size 1: faces that slide on each other, which no motion could be certified
+for."""
 
 ALWAYS, OFTEN = 0.95, 0.05
 """Shares of those configurations: links that touch in more always touch; an SRDF that disables more hides something."""
@@ -44,6 +45,7 @@ def settle(
     disabled: Mapping[frozenset[str], str],
     said_by: str,
     rest: RobotConfiguration,
+    size: float,
 ) -> Settled:
     """Choose the collision pairs of a geometry model in place.
 
@@ -60,6 +62,7 @@ def settle(
         disabled: Pairs of links that the SRDF or MJCF disables, with its reasons.
         said_by: Which of them; an MJCF says of every pair whether it is tested.
         rest: Configuration, shape (nq,), that is looked at besides the random ones.
+        size: The robot's.
     """
     joints_of = np.array([shape.parentJoint for shape in geometry.geometryObjects], np.int64)
     tested = joints_of[:, None] != joints_of
@@ -69,7 +72,7 @@ def settle(
         reasons = dict.fromkeys(adjacent, "adjacent")
     # of neighbours that are left out nobody asks how often they touch
     geometry.setCollisionPairs(tested & ~_are_among(links, adjacent & reasons.keys()), True)
-    touching = _shares_touching(model, geometry, joints, links, rest, disabled)
+    touching = _shares_touching(model, geometry, joints, links, rest, disabled, size)
     warnings = [
         f"the {said_by} disables {' and '.join(sorted(pair))}, which touch in {_percent(touching[pair])}"
         for pair in sorted(disabled, key=sorted)
@@ -124,6 +127,7 @@ def _shares_touching(
     links: Sequence[str],
     rest: RobotConfiguration,
     disabled: Collection[frozenset[str]],
+    size: float,
 ) -> dict[frozenset[str], float]:
     """In what share of configurations each pair of links touches: at rest and at random ones, always the same.
 
@@ -133,20 +137,22 @@ def _shares_touching(
     contacts = SelfContacts(model, geometry)
     rng = np.random.default_rng(0)
     pairs, counts = collision_pairs(geometry), Counter[frozenset[str]]()
-    most = (1.0 - ALWAYS) * (SAMPLES + 1)
-    for done, q in enumerate([rest, *(_random_configuration(model, joints, rng) for _ in range(SAMPLES))]):
+    most, touch = (1.0 - ALWAYS) * (SAMPLES + 1), TOUCH * size
+    for done, q in enumerate([rest, *(_random_configuration(model, joints, rng, size) for _ in range(SAMPLES))]):
         contacts.place(q)
         found: set[frozenset[str]] = set()
-        for k in contacts.find_near(TOUCH):
+        for k in contacts.find_near(touch):
             pair = frozenset((links[pairs[k, 0]], links[pairs[k, 1]]))
             tested = done - counts[pair] <= most or pair in disabled
-            if tested and pair not in found and contacts.is_contact(k, TOUCH):
+            if tested and pair not in found and contacts.is_contact(k, touch):
                 found.add(pair)
         counts.update(found)
     return {pair: count / (SAMPLES + 1) for pair, count in counts.items()}
 
 
-def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Generator) -> RobotConfiguration:
+def _random_configuration(
+    model: Any, joints: Sequence[Joint], rng: np.random.Generator, size: float
+) -> RobotConfiguration:
     """A configuration within the limits, followers where they belong; lengths within `ROAM`, angles within one turn.
 
     Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
@@ -155,7 +161,7 @@ def _random_configuration(model: Any, joints: Sequence[Joint], rng: np.random.Ge
     followed = {joint.mimic.driver for joint in joints if joint.mimic is not None}
     for joint in joints:
         if joint.nq == 1:
-            most = ROAM if joint.kind is JointKind.PRISMATIC else np.pi
+            most = ROAM * size if joint.kind is JointKind.PRISMATIC else np.pi
             if joint.kind is JointKind.REVOLUTE and joint.name in followed:
                 most = WIND if np.isinf(joint.upper[0]) else np.inf
             lower, upper = max(float(joint.lower[0]), -most), min(float(joint.upper[0]), most)

@@ -15,9 +15,9 @@ from guidefield.messages.requests import Positions
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.configuration import LENGTHS, LIMIT_TOLERANCE, clamp, values_from_wire
 from guidefield.robot.model.followers import follow
-from guidefield.robot.model.margin import MARGIN
 from guidefield.robot.model.model import ROOT_JOINT, Joint, JointKind
 from guidefield.robot.model.self_contacts import SelfContacts
+from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 
@@ -134,7 +134,13 @@ def _fitting(state: SrdfState, joints: Sequence[Joint], described: Srdf, warning
 
 
 def settle(
-    model: Any, geometry: Any, joints: Sequence[Joint], links: Sequence[str], q: RobotConfiguration, warnings: list[str]
+    model: Any,
+    geometry: Any,
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    q: RobotConfiguration,
+    size: float,
+    warnings: list[str],
 ) -> RobotConfiguration:
     """The rest configuration, shape (nq,): what was stated if that is free of contact, else one near it that is.
 
@@ -147,9 +153,10 @@ def settle(
         joints: The model's joints.
         links: Link of each shape of `geometry`.
         q: What was stated, shape (nq,).
+        size: The robot's.
         warnings: Gets a sentence where links touch in what was stated.
     """
-    search = _Search(model, geometry, joints)
+    search = _Search(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
         freed = search.freed(q)
         told = _told(links, geometry, at_first)
@@ -166,8 +173,8 @@ def settle(
 class _Search:
     """Looks for configurations without contact."""
 
-    def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint]) -> None:
-        self._model, self._joints = model, joints
+    def __init__(self, model: Any, geometry: Any, joints: Sequence[Joint], margin: float) -> None:
+        self._model, self._joints, self._margin = model, joints, margin
         self._contacts = SelfContacts(model, geometry)
         self._geometry = self._contacts.geometry
         self._last = -1  # the pair that was found last: probably the next trial touches there too
@@ -190,7 +197,7 @@ class _Search:
         return q
 
     def _parted(self, q: RobotConfiguration, pair: int, rng: np.random.Generator) -> RobotConfiguration:
-        near, touching = set(self.touching(q, MARGIN)), set(self.touching(q))
+        near, touching = set(self.touching(q, self._margin)), set(self.touching(q))
         moving = self._between(pair)
         moved = self._moved_by(moving)
         fallback = None
@@ -198,7 +205,7 @@ class _Search:
             for _ in range(DRAWS):
                 trial = _drawn(self._model, self._joints, moving, q, share, rng)
                 if self._touches_none(trial, pair, moved - (touching - {pair}), 0.0):
-                    if self._touches_none(trial, pair, moved - (near - {pair}), MARGIN):
+                    if self._touches_none(trial, pair, moved - (near - {pair}), self._margin):
                         return trial
                     fallback = trial if fallback is None else fallback
         return q if fallback is None else fallback

@@ -19,9 +19,10 @@ from guidefield.geometry.solid import Solid
 from guidefield.geometry.solid_cache import near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.stand_off import stand_off
 from guidefield.geometry.surfaces import Surface, surface
+from guidefield.robot.model.size import scale
 
 HULL_STAND_OFF = 0.005
-"""A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m].
+"""A mesh is judged by its convex hull if the hull stands off the mesh by at most this [m], at size 1.
 
 The hull contains the mesh, so it is safe at any distance; where it would stand off further, free space would be lost
 (a gripper's hollow, a bent link) and the mesh itself is judged.
@@ -46,18 +47,18 @@ def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
     """
     vertices, face, count = _faces(shape)
     key = _identify(shape)
-    triangles = _KNOWN.get(key)
-    if triangles is None:
+    known = _KNOWN.get(key)
+    if known is None:
         triangles = np.array([(one[0], one[1], one[2]) for one in map(face, range(count))])
-        triangles = _KNOWN.put(key, triangles, triangles.nbytes)
-    for array in (vertices, triangles):
+        known = _KNOWN.put(key, (triangles, 1.0), triangles.nbytes)
+    for array in (vertices, known[0]):
         array.setflags(write=False)
-    return vertices, triangles
+    return vertices, known[0]
 
 
-def know_triangulation(shape: Any, triangles: np.ndarray) -> None:
-    """Keep the triangles (t, 3) that a Coal mesh was made of, which needn't be read from it then."""
-    _KNOWN.put(_identify(shape), np.array(triangles, np.int64), triangles.nbytes)
+def know_triangulation(shape: Any, triangles: np.ndarray, unit: float) -> None:
+    """Keep the triangles (t, 3) that a Coal mesh was made of, which needn't be read from it then, and its unit [m]."""
+    _KNOWN.put(_identify(shape), (np.array(triangles, np.int64), unit), triangles.nbytes)
 
 
 def _faces(shape: Any) -> tuple[np.ndarray, Callable[[int], Any], int]:
@@ -74,7 +75,7 @@ def _identify(shape: Any) -> tuple[Any, ...]:
     return type(shape), content_key(vertices), count, some
 
 
-_KNOWN: BoundedMap[tuple[Any, ...], np.ndarray] = BoundedMap(TRIANGULATIONS)
+_KNOWN: BoundedMap[tuple[Any, ...], tuple[np.ndarray, float]] = BoundedMap(TRIANGULATIONS)
 
 _HULLS: BoundedMap[tuple[Any, ...], tuple[Any | None]] = BoundedMap(TRIANGULATIONS)
 
@@ -97,12 +98,27 @@ def hull_vertices(mesh: Any) -> np.ndarray | None:
 
 
 def _remembered_hull(mesh: Any) -> Arrays:
-    return remembered(*hull_question(*triangulation(mesh)))
+    vertices, triangles = triangulation(mesh)
+    known = _KNOWN.get(_identify(mesh))
+    unit = 1.0 if known is None else known[1]
+    return hull_in_metres(remembered(*hull_question(vertices, triangles, unit)), unit)
 
 
-def hull_question(vertices: np.ndarray, triangles: np.ndarray) -> tuple[str, Arrays, Callable[[], Arrays]]:
-    """What the hull of a mesh, vertices (v, 3) and triangles (t, 3), is kept under, depends on, and is found by."""
+def hull_question(vertices: np.ndarray, triangles: np.ndarray, unit: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
+    """Say what the hull of a mesh is kept under, depends on, and is found by; its lengths are in units then.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+        unit: The robot's size as a power of two: all lengths of this file are so many times as large.
+    """
+    vertices = vertices if unit == 1.0 else vertices / unit
     return "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
+
+
+def hull_in_metres(found: Arrays, unit: float) -> Arrays:
+    """Return a hull that was found in units."""
+    return scale(scale(found, unit, "vertices", "stand_off"), unit**3, "filled")
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:

@@ -1,0 +1,117 @@
+"""A problem that is said otherwise has the same answer: at every size, far away, turned, in another order."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from guidefield import Box, Cylinder, JointsGoal, PlanReply, PlanRequest, Scene, UrdfText, answer
+from guidefield.messages.values import Placement
+from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model.size import LEAST_USUAL, USUAL_REACH
+from tests.robots import robot
+
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0")
+LINK = 0.25
+"""Of an arm that reaches 1.2 m at size 1 [m]."""
+
+
+def arm(size: float) -> UrdfText:
+    """An arm of box links on a slide, whose lengths are a size times as large."""
+    links, joints = [], []
+    for i in range(len(AXES) + 1):
+        length, width = 0.9 * LINK * size, 0.05 * size
+        links.append(
+            f'<link name="l{i}"><collision><origin xyz="0 0 {0.5 * length!r}"/><geometry>'
+            f'<box size="{width!r} {width!r} {length!r}"/></geometry></collision></link>'
+        )
+    joints.append(
+        f'<joint name="slide" type="prismatic"><parent link="base"/><child link="l0"/><axis xyz="0 1 0"/>'
+        f'<limit lower="{-0.5 * size!r}" upper="{0.5 * size!r}" velocity="{0.5 * size!r}" effort="1"/></joint>'
+    )
+    for i, axis in enumerate(AXES):
+        joints.append(
+            f'<joint name="j{i}" type="revolute"><origin xyz="0 0 {LINK * size if i else 0.3 * size!r}"/>'
+            f'<parent link="l{i}"/><child link="l{i + 1}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2.5" upper="2.5" velocity="1.5" effort="1"/></joint>'
+        )
+    return UrdfText(text=f'<robot name="arm"><link name="base"/>{"".join(links + joints)}</robot>')
+
+
+def problem(size: float = 1.0, by: Sequence[float] = (0.0, 0.0, 0.0), turn: float = 0.0, step: int = 1) -> PlanRequest:
+    """Round a post and under a shelf, all of it so many times as large, moved [m] and turned about z [rad]."""
+    c, s = np.cos(turn), np.sin(turn)
+    half = (0.0, 0.0, float(np.sin(0.5 * turn)), float(np.cos(0.5 * turn)))
+
+    def at(x: float, y: float, z: float) -> tuple[float, float, float]:
+        return (size * (c * x - s * y) + by[0], size * (s * x + c * y) + by[1], size * z + by[2])
+
+    obstacles = [
+        Cylinder(name="post", radius=0.06 * size, length=1.2 * size, position=at(0.6, 0.0, 0.6)),
+        Box(
+            name="shelf",
+            size=(0.5 * size, 0.7 * size, 0.04 * size),
+            position=at(0.75, 0.35, 0.95),
+            quaternion_xyzw=half,
+        ),
+        Box(name="wall", size=(0.04 * size, 1.6 * size, size), position=at(-0.5, 0.0, 0.5), quaternion_xyzw=half),
+    ]
+    start = {"slide": -0.2 * size, "j0": -0.9, "j1": 0.9, "j2": 0.4}
+    goal = {"slide": 0.2 * size, "j0": 0.9, "j1": 0.9, "j2": 0.4, "j3": 0.0, "j4": 0.0}
+    return PlanRequest(
+        arm(size),
+        Scene(name="cell", obstacles=obstacles[::step]),
+        JointsGoal(goal),
+        start=start,
+        robot_placement=Placement(position=tuple(by), quaternion_xyzw=half),
+        guide_planes=[],
+        recording="off",
+        allowed_planning_time=60.0,
+    )
+
+
+def plan(request: PlanRequest, size: float) -> tuple[float, float]:
+    """Duration [s] and smallest distance over the size of a certified plan."""
+    reply = answer(request)
+    assert isinstance(reply, PlanReply)
+    assert reply.status.name == "SUCCESS", reply.status.message
+    assert not reply.warnings
+    assert reply.metrics is not None
+    assert reply.clearance is not None
+    assert reply.clearance.minimum is not None
+    return reply.metrics.duration, reply.clearance.minimum / size
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "chain_fixed_6x320_r25", "chain_moving_3x260_r25"])
+def test_robots_of_usual_reach_have_the_size_one(name: str) -> None:
+    assert robot(name).size == 1.0
+
+
+@pytest.mark.parametrize("size", [0.02, 0.5 * LEAST_USUAL, 20.0])
+def test_a_size_is_the_reach_over_a_usual_one(size: float) -> None:
+    assert Catalog().load(arm(size)).size == pytest.approx(size * 4.9 * LINK / USUAL_REACH, rel=0.01)
+
+
+@functools.cache
+def as_it_is() -> tuple[float, float]:
+    return plan(problem(), 1.0)
+
+
+@pytest.mark.parametrize("size", [0.01, 0.1, 0.35, 3.0, 30.0])
+def test_everything_so_many_times_as_large_has_the_same_answer(size: float) -> None:
+    (duration, kept), (expected, distance) = plan(problem(size), size), as_it_is()
+    assert duration == pytest.approx(expected, rel=0.03)
+    assert kept >= 0.95 * distance
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"by": (600.0, 800.0, 0.0)}, {"turn": 2.0}, {"by": (3.0, -2.0, 1.0)}, {"step": -1}],
+)
+def test_a_change_that_changes_nothing_has_the_same_answer(changes: dict[str, object]) -> None:
+    (duration, kept), (expected, distance) = plan(problem(**changes), 1.0), as_it_is()  # type: ignore[arg-type]
+    assert duration == pytest.approx(expected, rel=0.03)
+    assert kept >= 0.95 * distance
