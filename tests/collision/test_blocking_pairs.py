@@ -23,7 +23,7 @@ def test_pairs_are_counted_and_the_most_frequent_told(world):
     assert met.counts[("l1", "right")] == 2
     assert met.counts[("l1", "left")] == 1
     assert next(iter(met.counts)) == ("l1", "right")
-    assert met.told().startswith("most often l1 and right, 2 of 4 times")
+    assert met.describe().startswith("most often l1 and right, 2 of 4 times")
     details = met.details()
     assert details["pair"] == ["l1", "right"]
     assert details["depth"] == pytest.approx(
@@ -38,13 +38,13 @@ def test_where_a_clearance_is_asked_the_nearest_counts(world):
     distances = [clearance_at(world, q).obstacle_distance for q in (up, leaning)]
     assert met.clearest == pytest.approx(max(distances))
     assert sum(met.counts.values()) == 2
-    assert f"the most that one keeps is {1000 * max(distances):.1f} mm" in met.told()
+    assert f"the most that one keeps is {1000 * max(distances):.1f} mm" in met.describe()
     assert met.details()["clearance"] == met.clearest
 
 
 def test_nothing_is_met(world):
     met = blocking_pairs(world, [np.zeros(2)])
-    assert (met.told(), met.details(), met.counts) == ("", {}, {})
+    assert (met.describe(), met.details(), met.counts) == ("", {}, {})
 
 
 def test_no_more_than_so_many_are_looked_at(world):

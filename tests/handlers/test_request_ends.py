@@ -13,7 +13,7 @@ from guidefield.errors import InvalidConfiguration
 from guidefield.messages import codec
 from guidefield.messages.replies import CertifyReply, PlanReply
 from guidefield.messages.streams import StreamOpen
-from guidefield.stream.opening import Opened, opened
+from guidefield.stream.opening import Opened, read_opening
 
 LIMIT = '<limit lower="-1.5708" upper="1.5708" velocity="1" effort="1"/>'
 EMPTY = {"name": "empty", "obstacles": []}
@@ -86,7 +86,7 @@ def test_a_planar_root_keeps_its_turns() -> None:
 def opening(**fields: Any) -> Opened:
     request: StreamOpen = codec.convert({"scene": EMPTY, **fields}, StreamOpen)
     engine = Engine()
-    return opened(request, engine._load_robot(request.robot), engine._build_scene(request.scene))
+    return read_opening(request, engine._load_robot(request.robot), engine._build_scene(request.scene))
 
 
 def test_a_stream_stands_where_its_start_is() -> None:

@@ -54,7 +54,7 @@ def test_rows_are_those_of_coals_shapes(chosen: tuple[str, ...], count: int) -> 
             continue
         body = primitive(one.shape)
         assert body is not None
-        body = body.placed(one.placement.rotation, one.placement.translation)
+        body = body.place(one.placement.rotation, one.placement.translation)
         assert tables.kinds[row] == body.kind
         np.testing.assert_allclose(tables.sizes[row], body.size, rtol=1e-15)
         np.testing.assert_allclose(tables.bounds[row], body.bounds, rtol=1e-15)

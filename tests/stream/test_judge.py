@@ -23,7 +23,7 @@ from guidefield.scene.scene import build
 from guidefield.stream.certificate import Judge, Judgement
 from guidefield.stream.commit import Commit, JointBounds, towards
 from guidefield.stream.obstacles import Obstacles
-from guidefield.stream.opening import Opened, opened
+from guidefield.stream.opening import Opened, read_opening
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.shapes import shape_of, solids_of
 from tests.robots import robot
@@ -77,7 +77,7 @@ class Judged:
     def __init__(self, name: str, obstacles: list[StreamObstacle], scene: Scene | None = None, **fields: Any) -> None:
         model = robot(name)
         self.scene = EMPTY if scene is None else build(scene)
-        self.opened: Opened = opened(StreamOpen(name, "empty", **fields), model, self.scene)
+        self.opened: Opened = read_opening(StreamOpen(name, "empty", **fields), model, self.scene)
         self.group = self.opened.group
         own = self.opened.world.pairs.own
         tables = judged_robot(self.group, own)
@@ -99,7 +99,7 @@ class Judged:
 
     def told(self, commit: Commit, most: int = 5000) -> Judgement:
         shapes, places, _ = self.obstacles.judged(0.0)
-        return self.judge.told(commit, shapes, places, most).judgement
+        return self.judge.judge(commit, shapes, places, most).judgement
 
     def least_room(self, commit: Commit, seen: Observation, shape: Any, rate: float, samples: int = 60) -> float:
         """By how much the distance exceeds what is promised, where least: dense samples, Pinocchio and Coal."""

@@ -143,7 +143,7 @@ def _planned(given: Problems, problem: dict[str, Any], sequence: int) -> _Planne
         ready = time.thread_time()
         found = _grown(lanes, z_start, z_goal, TREE.resolution, rng)
         grown = time.thread_time()
-        path = None if found.path is None else lanes.shortened(found.path, TREE.resolution, MARGIN)
+        path = None if found.path is None else lanes.shorten(found.path, TREE.resolution, MARGIN)
         done = time.thread_time()
         scene, plan, simplify = min(scene, ready - began), min(plan, grown - ready), min(simplify, done - grown)
         call = min(call, done - began)
@@ -172,7 +172,7 @@ def _judged(given: Problems, problem: dict[str, Any], planned: _Planned, sequenc
             break
         resolution *= TREE.finer
         again = _grown(lanes, z_start, z_goal, resolution, rng)
-        path = None if again.path is None else lanes.shortened(again.path, resolution, MARGIN)
+        path = None if again.path is None else lanes.shorten(again.path, resolution, MARGIN)
     certificate = time.thread_time() - began
     return Row(
         problem_set=problem["set"],

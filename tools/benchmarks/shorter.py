@@ -57,7 +57,7 @@ def _row(given: Problems, declared: dict, number: int) -> tuple[float, float] | 
     found = tree_search.grow(lanes, z_start[None], z_goal[None], TREE.resolution, 0.0, rng, problem.deadline)
     if found.path is None:
         return None
-    path = lanes.shortened(found.path, TREE.resolution, MARGIN)
+    path = lanes.shorten(found.path, TREE.resolution, MARGIN)
     rounds = Rounds(number, TREE.resolution, MARGIN)
     began = time.thread_time()
     better = shorter(problem, path, z_goal[None], rounds, rng, lambda _: True)

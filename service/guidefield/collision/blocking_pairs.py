@@ -1,4 +1,4 @@
-"""Which pairs of bodies stand in the way at several configurations, those met most often first."""
+"""Count the pairs of bodies that touch at several configurations, the most frequent first."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class BlockingPairs:
     deepest: float | None
     clearest: float | None = None
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """The pair that is met most, in words; empty if there is none."""
         if not self.counts:
             return ""

@@ -1,4 +1,4 @@
-"""Where bodies stand, as Coal takes it: made of a body when it is asked for."""
+"""Placements of bodies as Coal's transforms, each made on first use."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ import pinocchio as pin
 from guidefield.bounded_map import MESH_TREES, PLACED_MESHES, BoundedMap, content_key
 from guidefield.geometry.entries import Arrays, Layout, in_memory
 from guidefield.geometry.mesh_tree import CLUSTERS, Cluster, MeshTree, mesh_tree, polytope_about
-from guidefield.geometry.placements import moved
+from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.balls import BALL_ROW
 from guidefield.kernels.collide.parts import (
     BLOCKS,
@@ -78,10 +78,10 @@ class PartsTable:
         if isinstance(shape, coal.BVHModelBase):
             return self._mesh(known_surface(shape), placement)
         if isinstance(shape, coal.Convex):
-            return self.add_hull(moved(placement, np.array(shape.points())))
+            return self.add_hull(transform_points(placement, np.array(shape.points())))
         if isinstance(shape, coal.Box):
             corners = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * np.array(shape.halfSide)
-            return self.add_hull(moved(placement, corners))
+            return self.add_hull(transform_points(placement, corners))
         if isinstance(shape, coal.Cylinder):
             numbers[DISC], numbers[HALF_LENGTH] = shape.radius, shape.halfLength
             return self._single(CYLINDER, numbers, centre, float(np.hypot(shape.radius, shape.halfLength)))
@@ -130,11 +130,11 @@ class PartsTable:
     def tables(self) -> Parts:
         """The parts that were added, frozen."""
         alone = self._alone if len(self._added) == 1 else None  # of one mesh of a million triangles no copy is made
-        parts = alone or Parts(**self._written())
+        parts = alone or Parts(**self._write_tables())
         read_only(*parts)
         return parts
 
-    def _written(self) -> Arrays:
+    def _write_tables(self) -> Arrays:
         sizes = {name: sum(layout[name][1][0] for layout, _ in self._added) for name in _KINDS}
         made = in_memory({name: (kind, (sizes[name],)) for name, kind in _KINDS.items()})
         begins, works = dict.fromkeys(_KINDS, 0), []
@@ -153,7 +153,7 @@ class PartsTable:
             return self._add_copy(known[1], known[2])
 
         def there(points: np.ndarray) -> np.ndarray:
-            return points if placement is None else moved(placement, points)
+            return points if placement is None else transform_points(placement, points)
 
         hull = _NO_VERTICES if mesh.hull is None else _in_blocks(there(mesh.hull))
         counts = [len(nodes) for nodes, _ in mesh.clusters]

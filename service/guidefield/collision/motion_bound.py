@@ -1,4 +1,4 @@
-"""How much closer two bodies can come when joints move within a box: rigorous, from one configuration."""
+"""Rigorous bounds on how much closer two bodies come when joints move within a box about one configuration."""
 
 from __future__ import annotations
 
@@ -70,9 +70,9 @@ class MotionBound(ReadOnly):
             Each of the robot's own pairs, shape (s, n_self) [m], and each of its bodies to what stands still, shape
             (s, r) [m].
         """
-        return self.moved(self.reach(jacobians, centres), half_widths)
+        return self.bound_moves(self.reach(jacobians, centres), half_widths)
 
-    def moved(self, reach: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def bound_moves(self, reach: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same, where `reach` is known."""
         moved = reach * self.sweep(half_widths)[:, None]
         beyond = np.zeros((*moved.shape[:2], moved.shape[2] + 1))  # what the joints from one on move a body

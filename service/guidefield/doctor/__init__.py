@@ -1,1 +1,1 @@
-"""What is wrong with this machine for guidefield, and what to do about it."""
+"""An examination of this machine: faults that guidefield suffers from, each with advice."""

@@ -265,10 +265,10 @@ def examination(data: Path) -> Iterator[Finding]:
         "graphics": graphics,
     }
     for about, look in looks.items():
-        yield _looked(about, look)
+        yield _examine(about, look)
 
 
-def _looked(about: str, look: Callable[[], Finding]) -> Finding:
+def _examine(about: str, look: Callable[[], Finding]) -> Finding:
     """What a look finds; that it can't look is a finding, too."""
     try:
         return look()

@@ -1,4 +1,4 @@
-"""What one look at this machine found."""
+"""The result of one check of this machine."""
 
 from __future__ import annotations
 

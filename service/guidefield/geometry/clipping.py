@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from guidefield.geometry.directions import heights_along
-from guidefield.geometry.elements import Pieces, joined
+from guidefield.geometry.elements import Pieces, join_pieces
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
 
@@ -25,7 +25,7 @@ def clipped(pieces: Pieces, plane: Floats) -> Pieces:
     heights = heights_along(pieces.corners, plane[:3]) - plane[3]
     below = heights <= 0.0
     count = below.sum(axis=1)
-    return joined(
+    return join_pieces(
         [pieces.some(count == 3), *_cut(pieces, heights, below, count, 1), *_cut(pieces, heights, below, count, 2)]
     )
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from guidefield.geometry.elements import Elements, Pieces, bisected, blocks, gathered, joined, united
+from guidefield.geometry.elements import Elements, Pieces, bisected, blocks, gathered, join_pieces, united
 from guidefield.geometry.medial import medial_balls
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats, Integers
@@ -111,7 +111,7 @@ def cover(body: Solid, delta: float) -> Cover:
         raise ValueError(f"an overhang of {delta} m takes too many balls for a surface of {body.area} m^2")
     delta = _ROUNDING * delta - body.reach
     margin = MARGIN * delta + body.reach
-    balls, elements = _chosen(body, delta, margin)
+    balls, elements = _choose_balls(body, delta, margin)
     balls = shrunk(body, balls, elements, delta, margin)
     if body.closed:
         balls = contain_interior(body, balls, delta, margin)
@@ -140,7 +140,7 @@ def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:
     return result
 
 
-def _chosen(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]:
+def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]:
     """Balls, as large as they may be, that contain the surface by a margin; the elements of the surface.
 
     What no ball about the medial axis contains is offered balls about the elements themselves, then smaller elements.
@@ -164,7 +164,7 @@ def _chosen(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]
             covered.append(elements.some(inside))
             left_out.append(elements.some(now & ~inside).pieces)
             elements = elements.some(~now & ~inside)
-        pieces = joined(left_out)
+        pieces = join_pieces(left_out)
         size *= 1.0 if offer is medial_balls else 0.5
         offer = _about_elements
     return np.concatenate(balls), united(covered)

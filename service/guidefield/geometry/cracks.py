@@ -42,7 +42,7 @@ def seams(
     near = triangles[open_[triangles].any(axis=1)]  # joining changes no edge but those of these
     for width in widest * np.array(_STEPS):
         joined, widths = alone.copy(), np.zeros(1)
-        joined[loose], widths = _joined(vertices[loose], loose, float(width))
+        joined[loose], widths = _join_points(vertices[loose], loose, float(width))
         welded = joined[near]
         welded = welded[are_proper(welded)]
         if not len(_loose(welded, numbered_edges(welded), open_)):
@@ -98,7 +98,7 @@ def _loose(triangles: Integers, numbered: tuple[Integers, int], among: np.ndarra
     return np.unique(np.concatenate([start, end]))
 
 
-def _joined(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:
+def _join_points(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:
     """For each point of some the index of the first of those it should be, its own if they don't fit in the width.
 
     Points that are at most `width` apart share a cell of twice the width in one of eight grids.

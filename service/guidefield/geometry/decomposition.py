@@ -18,7 +18,7 @@ import numpy as np
 from guidefield.geometry.clipping import clipped, corners_of_cell
 from guidefield.geometry.convex import convex_hull, hull_planes
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes, spread_directions
-from guidefield.geometry.elements import Pieces, bisected, joined
+from guidefield.geometry.elements import Pieces, bisected, join_pieces
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.stand_off import stand_off
@@ -143,7 +143,7 @@ def decompose(body: Solid, tight: float, most: int) -> Decomposition:
             settled.append(worst)
         else:
             open_cells += halves
-    parts = tuple(_part(body, cell) for cell in _joined(body, settled + open_cells, tight))
+    parts = tuple(_part(body, cell) for cell in _merge_cells(body, settled + open_cells, tight))
     return Decomposition(parts, parts[0] if len(parts) == 1 else _part(body, whole))
 
 
@@ -222,7 +222,7 @@ def _half(body: Solid, cell: _Cell, beyond: Floats) -> _Cell | None:
     return _cell(
         body,
         np.vstack([cell.planes, beyond]),
-        joined([cell.pieces.some(whole), cut]),
+        join_pieces([cell.pieces.some(whole), cut]),
         np.concatenate([points, cut.corners.reshape(-1, 3)]),
     )
 
@@ -328,7 +328,7 @@ _SAME_AXIS = 0.999
 """Cosine of axes that are not told apart."""
 
 
-def _joined(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:
+def _merge_cells(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:
     """Cells, of which two become one as long as their common hull is tight."""
     tried: set[tuple[int, int]] = set()
     while True:
@@ -342,7 +342,7 @@ def _joined(body: Solid, cells: list[_Cell], tight: float) -> list[_Cell]:
                 continue
             distance = _stand_off(hull, body)
             if distance <= tight:
-                pieces, points = joined([a.pieces, b.pieces]), np.vstack([a.points, b.points])
+                pieces, points = join_pieces([a.pieces, b.pieces]), np.vstack([a.points, b.points])
                 together = _Cell(np.empty((0, 4)), pieces, points, hull, distance)
                 cells = [cell for cell in cells if cell not in (a, b)] + [together]
                 break

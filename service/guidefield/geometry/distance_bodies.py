@@ -54,7 +54,7 @@ class Body:
     cloud: int = 0
     anchor: Floats | None = None
 
-    def placed(self, rotation: Floats, translation: Floats) -> Body:
+    def place(self, rotation: Floats, translation: Floats) -> Body:
         """The body in a frame that its own is placed in.
 
         Args:
@@ -155,7 +155,7 @@ class BodyRows(NamedTuple):
     clouds: Integers
     boxes: Floats
 
-    def ordered(self, order: Integers) -> BodyRows:
+    def reorder(self, order: Integers) -> BodyRows:
         """The rows in another order, indices of shape (n,)."""
         places = {row: place for place, row in enumerate(order.tolist())} if self.surfaces else {}
         return BodyRows(

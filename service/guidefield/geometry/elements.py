@@ -83,14 +83,14 @@ def bisected(pieces: Pieces, size: float) -> Pieces:
         halve(corners, sources, edges, *small, *halves)
         done.append(small)
         corners, sources = halves
-    return joined(done)
+    return join_pieces(done)
 
 
 def _unwritten(count: int) -> Pieces:
     return Pieces(np.empty((count, 3, 3)), np.empty(count, np.int64))
 
 
-def joined(parts: list[Pieces]) -> Pieces:
+def join_pieces(parts: list[Pieces]) -> Pieces:
     """All pieces of several."""
     return Pieces(np.concatenate([part.corners for part in parts]), np.concatenate([part.sources for part in parts]))
 
@@ -127,7 +127,7 @@ def _balls(points: Floats, first: Integers) -> Floats:
 def united(parts: list[Elements]) -> Elements:
     """All elements of several."""
     return Elements(
-        joined([part.pieces for part in parts]),
+        join_pieces([part.pieces for part in parts]),
         _starts(np.concatenate([np.diff(part.first) for part in parts])),
         np.concatenate([part.points for part in parts]),
         _starts(np.concatenate([np.diff(part.first_point) for part in parts])),

@@ -69,7 +69,7 @@ class _Charged:
     areas: Floats
     radii: Floats
 
-    def ordered(self, order: Integers) -> _Charged:
+    def reorder(self, order: Integers) -> _Charged:
         """The same in another order."""
         return _Charged(*(array[order] for array in vars(self).values()))
 
@@ -113,7 +113,7 @@ def with_far_trees(tables: FieldTables) -> FieldTables:
         rows = getattr(tables, name)
         things = charged(rows)
         order = curve_order(things.centres)
-        tree = _tree(things.ordered(order))
+        tree = _tree(things.reorder(order))
         changed[name] = frozen(rows[order])
         links = np.zeros((len(tree.after), LINK_COLUMNS), np.int64)
         links[:, AFTER], links[:, FORM] = tree.after, form
@@ -141,7 +141,7 @@ def _over_faces(tables: FieldTables, count: int) -> tuple[Floats, Integers, Floa
     things = _surfaces(tables, links, roots)
     nodes[roots, :CHARGE_PER_AREA], reach[roots] = _rows(things)[:, :CHARGE_PER_AREA], things.radii / OPENING
     order = curve_order(things.centres)
-    tree = _tree(things.ordered(order))
+    tree = _tree(things.reorder(order))
     sizes = (links[roots, AFTER] - roots)[order]
     # a leaf of that tree is a root itself, with all below it
     widths = np.where(tree.leaves, sizes[tree.begins], 1)
@@ -226,7 +226,7 @@ def _rows(things: _Charged) -> Floats:
     return rows
 
 
-def _closed(centres: Floats, charges: Floats, moments: Floats, radii: Floats) -> _Charged:
+def _make_charged(centres: Floats, charges: Floats, moments: Floats, radii: Floats) -> _Charged:
     return _Charged(centres, charges, moments, np.zeros_like(centres), radii)
 
 
@@ -239,7 +239,7 @@ def _boxes(rows: Floats) -> _Charged:
     axes = rows[:, AXES:HALVES].reshape(-1, 3, 3)
     moments = np.einsum("n,nki,nk,nkj->nij", density, axes, along, axes)
     radii = 0.5 * np.sqrt(squares.sum(axis=1))
-    return _closed(rows[:, :3], 2.0 * density * faces.sum(axis=1), moments, radii)
+    return _make_charged(rows[:, :3], 2.0 * density * faces.sum(axis=1), moments, radii)
 
 
 def _capsules(rows: Floats) -> _Charged:
@@ -252,7 +252,9 @@ def _capsules(rows: Floats) -> _Charged:
     across = 0.5 * side * radii**2 + caps * radii**2 / 3.0
     moments = across[:, None, None] * np.eye(3)
     moments += (along - across)[:, None, None] * units[:, :, None] * units[:, None]
-    return _closed(0.5 * (first + second), density * (side + caps), density[:, None, None] * moments, half + radii)
+    return _make_charged(
+        0.5 * (first + second), density * (side + caps), density[:, None, None] * moments, half + radii
+    )
 
 
 def _surfaces(tables: FieldTables, links: Integers, roots: Integers) -> _Charged:
@@ -279,5 +281,5 @@ def _surfaces(tables: FieldTables, links: Integers, roots: Integers) -> _Charged
     radii = np.linalg.norm(offsets, axis=2).max(axis=1)
     order = np.argsort(owner, kind="stable")
     ends = np.cumsum(np.bincount(owner, minlength=len(roots)))
-    faces = _Charged(centres, charges, moments, across, radii).ordered(order)
+    faces = _Charged(centres, charges, moments, across, radii).reorder(order)
     return _together(faces, np.r_[0, ends[:-1]], ends)

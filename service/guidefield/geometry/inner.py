@@ -67,7 +67,7 @@ def inner_balls(body: Solid) -> Floats:
 
 def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> Floats:
     """At most `MOST` balls, each the one that fills most that those before it don't, moved to where it is deeper."""
-    held, counts = _held(balls, samples), np.empty(len(balls), np.int64)
+    held, counts = _mark_contained(balls, samples), np.empty(len(balls), np.int64)
     missing = np.full(held.shape[1], ~np.uint64(0))
     chosen: list[Floats] = []
     while len(chosen) < MOST:
@@ -76,7 +76,7 @@ def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> F
         if counts[best] == 0:
             break
         ball = _deeper(body, balls[best], step)
-        fills = _held(ball[None], samples)[0]
+        fills = _mark_contained(ball[None], samples)[0]
         if int(np.bitwise_count(fills & missing).sum()) < counts[best]:
             ball, fills = balls[best], held[best]
         chosen.append(ball)
@@ -84,7 +84,7 @@ def _most_filling(body: Solid, balls: Floats, samples: Floats, step: float) -> F
     return np.array(chosen)
 
 
-def _held(balls: Floats, samples: Floats) -> np.ndarray:
+def _mark_contained(balls: Floats, samples: Floats) -> np.ndarray:
     """Which ball (n, 4) holds which sample (m, 3), 64 to a word: shape (n, words)."""
     bits = np.empty((len(balls), -(-len(samples) // 64)), np.uint64)
     held_points(np.ascontiguousarray(balls), samples, bits)

@@ -43,7 +43,7 @@ def frames(positions: np.ndarray, quaternions_xyzw: np.ndarray) -> np.ndarray:
     return np.column_stack(columns)
 
 
-def moved(placement: Any, points: np.ndarray) -> np.ndarray:
+def transform_points(placement: Any, points: np.ndarray) -> np.ndarray:
     """Points (n, 3) of a body that is placed so, a pinocchio.SE3, in the world [m]."""
     # by this sum, not by `@`: for three columns BLAS takes ten times as long
     there: np.ndarray = np.einsum("nj,ij->ni", points, placement.rotation) + placement.translation

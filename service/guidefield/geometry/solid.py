@@ -159,7 +159,7 @@ class _Around:
         winding = np.empty(1, np.int64)
         for solid in self._solids[boxed].tolist():
             if solid not in self._tables:
-                self._tables[solid] = self._made(solid)
+                self._tables[solid] = self._make_tables(solid)
             tables = self._tables[solid]
             if tables is not None:
                 windings_at(point, tables[0], tuple(tables[1][0].tolist()), winding)
@@ -167,7 +167,7 @@ class _Around:
                     return int(solid)
         return None
 
-    def _made(self, solid: int) -> tuple[SurfaceTables, Integers] | None:
+    def _make_tables(self, solid: int) -> tuple[SurfaceTables, Integers] | None:
         """The tables of a solid; None if it has no triangle with an area."""
         own = self._pieces[solid]
         if not are_wide(self._vertices, own).any():

@@ -1,4 +1,4 @@
-"""How far a hull, or a part of one, stands off the body that it is about."""
+"""The one-sided Hausdorff distance of a hull, or a part of one, from the body within."""
 
 from __future__ import annotations
 

@@ -147,10 +147,10 @@ def constraints_of(request: MotionRequest, group: PlanningGroup) -> tuple[PathCo
             f" {', '.join(several)}; a `group` may leave it out",
             joints=several,
         )
-    return tuple(_built(one, index, group) for index, one in enumerate(request.path_constraints))
+    return tuple(_build_constraint(one, index, group) for index, one in enumerate(request.path_constraints))
 
 
-def _built(one: requests.PathConstraint, index: int, group: PlanningGroup) -> PathConstraint:
+def _build_constraint(one: requests.PathConstraint, index: int, group: PlanningGroup) -> PathConstraint:
     with at_path(f"$.path_constraints[{index}].frame"):
         group.robot.frame_id(one.frame)
     where = f"`path_constraints[{index}]"

@@ -88,7 +88,7 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
             if choice.link not in apart and geometry.geometryObjects[other].parentJoint != joint:
                 geometry.addCollisionPair(pin.CollisionPair(other, added))
         links = (*links, one.name)
-        choices = (*choices, GeometryChoice(one.name, one.name, *_judged(one.shape)))
+        choices = (*choices, GeometryChoice(one.name, one.name, *_describe_kinds(one.shape)))
     warnings = (*robot.warnings, *(warning for one in held for warning in one.warnings))
     return dataclasses.replace(
         robot,
@@ -101,7 +101,7 @@ def with_held(robot: RobotModel, held: Sequence[Held]) -> RobotModel:
     )
 
 
-def _judged(shape: Any) -> tuple[str, str]:
+def _describe_kinds(shape: Any) -> tuple[str, str]:
     """Return the kind of a shape, and the kind that it is judged as."""
     if isinstance(shape, coal.BVHModelBase):
         return "mesh", "triangle mesh"
@@ -160,7 +160,7 @@ def holding(
             )
     if are_large(attached):
         deadline.check("what the robot holds was built")
-    return _made(robot, _asked(attached))
+    return _build_robot(robot, _collect(attached))
 
 
 def are_large(attached: Sequence[AttachedObject]) -> bool:
@@ -168,18 +168,18 @@ def are_large(attached: Sequence[AttachedObject]) -> bool:
     return are_many([one.obstacle for one in attached], MANY)
 
 
-def _asked(attached: Sequence[AttachedObject]) -> _Asked:
+def _collect(attached: Sequence[AttachedObject]) -> _Asked:
     contents = [content_of(one.obstacle).all for one in attached]
     others = [(one.link, one.placement, one.touch_links) for one in attached]
     return _Asked(msgspec.msgpack.encode([contents, others]), attached)
 
 
 @memoized
-def _made(robot: RobotModel, asked: _Asked) -> RobotModel:
-    return with_held(robot, [_held(one, index) for index, one in enumerate(asked.objects)])
+def _build_robot(robot: RobotModel, asked: _Asked) -> RobotModel:
+    return with_held(robot, [_build_held(one, index) for index, one in enumerate(asked.objects)])
 
 
-def _held(one: AttachedObject, index: int) -> Held:
+def _build_held(one: AttachedObject, index: int) -> Held:
     try:
         body = obstacle.build(one.obstacle, index)
     except SceneInvalid as error:

@@ -51,7 +51,7 @@ def reply_to(
         status=replies.Outcome(
             code=int(ended.status), name=ended.status.name, message=ended.message, details=ended.details
         ),
-        warnings=[*warnings, *_left(judgement), *(unmeasured(measured) if measured else [UNMEASURED])],
+        warnings=[*warnings, *_warn_of_left_contact(judgement), *(unmeasured(measured) if measured else [UNMEASURED])],
         curve=problem.motion.kind.value,
         position_names=group.position_names,
         velocity_names=group.velocity_names,
@@ -72,7 +72,7 @@ def _ending(problem: GivenProblem, judgement: Judgement) -> Ending:
         return Ending(Status.SUCCESS, "the motion is certified free over its whole length and within its limits")
     if verdict.free:
         return _beyond_a_rate(problem, judgement)
-    where = describe_place(*_refused(problem, verdict))
+    where = describe_place(*_locate_verdict(problem, verdict))
     details = refused_at(problem.group, verdict)
     if verdict.reason is Reason.STOPPED:
         status = problem.deadline.status() or Status.TIMED_OUT
@@ -118,7 +118,7 @@ def _contact(judgement: Judgement, pair: str) -> str:
 def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     """The ending of a motion that is free, but exceeds a limit of a rate."""
     group, motion = problem.group, problem.motion
-    exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).kept}
+    exceeded = {name: use for name in RATES if not (use := getattr(judgement.uses, name)).is_within}
     name, use = max(exceeded.items(), key=lambda item: np.inf if item[1].share is None else item[1].share)
     assert use.coordinate is not None, "a limit that is exceeded is of a joint"
     joint = group.joints[_joint_of(problem, use.coordinate)].name
@@ -132,7 +132,7 @@ def _beyond_a_rate(problem: GivenProblem, judgement: Judgement) -> Ending:
     return Ending(Status.INVALID_MOTION_PLAN, message, details)
 
 
-def _refused(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
+def _locate_verdict(problem: GivenProblem, verdict: Verdict) -> tuple[float, float | None]:
     """Row and time of the place that was judged; of the end, if it is free."""
     if verdict.piece is None or verdict.parameter is None:
         return problem.motion.end
@@ -144,7 +144,7 @@ def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float |
     return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
 
 
-def _left(judgement: Judgement) -> list[str]:
+def _warn_of_left_contact(judgement: Judgement) -> list[str]:
     """A warning about a contact at the start that is left."""
     leaving = judgement.leaving
     return [] if leaving is None or not leaving.leaves else [left_contacts(leaving.contacts)]
@@ -162,7 +162,7 @@ def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
 def _certificate(problem: GivenProblem, judgement: Judgement) -> replies.MotionCertificate:
     group, place, verdict = problem.group, None, judgement.verdict
     if verdict.chart_point is not None:
-        row, when = _refused(problem, verdict)
+        row, when = _locate_verdict(problem, verdict)
         columns = group.wire_positions(verdict.chart_point)
         place = replies.Place(row=row, time=when, configuration=dict(zip(group.position_names, columns, strict=True)))
     row, when = _free_until(problem, verdict)

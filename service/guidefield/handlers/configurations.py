@@ -100,7 +100,7 @@ def whole_group(robot: RobotModel, placement: Placement) -> PlanningGroup:
     return select(robot, joints, None, robot.rest, se3(placement.position, placement.quaternion_xyzw))
 
 
-def packed(numbers: np.ndarray) -> PackedNumbers:
+def pack_numbers(numbers: np.ndarray) -> PackedNumbers:
     """Return an array of any shape as a message."""
     return PackedNumbers(shape=list(numbers.shape), float64=numbers.astype("<f8").tobytes())
 

@@ -15,7 +15,7 @@ from guidefield.handlers.configurations import (
     batches,
     configurations_from,
     frame_ids,
-    packed,
+    pack_numbers,
     rates_from,
     whole_group,
 )
@@ -57,8 +57,8 @@ def jacobian(
         return JacobianReply(
             jacobian=[],
             velocity_names=group.velocity_names,
-            packed=packed(found),
-            packed_twist=None if twists is None else packed(twists),
+            packed=pack_numbers(found),
+            packed_twist=None if twists is None else pack_numbers(twists),
         )
     return JacobianReply(
         jacobian=found.tolist(),
@@ -104,7 +104,7 @@ def dynamics(
                 rows[index] = answer[name](q, v, a)
     mass, warnings = float(pin.computeTotalMass(model)), _mass_warnings(robot, model)
     if request.packed:
-        numbers = {str(name): packed(rows) for name, rows in found.items()}
+        numbers = {str(name): pack_numbers(rows) for name, rows in found.items()}
         return DynamicsReply(velocity_names=group.velocity_names, mass=mass, packed=numbers, warnings=warnings)
     return DynamicsReply(
         velocity_names=group.velocity_names,

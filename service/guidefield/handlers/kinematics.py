@@ -22,7 +22,7 @@ from guidefield.handlers.configurations import (
     configurations_from,
     frame_ids,
     model_configurations,
-    packed,
+    pack_numbers,
     require_time,
     whole_group,
 )
@@ -119,7 +119,7 @@ def forward_kinematics(
     for some in batches(deadline, len(configurations), FRAMES_TOGETHER):
         place_frames(joints, frames, np.ascontiguousarray(root), configurations[some], placements[some])
     if request.packed:
-        return ForwardKinematicsReply(placements=[], packed=packed(placements))
+        return ForwardKinematicsReply(placements=[], packed=pack_numbers(placements))
     with pause_collector():  # many small objects are made, and all are kept
         listed = [
             [Placement((x, y, z), (a, b, c, d)) for x, y, z, a, b, c, d in of_frames]
@@ -179,7 +179,7 @@ def inverse_kinematics(
         reasons.append(result.reason)
         if world is not None and not result.solutions:
             met = blocking_pairs(world, [group.expand_from_chart(z) for z in result.rejected])
-            reasons[-1] += f": {met.told()}" if met.counts else ""
+            reasons[-1] += f": {met.describe()}" if met.counts else ""
     given = cast(RobotConfigurations, np.array(starts).reshape(-1, robot.model.nq))
     warnings = _beyond_limits(robot, given, "start_configurations")
     return InverseKinematicsReply(configurations=configurations, reasons=reasons, warnings=warnings)
@@ -288,18 +288,20 @@ class _Clearances:
         pair = [-1 if (p := one.obstacle_pair) is None else numbers.setdefault(p, len(numbers)) for one in found]
         nowhere, no_slope = np.full((2, 3), np.nan), np.full(self._world.group.nv, np.nan)
         numbers_packed = PackedClearance(
-            minimum=packed(_or_nan([one.obstacle_distance for one in found])),
-            self_minimum=packed(_or_nan([one.self_distance for one in found])),
-            witness_points=packed(_rows([nowhere if one.witness is None else one.witness for one in found], (2, 3))),
+            minimum=pack_numbers(_or_nan([one.obstacle_distance for one in found])),
+            self_minimum=pack_numbers(_or_nan([one.self_distance for one in found])),
+            witness_points=pack_numbers(
+                _rows([nowhere if one.witness is None else one.witness for one in found], (2, 3))
+            ),
             pairs=[list(names) for names in numbers],
-            pair=packed(np.array(pair, float)),
+            pair=pack_numbers(np.array(pair, float)),
         )
         if self._gradients is not None:
             slopes = [
                 _rows([no_slope if g[k] is None else g[k] for g in self._gradients], no_slope.shape) for k in (0, 1)
             ]
             numbers_packed = msgspec.structs.replace(
-                numbers_packed, gradient=packed(slopes[0]), self_gradient=packed(slopes[1])
+                numbers_packed, gradient=pack_numbers(slopes[0]), self_gradient=pack_numbers(slopes[1])
             )
         names = None if self._gradients is None else self._world.group.velocity_names
         return ClearanceReply(

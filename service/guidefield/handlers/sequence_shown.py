@@ -153,7 +153,7 @@ def _with_carried(start: Standing, ways: dict[str, list[tuple[float, Placement]]
     """The obstacles at first, and what is held at first, each object with a way moving along it."""
     at_first = [
         *start.scene.message.obstacles,
-        *(start.place(one) for one in start.objects if _shown(one.attached.obstacle)),
+        *(start.place(one) for one in start.objects if _is_shown(one.attached.obstacle)),
     ]
     moving = [_moving(one, ways[one.name]) if one.name in ways else one for one in at_first]
     return scenes.build(msgspec.structs.replace(start.scene.message, obstacles=moving))
@@ -198,7 +198,7 @@ def _joined_potentials(parts: Sequence[ClearanceProfile], starts: Sequence[int])
     return np.concatenate([times for times, _ in rows]), np.concatenate([values for _, values in rows])
 
 
-def _shown(one: messages.Obstacle) -> bool:
+def _is_shown(one: messages.Obstacle) -> bool:
     return isinstance(one, CARRIED)
 
 

@@ -90,7 +90,7 @@ class Steps:
         step = self._request.steps[index]
         if step.goal is None:
             return None
-        asked = self._asked(index, at)
+        asked = self._make_request(index, at)
         with _in_step(index):
             problem, _ = problem_of(asked, at.robot, at.scene.since(begin), self._deadline)
             if step.linear and not problem.group.is_euclidean:
@@ -182,7 +182,7 @@ class Steps:
     def _tip(self, step: PlanStep) -> str:
         return step.tip or self._request.tip or self.start.robot.tip
 
-    def _asked(self, index: int, at: Standing) -> PlanRequest:
+    def _make_request(self, index: int, at: Standing) -> PlanRequest:
         """A step as a plan request of its own."""
         step, request, robot = self._request.steps[index], self._request, at.robot
         with _in_step(index):
@@ -262,7 +262,7 @@ class Steps:
                 after = self._request.steps[index + 1]
                 if after.goal is None:
                     raise MalformedRequest("`stop: false` needs a step after it that moves: that one has no `goal`")
-                one, other = (self._moved(step), self._moved(after))
+                one, other = (self._find_moved_joints(step), self._find_moved_joints(after))
                 if one != other:
                     raise MalformedRequest(
                         f"`stop: false` needs a step after it that moves the same joints: this one moves"
@@ -271,7 +271,7 @@ class Steps:
                         next_joints=other,
                     )
 
-    def _moved(self, step: PlanStep) -> list[str]:
+    def _find_moved_joints(self, step: PlanStep) -> list[str]:
         """Names of the joints that a step moves."""
         return [
             joint.name

@@ -290,7 +290,7 @@ def protocol_server(service: Service) -> Any:
         return listed
 
     async def call_tool(_context: Any, params: Any) -> Any:
-        told, figures, failed = await _asked(service, known.get(params.name), params.name, params.arguments or {})
+        told, figures, failed = await _call_tool(service, known.get(params.name), params.name, params.arguments or {})
         return types.CallToolResult(content=[types.TextContent(text=told)], structured_content=figures, is_error=failed)
 
     return Server(
@@ -302,7 +302,7 @@ def protocol_server(service: Service) -> Any:
     )
 
 
-async def _asked(
+async def _call_tool(
     service: Service, tool: Tool | None, name: str, given: dict[str, Any]
 ) -> tuple[str, dict[str, Any], bool]:
     """What a tool answers, in words and figures, and whether that is an error; no exception leaves but cancelling."""

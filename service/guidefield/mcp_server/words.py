@@ -35,7 +35,7 @@ def plan_told(reply: PlanReply) -> str:
     told += [*_clearances(reply.clearance, reply.self_clearance), f"Certificate: {describe_certificate(reply)}."]
     if reply.trajectory is not None:
         told.append(f"`trajectory` with run_id {reply.run_id!r} gives its times, positions and velocities.")
-    return _joined(told, reply.warnings)
+    return _join_sentences(told, reply.warnings)
 
 
 def certify_told(reply: CertifyReply) -> str:
@@ -54,7 +54,7 @@ def certify_told(reply: CertifyReply) -> str:
         if use.share is not None and use.joint is not None:
             beyond = ", which is beyond it" if use.share > 1.0 else ""
             told.append(f"{use.joint} uses {100.0 * use.share:.1f} % of its {name} limit{beyond}.")
-    return _joined(told, reply.warnings)
+    return _join_sentences(told, reply.warnings)
 
 
 def clearance_told(reply: ClearanceReply) -> str:
@@ -63,7 +63,7 @@ def clearance_told(reply: ClearanceReply) -> str:
     lines = [
         f"Configuration {index}: {_distance(least, pair)}{_own(own)}." for index, (least, pair, own) in enumerate(rows)
     ]
-    return _joined(_first(lines), reply.warnings, "\n")
+    return _join_sentences(_first(lines), reply.warnings, "\n")
 
 
 def inverse_kinematics_told(reply: InverseKinematicsReply) -> str:
@@ -76,7 +76,7 @@ def inverse_kinematics_told(reply: InverseKinematicsReply) -> str:
     ]
     if not all(reply.configurations):
         lines.append(advised(Status.NO_IK_SOLUTION))
-    return _joined(_first(lines), reply.warnings, "\n")
+    return _join_sentences(_first(lines), reply.warnings, "\n")
 
 
 def robots_told(reply: RobotsReply) -> str:
@@ -84,7 +84,7 @@ def robots_told(reply: RobotsReply) -> str:
     good = [f"{one.name} ({one.dof})" for one in reply.robots if one.problem is None]
     bad = [f"{one.name}: {one.problem}" for one in reply.robots if one.problem is not None]
     told = [f"{len(good)} robots, each with how many numbers its motion has: {', '.join(good)}."]
-    return _joined([*told, *(f"Can't be used: {one}." for one in bad)], [], "\n")
+    return _join_sentences([*told, *(f"Can't be used: {one}." for one in bad)], [], "\n")
 
 
 def robot_told(reply: RobotReply) -> str:
@@ -102,7 +102,7 @@ def robot_told(reply: RobotReply) -> str:
             f"{_limit(low, '-')} to {_limit(high, '+')}" for low, high in zip(joint.lower, joint.upper, strict=True)
         )
         lines.append(f"{joint.name} is {joint.kind}, from {ranges}; at rest it is at {reply.rest.get(joint.name)}.")
-    return _joined(lines, reply.warnings, "\n")
+    return _join_sentences(lines, reply.warnings, "\n")
 
 
 def scene_told(scene: Scene) -> str:
@@ -163,7 +163,7 @@ def _first(lines: list[str]) -> list[str]:
     return lines if more <= 0 else [*lines[:MOST_TOLD], f"and {more} more"]
 
 
-def _joined(told: list[str], warnings: list[str], by: str = " ") -> str:
+def _join_sentences(told: list[str], warnings: list[str], by: str = " ") -> str:
     return by.join([*told, *(f"Warning: {warning}." for warning in warnings)])
 
 

@@ -211,7 +211,7 @@ def tip_points(
     if tip.blocked is not None and not problem.deadline.expired():
         raise StageFailed(
             Status.GOAL_IN_COLLISION,
-            f"the goal pose is in collision: {tip.blocked.told()}, however it is reached",
+            f"the goal pose is in collision: {tip.blocked.describe()}, however it is reached",
             stage="goal",
             **result.details,
             **tip.blocked.details(),
@@ -246,7 +246,7 @@ def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str
     """
     if not met.counts:
         return Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}"
-    told = f"no configuration at the goal pose is free: {result.reason}: {met.told()}"
+    told = f"no configuration at the goal pose is free: {result.reason}: {met.describe()}"
     return (Status.GOAL_IN_COLLISION if met.clearest is None else Status.CLEARANCE_BELOW_MINIMUM), told
 
 
@@ -422,7 +422,7 @@ def _free_goals(problem: Problem, goal: ConfigurationGoal) -> ChartPoints:
     if len(zs) == 1:
         raise StageFailed(Status.GOAL_IN_COLLISION, f"the goal is in collision: {message}", stage="goal", **details)
     met = blocking_pairs(problem.world, [problem.group.expand_from_chart(z) for z in touching])
-    message = f"all {len(zs)} goals are in collision: {met.told()}"
+    message = f"all {len(zs)} goals are in collision: {met.describe()}"
     raise StageFailed(Status.GOAL_IN_COLLISION, message, stage="goal", goals=len(zs), **met.details())
 
 
@@ -458,7 +458,7 @@ def _find_violation(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any
     if values[worst] <= frames.limits[worst]:
         return None
     value, limit, frame = float(values[worst]), float(frames.limits[worst]), frames.constraints[worst].frame
-    message = f"`path_constraints[{worst}]`: {frames.constraints[worst].told(value)}"
+    message = f"`path_constraints[{worst}]`: {frames.constraints[worst].describe(value)}"
     return message, {"constraint": worst, "frame": frame, "value": value, "limit": limit}
 
 

@@ -244,5 +244,5 @@ def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int,
         return path
     kept = sorted({0, len(path) - 1, *crossings.values()})
     margin = problem.min_clearance + STRAIGHT_MARGIN * problem.group.size
-    ways = [problem.lanes.shortened(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
+    ways = [problem.lanes.shorten(path[begin : end + 1], TREE.resolution, margin) for begin, end in pairwise(kept)]
     return np.concatenate([path[:1], *(way[1:] for way in ways)])

@@ -177,7 +177,7 @@ class Judgement:
     def within_limits(self) -> bool:
         """True if no rate exceeds its limit."""
         uses = self.uses
-        return all(use.kept for use in (uses.velocity, uses.acceleration, uses.jerk))
+        return all(use.is_within for use in (uses.velocity, uses.acceleration, uses.jerk))
 
 
 def judge(problem: GivenProblem, uses: Uses) -> Judgement:

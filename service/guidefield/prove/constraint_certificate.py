@@ -53,7 +53,7 @@ def certify_constraints(
         along, beside, placed = frames.group.expand_velocity @ chord, widths @ off, frames.placements(middle)
         reached = [
             constraint.value(place)
-            + constraint.change(*_most_motion(J, constraint.counted(place), turns, e, along, beside))
+            + constraint.change(*_most_motion(J, constraint.project_velocity(place), turns, e, along, beside))
             for place, constraint, J in zip(placed, frames.constraints, frames.jacobians(middle), strict=True)
         ]
         if (np.array(reached) <= frames.limits).all():

@@ -107,7 +107,7 @@ def _standing(scene: Scene) -> _Standing:
     along = along_curve(0.5 * (boxes[:, :3] + boxes[:, 3:]))
     nodes = box_nodes(np.take(boxes, along.order, axis=0)) if len(inside) else np.empty((0, 6))
     order = np.concatenate([endless, inside[along.order]])
-    tables = body_tables(bodies.ordered(order), owners[order], nodes)
+    tables = body_tables(bodies.reorder(order), owners[order], nodes)
     return _Standing(tables, along._replace(order=tables.obstacles[len(endless) :]))
 
 
@@ -124,12 +124,12 @@ def _in_order(scene: Scene) -> tuple[BodyRows, np.ndarray]:
     thin = [index for index in others if _is_small_sheet(scene.obstacles[index])]
     thick = sorted(set(others).difference(thin))
     made = [(index, body) for index in thick for body in bodies_of(scene.obstacles[index])]
-    bodies = joined_rows(primitives.ordered(bounded), body_rows([body for _, body in made]))
+    bodies = joined_rows(primitives.reorder(bounded), body_rows([body for _, body in made]))
     if thin:
         bodies = joined_rows(bodies, _small_sheets([scene.obstacles[index] for index in thin]))
     owners = np.concatenate([bounded, np.array([*(index for index, _ in made), *thin], np.int64)])
     order = np.argsort(owners, kind="stable")
-    return bodies.ordered(order), owners[order]
+    return bodies.reorder(order), owners[order]
 
 
 def _split(chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -159,18 +159,18 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     rotation, translation = obstacle.placement.rotation, obstacle.placement.translation
     body = primitive(obstacle.shape) if obstacle.facets is None else None
     if body is not None:
-        return [body.placed(rotation, translation)]
+        return [body.place(rotation, translation)]
     if obstacle.cloud is not None:
         return [balls_about(obstacle.cloud.points, obstacle.cloud.radius, obstacle.cloud.tables.address)]
     if obstacle.recipe.content and is_large(obstacle.faces):
-        return [body.placed(rotation, translation) for body in _large_bodies(obstacle)]
+        return [body.place(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
         solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
-        return [body.placed(rotation, translation) for body in _as_cropped(obstacle, solids)]
+        return [body.place(rotation, translation) for body in _as_cropped(obstacle, solids)]
     if _is_small_sheet(obstacle):
         return bodies_in(_small_sheets([obstacle]))
     found = [triangulated(vertices, triangles, SHEET, beside) for vertices, triangles, beside in obstacle.surfaces]
-    return [body.placed(rotation, translation) for body in found]
+    return [body.place(rotation, translation) for body in found]
 
 
 def _is_small_sheet(obstacle: Obstacle) -> bool:
@@ -227,7 +227,7 @@ def _tables(obstacles: Mapping[int, Obstacle]) -> MovingBodies:
     motions = [(index, one.motion) for index, one in obstacles.items() if one.motion is not None]
     for k, (index, motion) in enumerate(motions):
         back = motion.placements[0].inverse()
-        made = [body.placed(back.rotation, back.translation) for body in bodies_of(obstacles[index])]
+        made = [body.place(back.rotation, back.translation) for body in bodies_of(obstacles[index])]
         bodies += made
         owners += [index] * len(made)
         of += [k] * len(made)

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.geometry.placements import moved, se3
+from guidefield.geometry.placements import se3, transform_points
 from guidefield.messages import scene as messages
 from guidefield.scene.points import points_in
 
@@ -152,7 +152,7 @@ def _plane(message: Any, placement: Any) -> messages.Obstacle:
 
 
 def _points(message: Any, placement: Any) -> messages.Obstacle:
-    return _replace(message, points=moved(placement, points_in(message.points)).tolist())
+    return _replace(message, points=transform_points(placement, points_in(message.points)).tolist())
 
 
 POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = {
@@ -169,5 +169,5 @@ POSED: dict[type[messages.Obstacle], Callable[[Any, Any], messages.Obstacle]] = 
 
 
 def _replace(message: Any, **fields: Any) -> messages.Obstacle:
-    moved: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
-    return moved
+    transform_points: messages.Obstacle = msgspec.structs.replace(message, trajectory=None, **fields)
+    return transform_points

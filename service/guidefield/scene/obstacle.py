@@ -14,7 +14,7 @@ import pinocchio as pin
 from guidefield.bounded_map import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.cache import is_large
-from guidefield.geometry.placements import moved, se3
+from guidefield.geometry.placements import se3, transform_points
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
@@ -134,7 +134,7 @@ class Obstacle:
     @cached_property
     def _triangulation(self) -> tuple[np.ndarray, np.ndarray]:
         vertices, triangles = self.recipe.surface(self.message)
-        made = moved(self.placement, vertices), np.array(triangles)
+        made = transform_points(self.placement, vertices), np.array(triangles)
         for array in made:
             array.setflags(write=False)
         return made
@@ -314,7 +314,7 @@ def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Ob
 
     def charged(*_: Any) -> Charges:
         vertices, triangles = mesh.surface()
-        return Charges(triangles=moved(placement, vertices)[triangles])
+        return Charges(triangles=transform_points(placement, vertices)[triangles])
 
     recipe = Recipe(
         body=lambda _: (mesh.hull if facets is None else facets.whole, placement),

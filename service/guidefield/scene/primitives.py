@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.placements import moved, se3, unit
+from guidefield.geometry.placements import se3, transform_points, unit
 from guidefield.kernels.collide.primitive import BOX, CAPSULE, CYLINDER, HALF_SPACE
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.messages import scene as messages
@@ -50,7 +50,7 @@ def _cylinder(message: messages.Cylinder) -> bytes:
 
 
 def _charged_cylinder(message: messages.Cylinder, placement: Any) -> Charges:
-    quads = moved(placement, surfaces.prism_quads(message.radius, message.length).reshape(-1, 3))
+    quads = transform_points(placement, surfaces.prism_quads(message.radius, message.length).reshape(-1, 3))
     return Charges(quads=quads.reshape(-1, 4, 3))
 
 

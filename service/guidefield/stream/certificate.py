@@ -62,7 +62,7 @@ class Judge:
         self._found = np.zeros(3)
         self._memory = self._of_pairs(64)
 
-    def told(
+    def judge(
         self, commit: Commit, shapes: JudgedShapes, places: JudgedPlaces, most: int, since: float | None = None
     ) -> Told:
         """Judge a commit among obstacles.

@@ -1,4 +1,4 @@
-"""Where to be when on a way among what moves: a tube about the way, and what is the cheapest in it."""
+"""The cheapest schedule along a path among moving obstacles, within a tube about it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where journals of streams are kept: a folder for each stream, the oldest of which make room."""
+"""The folders of streams' journals, one for each stream; the oldest are removed."""
 
 from __future__ import annotations
 

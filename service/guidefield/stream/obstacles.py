@@ -1,4 +1,4 @@
-"""What a stream knows of obstacles: shapes that are made once, and where they were seen, rewritten in place."""
+"""The obstacles of a stream: shapes made once, and observed places, rewritten in the same arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a request to open a stream asks for, as values: the robot among what rests, its limits and tolerances."""
+"""The values of a request to open a stream: the robot in its scene at rest, its limits and tolerances."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Opened:
         )
 
 
-def opened(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
+def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
     """The values of a request.
 
     Args:

@@ -92,7 +92,7 @@ def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
         elif isinstance(entry, Halted):
             stream.stop()
         elif isinstance(entry, Updated):
-            was = entry.piece or entry.state or _told(entry)
+            was = entry.piece or entry.state or _describe(entry)
             now = _updated(stream, entry)
             updates, pieces = updates + 1, pieces + isinstance(now, Piece)
             if now != was:
@@ -100,7 +100,7 @@ def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
     return Replayed(updates, pieces)
 
 
-def _told(entry: Updated) -> str | None:
+def _describe(entry: Updated) -> str | None:
     return None if entry.refused is None else entry.refused.message
 
 

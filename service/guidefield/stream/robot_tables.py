@@ -55,7 +55,7 @@ def judged_robot(group: PlanningGroup, own: np.ndarray) -> JudgedRobot:
         else:
             hulls = [cut.hull, *(cut.parts if len(cut.parts) > 1 else ())]
             solids = [polytope(np.asarray(part.hull.vertices)) for part in hulls]
-        bodies.append([_moved(one, shape.placement) for one in solids])
+        bodies.append([_transform(one, shape.placement) for one in solids])
     counts = [len(one) for one in bodies]
     solids_table = solids_of([solid for one in bodies for solid in one])
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -70,7 +70,7 @@ def judged_robot(group: PlanningGroup, own: np.ndarray) -> JudgedRobot:
     return read_only_views(robot)
 
 
-def _moved(solid: Convexes, placement: Any) -> Convexes:
+def _transform(solid: Convexes, placement: Any) -> Convexes:
     points = solid.points @ placement.rotation.T + placement.translation
     return Convexes(solid.count, points, solid.disc, solid.axis @ placement.rotation.T, solid.rounding)
 

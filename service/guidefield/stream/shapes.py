@@ -52,7 +52,7 @@ class Convexes(ReadOnly):
         radii = np.maximum.reduceat(far, starts)
         return np.column_stack([centres, (radii + self.disc + self.rounding) * (1.0 + 1e-12)])
 
-    def ordered(self, order: np.ndarray) -> Convexes:
+    def reorder(self, order: np.ndarray) -> Convexes:
         """The same in another order, indices of shape (n,); all must have as many points."""
         points = self.points.reshape(len(self.count), -1, 3)[order].reshape(-1, 3)
         return Convexes(self.count[order], points, self.disc[order], self.axis[order], self.rounding[order])
@@ -65,14 +65,14 @@ def polytope(points: np.ndarray, rounding: float = 0.0) -> Convexes:
     )
 
 
-def joined(parts: Sequence[Convexes]) -> Convexes:
+def join_convexes(parts: Sequence[Convexes]) -> Convexes:
     """Several one after the other."""
     return Convexes(*(np.concatenate([getattr(part, name) for part in parts]) for name in Convexes.__annotations__))
 
 
 def solids_of(several: Sequence[Convexes]) -> Solids:
     """Several one after the other, as the judge knows them."""
-    parts = joined(several)
+    parts = join_convexes(several)
     first = (np.cumsum(parts.count) - parts.count).astype(np.int64)
     balls = np.concatenate([one.balls for one in several])
     arrays = (parts.points, parts.disc, parts.axis, parts.rounding, balls)
@@ -173,7 +173,7 @@ def _triangles(corners: np.ndarray, closed: bool) -> JudgedShape:
     """Of triangles (t, 3, 3)."""
     count = len(corners)
     solids = Convexes(np.full(count, 3), corners.reshape(-1, 3), np.zeros(count), np.zeros((count, 3)), np.zeros(count))
-    solids = solids.ordered(curve_order(corners.mean(axis=1)))
+    solids = solids.reorder(curve_order(corners.mean(axis=1)))
     nodes, links = _tree(solids.balls)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     boxes = _box_rows((0.5 * (low + high))[None], (0.5 * (high - low))[None], np.zeros(1))

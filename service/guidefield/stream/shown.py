@@ -156,7 +156,7 @@ class _Motions:
 
     def at(self, one: Updated, now: float) -> np.ndarray:
         """Position columns (k,) at a time [s]: as the client told, or as the piece has it that is executed."""
-        number = one.update.executing if one.update.executing is not None else self._begun(now)
+        number = one.update.executing if one.update.executing is not None else self._find_begun(now)
         piece = self._pieces.get(number)
         if piece is None:
             commit = self._commits.get(number, self._commits[max(self._commits)])
@@ -180,7 +180,7 @@ class _Motions:
         piece = self._pieces.get(number)
         return piece.stops if piece is not None else self._commits.get(number, self._commits[max(self._commits)]).stops
 
-    def _begun(self, now: float) -> int:
+    def _find_begun(self, now: float) -> int:
         """The last piece that has begun."""
         begun = [number for number, piece in self._pieces.items() if piece.begins <= now]
         return max(begun, default=max(self._commits))

@@ -35,7 +35,7 @@ from guidefield.stream.dodging import flights, pressure_at
 from guidefield.stream.follow import Way
 from guidefield.stream.goals import goals_of
 from guidefield.stream.obstacles import Obstacles
-from guidefield.stream.opening import opened
+from guidefield.stream.opening import read_opening
 from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
 from guidefield.stream.state import (
@@ -104,7 +104,7 @@ class CertifiedStream:
     ) -> None:
         for kernels in KERNELS:
             load(kernels)
-        self._opened = asked = opened(request, robot, scene)
+        self._opened = asked = read_opening(request, robot, scene)
         self.request = request
         self.group, self.scene = asked.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
@@ -348,7 +348,7 @@ class CertifiedStream:
         """
         shapes, places, _ = self._obstacles.judged(STREAM.reserve)
         executed = one_after_another(self._state.find_executed(time))
-        return self._judge.told(executed, shapes, places, STREAM.evaluations, since=time)
+        return self._judge.judge(executed, shapes, places, STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
         """Take what an update says of obstacles; whether one is new.
@@ -522,7 +522,7 @@ class CertifiedStream:
     def _prove(self, cycle: _Cycle, commit: Commit, reserved: bool) -> bool:
         """Whether a commit is proven; the cycle keeps the first refusal."""
         places = cycle.reserved if reserved else cycle.places
-        told = self._judge.told(commit, cycle.shapes, places, STREAM.evaluations)
+        told = self._judge.judge(commit, cycle.shapes, places, STREAM.evaluations)
         cycle.evaluations = told.evaluations
         if told.free and not self._is_seen_far_enough(cycle, commit):
             told = Told(Judgement.UNDECIDED, told.evaluations, -1, commit.stops)

@@ -1,4 +1,4 @@
-"""When a way that is planned beside the cycle is taken over: counted, as soon as it is found, or as it was before."""
+"""The cycle in which a stream takes over a path that is planned beside it: counted, once it is found, or replayed."""
 
 from __future__ import annotations
 

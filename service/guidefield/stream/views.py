@@ -1,4 +1,4 @@
-"""What kernels only read, as views that can't be written: who owns an array goes on writing it."""
+"""Read-only views of arrays for kernels; the owner of an array goes on writing it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who hears what a stream is asked and answers, in order: enough to do all of it again."""
+"""The interface of observers of a stream: they get its updates and answers in order, enough to replay it."""
 
 from __future__ import annotations
 

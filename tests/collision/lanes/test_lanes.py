@@ -181,12 +181,12 @@ def test_a_shortened_path_is_free_where_it_was_and_no_longer() -> None:
             ways.append(z)
     path = np.array(ways[:9])
     assert len(path) == 9
-    short = lanes.shortened(path, 32.0)
+    short = lanes.shorten(path, 32.0)
     np.testing.assert_array_equal(short[[0, -1]], path[[0, -1]])
     assert lanes.free_until(short, 32.0) == len(short) - 1
     before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (path, short))
     assert after < 0.9 * before
-    np.testing.assert_array_equal(short, lanes.shortened(path, 32.0))
+    np.testing.assert_array_equal(short, lanes.shorten(path, 32.0))
 
 
 def test_a_straight_path_loses_its_inner_points() -> None:
@@ -194,11 +194,11 @@ def test_a_straight_path_loses_its_inner_points() -> None:
     free = draw(lanes.world.group, 200, 11)
     z = free[~lanes.touching(free)][0]
     line = z + np.linspace(0.0, 0.02, 7)[:, None]
-    np.testing.assert_array_equal(lanes.shortened(line, 32.0), line[[0, -1]])
+    np.testing.assert_array_equal(lanes.shorten(line, 32.0), line[[0, -1]])
     # however it lies in memory, and where nothing can be left out
-    np.testing.assert_array_equal(lanes.shortened(np.asfortranarray(line), 32.0), line[[0, -1]])
+    np.testing.assert_array_equal(lanes.shorten(np.asfortranarray(line), 32.0), line[[0, -1]])
     for few in (line[:1], line[:2]):
-        np.testing.assert_array_equal(lanes.shortened(few, 32.0), few)
+        np.testing.assert_array_equal(lanes.shorten(few, 32.0), few)
 
 
 def test_allowed_contacts_are_allowed() -> None:

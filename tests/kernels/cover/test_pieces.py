@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from guidefield.geometry.curve_order import curve_order
-from guidefield.geometry.elements import Pieces, bisected, gathered, joined
+from guidefield.geometry.elements import Pieces, bisected, gathered, join_pieces
 from tests.geometry import solids
 
 MESHES = {
@@ -30,7 +30,7 @@ def plainly_bisected(pieces: Pieces, size: float) -> Pieces:
         middle = 0.5 * (a + b)
         corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
         sources = np.tile(sources, 2)
-    return joined(done)
+    return join_pieces(done)
 
 
 def pieces(name: str) -> Pieces:

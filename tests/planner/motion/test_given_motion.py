@@ -77,7 +77,7 @@ def test_shares_of_limits_are_those_of_dense_samples(seed: int, kind: CurveKind)
         assert there.max() == pytest.approx(use.share, rel=2e-2)
     if kind is CurveKind.HERMITE:
         assert uses.jerk.steps
-        assert not uses.jerk.kept
+        assert not uses.jerk.is_within
     else:
         jerks = np.abs(np.diff(accelerations, axis=0)).max() / (dense[1] - dense[0]) / 100.0
         assert uses.jerk.share == pytest.approx(jerks, rel=0.05)
@@ -87,7 +87,7 @@ def test_jerk_has_no_share_where_nothing_limits_it() -> None:
     assert limit_shares(random_motion(1), ARM, None).jerk.share is None
     unlimited = limit_shares(random_motion(1, CurveKind.SPLINE), ARM, np.full(ARM.nv, np.inf))
     assert unlimited.jerk.share is None
-    assert unlimited.jerk.kept
+    assert unlimited.jerk.is_within
 
 
 @settings(max_examples=30, deadline=None)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from guidefield.bounded_map import MESH_TREES, BoundedMap
+from guidefield.bounded_map import MESH_TREES, TRIANGULATIONS, BoundedMap
 from guidefield.collision import convex_parts as trees
 from guidefield.collision.preparation import prepare
 from guidefield.deadline import Deadline, DeadlineExpired
@@ -23,6 +23,7 @@ from guidefield.robot.bodies.by_shape import ShapeTask
 from guidefield.robot.bodies.convex_parts import convex_parts, known_parts
 from guidefield.robot.bodies.sphere_cover import coverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog
+from guidefield.robot.model import shapes
 from tests.geometry import solids
 from tests.robot.odd_meshes import odd, stl
 from tests.robots import box_arm, load
@@ -36,6 +37,7 @@ def _cold(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(trees, "_KNOWN", BoundedMap(MESH_TREES))
+    monkeypatch.setattr(shapes, "_HULLS", BoundedMap(TRIANGULATIONS))
 
 
 def many(folder: Path, count: int = 6) -> UrdfFile:

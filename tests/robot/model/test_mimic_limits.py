@@ -14,7 +14,7 @@ from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import FURTHEST, limit_faults
 from guidefield.robot.model.followers import follow
 from guidefield.scene.scene import build
-from guidefield.stream.opening import opened
+from guidefield.stream.opening import read_opening
 from tests.robots import load
 
 BODY = '<link name="l{i}"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>'
@@ -199,7 +199,7 @@ def test_a_stream_keeps_the_limits_of_followers():
     robot, scene = load(UrdfText(text=geared()["text"])), build(Scene("empty", obstacles=[]))
     for limits, velocity in (({}, 1 / 2.4), ({"b": JointLimits(velocity=0.5)}, 0.5 / 2.4)):
         request = StreamOpen(robot=UrdfText(text=geared()["text"]), scene="empty", start={"a": 0.0}, limits=limits)
-        assert opened(request, robot, scene).group.velocity_limits == pytest.approx([velocity])
+        assert read_opening(request, robot, scene).group.velocity_limits == pytest.approx([velocity])
 
 
 def test_the_listing_has_the_limits_that_hold():

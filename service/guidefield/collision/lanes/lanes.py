@@ -167,9 +167,7 @@ class BatchCollision:
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
-    def shortened(
-        self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES
-    ) -> ChartPoints:
+    def shorten(self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> ChartPoints:
         """A path with the same ends that is no longer; free by samples where it was.
 
         Args:

@@ -17,7 +17,7 @@ from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.decomposition import Decomposition, Part
 from guidefield.geometry.directions import furthest, spread_and_axes, spread_directions
 from guidefield.geometry.mesh_tree import polytope_about
-from guidefield.geometry.placements import moved
+from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
 from guidefield.kernels.collide.parts import SURFACE, Parts
 from guidefield.kernels.cover.beyond_planes import not_beyond
@@ -118,12 +118,12 @@ def link_tables(group: PlanningGroup) -> LinkTables:
         pieces.append(nodes)
         anchor = surfaces.anchor if shape.parentJoint == 0 else np.zeros(3)
         frames.append(np.c_[turned.rotation, anchor].ravel())
-        covers.append(_moved(placement, ball.cover.spheres))
+        covers.append(_place_balls(placement, ball.cover.spheres))
         open_mesh = len(ball.inner) == 0 and isinstance(shape.geometry, coal.BVHModelBase)
-        inners.append(_moved(placement, _surface_points(shape.geometry) if open_mesh else ball.inner))
-        grouped.append(_moved(placement, ball.cover.groups))
+        inners.append(_place_balls(placement, _surface_points(shape.geometry) if open_mesh else ball.inner))
+        grouped.append(_place_balls(placement, ball.cover.groups))
         sizes.append(np.diff(ball.cover.first))
-        bounds.append(_moved(placement, ball.cover.bound[None]))
+        bounds.append(_place_balls(placement, ball.cover.bound[None]))
     joints, parts, all_roots = _joints(group, turns), table.tables(), np.array(roots, np.int64)
     placed, balls_of = np.array(frames).reshape(-1, 12), (covers, inners, grouped, bounds)
     return LinkTables(joints, parts, all_roots, pieces, surfaces, placed, balls_of, sizes)
@@ -141,7 +141,7 @@ def _add_hulls(table: PartsTable, shape: Any, cut: Decomposition | None, placeme
     if cut is None:
         hull = hull_vertices(shape)
         about = _box_about(shape.vertices()) if hull is None else polytope_about(hull)
-        root = table.add_hull(moved(placement, about))
+        root = table.add_hull(transform_points(placement, about))
         return root, np.array([root])
     surface = triangulation(shape)
     found = [(part, _surface_of(*surface, part)) for part in cut.parts]
@@ -149,9 +149,9 @@ def _add_hulls(table: PartsTable, shape: Any, cut: Decomposition | None, placeme
     hulls = [part for part, _ in found] if len(found) == 1 else [cut.hull, *(part for part, _ in found)]
     nodes = []
     for index, part in enumerate(hulls):
-        nodes.append(table.add_hull(moved(placement, polytope_about(np.asarray(part.hull.vertices)))))
+        nodes.append(table.add_hull(transform_points(placement, polytope_about(np.asarray(part.hull.vertices)))))
         if index > 0:
-            table.add_hull(moved(placement, found[index - 1][1]), SURFACE)
+            table.add_hull(transform_points(placement, found[index - 1][1]), SURFACE)
     return nodes[0], np.array(nodes[len(nodes) > 1 :])
 
 
@@ -365,7 +365,7 @@ def _form(parent: int, turn: np.ndarray) -> tuple[int, np.ndarray, float]:
     return PLAIN, turn, 0.0
 
 
-def _moved(placement: Any, balls: np.ndarray) -> np.ndarray:
+def _place_balls(placement: Any, balls: np.ndarray) -> np.ndarray:
     return np.column_stack([balls[:, :3] @ placement.rotation.T + placement.translation, balls[:, 3]])
 
 

@@ -26,7 +26,7 @@ from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_surface import own_hull
 from guidefield.geometry.mesh_tree import mesh_tree
-from guidefield.geometry.placements import moved
+from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.layout import CLOUD, LaneObstacles
 from guidefield.kernels.collide.parts import FIRST_BLOCK, SHAPE, Parts
 from guidefield.kernels.collide.primitive import BOX, CENTRE, HALVES, PRIMITIVE, ROUND
@@ -90,21 +90,21 @@ def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
         return None
     memory, begins = known.memory
     layout = scene_memory(len(known.owners), len(known.owners))
-    moved = np.empty_like(memory)
-    there = -moved.ctypes.data % LINE
+    transform_points = np.empty_like(memory)
+    there = -transform_points.ctypes.data % LINE
     end = 8 * layout.size - LINE
-    moved.view(np.uint8)[there : there + end] = memory.view(np.uint8)[begins : begins + end]
-    views = layout.views(moved, there)
+    transform_points.view(np.uint8)[there : there + end] = memory.view(np.uint8)[begins : begins + end]
+    views = layout.views(transform_points, there)
     for index in rows.fresh:
-        if not _put(views, index, *_primitives(rows_of([scene.obstacles[index]]), np.zeros(1, np.int64)).tables):
+        if not _overwrite(views, index, *_primitives(rows_of([scene.obstacles[index]]), np.zeros(1, np.int64)).tables):
             return None
-    moved.setflags(write=False)
-    words = moved.ctypes.data + there + layout.offsets
+    transform_points.setflags(write=False)
+    words = transform_points.ctypes.data + there + layout.offsets
     words[0] = known.words[0]
-    return _in_memory(known.owners, words, layout, moved, there)
+    return _in_memory(known.owners, words, layout, transform_points, there)
 
 
-def _put(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Parts) -> bool:
+def _overwrite(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Parts) -> bool:
     """Write a primitive over another one in the tables of many; False if that is of another kind."""
     if views["kinds"][index] != one.kinds[0]:
         return False
@@ -304,7 +304,7 @@ def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarr
             table.add_tree(tree)
             nodes, members = tree.clusters[CLUSTER]
         elif hull is not None:
-            table.add_hull(moved(obstacle.placement, hull))
+            table.add_hull(transform_points(obstacle.placement, hull))
             nodes, members = np.zeros(1, np.int64), np.arange(len(some))[None]
         places.append(_places_of(root + nodes)[:, :3])
         rows.append(cluster_rows(some, members))

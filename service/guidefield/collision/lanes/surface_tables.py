@@ -45,9 +45,9 @@ def large_surface(obstacle: Obstacle) -> Arrays:
     def write(room: Room) -> Arrays:
         corners = np.take(obstacle.vertices, obstacle.triangles, axis=0)
         boxed = boxed_count(len(corners)) if obstacle.solid else 0
-        return _written(corners, boxed, room)
+        return _write_boxed_tree(corners, boxed, room)
 
-    return _kept("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
+    return _write_or_recall("lanes", obstacle, write, {"place": np.array(obstacle.placement.homogeneous, float)})
 
 
 def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
@@ -61,11 +61,11 @@ def cloud_parts(obstacle: Obstacle, cloud: Cloud) -> Parts:
         made["balls"].reshape(-1, BALL_ROW)[:, RADIUS] += cloud.radius
         return made
 
-    made = _kept("balls", obstacle, write, {"radius": np.array(cloud.radius)})
+    made = _write_or_recall("balls", obstacle, write, {"radius": np.array(cloud.radius)})
     return Parts(**{name: made[name] for name in Parts._fields})
 
 
-def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: Arrays) -> Arrays:
+def _write_or_recall(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: Arrays) -> Arrays:
     """What is written, read-only; of a large obstacle from disk if it was asked for before."""
     content = obstacle.recipe.content
     if content and is_large(obstacle.faces):
@@ -75,7 +75,7 @@ def _kept(kind: str, obstacle: Obstacle, write: Callable[[Room], Arrays], more: 
     return made
 
 
-def _written(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
+def _write_boxed_tree(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
     """The tables of triangles (t, 3, 3) in the world, with boxes about so many large nodes: all of them, or none.
 
     About what is closed many places are nearly as far from much of it, and balls about large nodes tell little.
@@ -89,11 +89,11 @@ def _written(corners: np.ndarray, boxed: int, room: Room) -> Arrays:
         rows = cluster_rows(corners, cluster[1])
         made["nodes"][:], made["primitives"][:], made["boxes"][:] = cluster[0], rows, boxes_about(rows)
 
-    def found(cluster: Cluster) -> None:
+    def keep(cluster: Cluster) -> None:
         nodes.append(cluster[0])
         about.append(box_corners(corners, cluster[1]))
 
-    told = (found,) if boxed else ()
+    told = (keep,) if boxed else ()
     _write_tree(corners, made, lambda clusters: stand_in(clusters[CLUSTER]), *told)
     if boxed:
         write_boxes(np.concatenate(nodes), np.concatenate(about), made)

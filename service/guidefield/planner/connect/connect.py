@@ -148,7 +148,7 @@ def shorter(
         problem.counters.iterations += found.iterations
         problem.counters.collision_checks += found.motions
         if found.path is not None:
-            candidate = lanes.shortened(found.path, rounds.resolution, clearance + rounds.margin)
+            candidate = lanes.shorten(found.path, rounds.resolution, clearance + rounds.margin)
             if length_of(candidate, units) < bound and accepted(candidate):
                 path = candidate
         done += 1
@@ -219,7 +219,7 @@ def connect(
         problem.tell(TreeGrown(found.trees))
         if found.path is None:
             break
-        path = lanes.shortened(found.path, resolution, clearance + margin)
+        path = lanes.shorten(found.path, resolution, clearance + margin)
         if accepted(path):
             message = f"found by a tree in {found.iterations} iterations"
             if problem.optimization_iterations:

@@ -129,7 +129,7 @@ class _Search:
             problem.tell(TreeGrown(found.trees))
             if found.path is None:
                 return
-            way = lanes.shortened(found.path, TREE.resolution, clearance + MARGIN * problem.group.size)
+            way = lanes.shorten(found.path, TREE.resolution, clearance + MARGIN * problem.group.size)
         self.found.append((self.score(way), way))
 
 

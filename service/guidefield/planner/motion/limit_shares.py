@@ -40,7 +40,7 @@ class Use:
     steps: bool = False
 
     @property
-    def kept(self) -> bool:
+    def is_within(self) -> bool:
         """True if no limit is exceeded."""
         return not self.steps and (self.share is None or self.share <= KEPT)
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import World
-from guidefield.geometry.placements import moved
+from guidefield.geometry.placements import transform_points
 from guidefield.messages import scene as messages
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.task.problem import Problem
@@ -97,7 +97,7 @@ def _standing(one: Obstacle, time: float) -> Obstacle:
         return obstacles.build(_box_about(one, time), 0)
     if one.cloud is not None and len(one.cloud.points) > SCHEDULE.most_points:
         few = covering(one.cloud, SCHEDULE.most_points)
-        points = moved(one.placement_at(time), few.points).tolist()
+        points = transform_points(one.placement_at(time), few.points).tolist()
         return obstacles.build(messages.PointCloud(name=one.name, points=points, radius=few.radius), 0)
     return obstacles.build(posed(one.message, one.motion.at(time)), 0)
 

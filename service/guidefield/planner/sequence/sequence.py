@@ -133,7 +133,7 @@ def plan_sequence(
         deadline: How long planning may go on.
         observer: Who watches; hears of all joints.
     """
-    return _Planning(course, start, whole, deadline, observer).done()
+    return _Planning(course, start, whole, deadline, observer).plan()
 
 
 class _Planning(Generic[S]):
@@ -152,14 +152,14 @@ class _Planning(Generic[S]):
         self._seconds: dict[str, float] = {}
         self._warnings: list[str] = []
 
-    def done(self) -> SequencePlan[S]:
+    def plan(self) -> SequencePlan[S]:
         """Plan all steps and judge what came of them."""
         for index in range(len(self._course)):
             self._observer.observe(Note(f"step {index} begins"))
             try:
                 failed = self._step(index)
             except DeadlineExpired as late:
-                failed = self._refused(_late(index, late), index, self._at)
+                failed = self._make_refusal(_late(index, late), index, self._at)
             if failed is not None:
                 return failed
         return self._certified()
@@ -169,7 +169,7 @@ class _Planning(Generic[S]):
         course, at = self._course, self._at
         if index and (status := self._deadline.status()) is not None:
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
-            return self._refused(Refused(index, ending), index, at)
+            return self._make_refusal(Refused(index, ending), index, at)
         began = time.perf_counter()
         conditions, motion = course.conditions(index, at), course.motion(index, at, self._composition.end)
         self._spend("load", began)
@@ -179,7 +179,7 @@ class _Planning(Generic[S]):
             embedding = Embedding.of(group, motion.problem.z_start, self._whole, self._z)
             made = self._planned(index, motion, embedding)
             if isinstance(made, Refused):
-                return self._refused(made, index, at)
+                return self._make_refusal(made, index, at)
             self._add(made.stages, made.seconds, made.warnings, index)
             path = embedding.points(made.path)
             if made.status is not Status.SUCCESS or made.trajectory is None:
@@ -201,7 +201,7 @@ class _Planning(Generic[S]):
         """Put the motions up to the end of a step together, and its pause."""
         begin, moved = self._composition.end, self._moved
         if len(moved) > 1:
-            self._joined(index + 1 - len(moved))
+            self._join_motions(index + 1 - len(moved))
         elif moved:
             self._composition.move(moved[0].trajectory, moved[0].embedding)
             self._legs[-1] = dataclasses.replace(self._legs[-1], straight=(begin, self._composition.end))
@@ -212,7 +212,7 @@ class _Planning(Generic[S]):
         )
         self._moved = []
 
-    def _joined(self, first: int) -> None:
+    def _join_motions(self, first: int) -> None:
         """Join the motions of steps, all but the last of which are passed."""
         moved, legs = self._moved, self._legs[first:]
         parts = [self._part(first + k, one) for k, one in enumerate(moved)]
@@ -272,7 +272,7 @@ class _Planning(Generic[S]):
             trajectory=trajectory,
             stretches=tuple(stretches[: len(verdicts)]) if ended.status is not Status.SUCCESS else tuple(stretches),
             permissions=tuple(permissions),
-            **self._told(),
+            **self._describe(),
         )
 
     def _parts(self) -> tuple[Trajectory, list[Stretch], list[Allowed]]:
@@ -302,7 +302,7 @@ class _Planning(Generic[S]):
         ]
         return trajectory, stretches, permissions
 
-    def _refused(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
+    def _make_refusal(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
         """The end where a step has no end that it could be done by."""
         base = self._z
         verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base, self._composition.end))
@@ -323,7 +323,7 @@ class _Planning(Generic[S]):
             path=path,
             verdicts=(verdict,),
             failed_at=at,
-            **self._told(),
+            **self._describe(),
         )
 
     def _add(
@@ -340,7 +340,7 @@ class _Planning(Generic[S]):
         """Count the time since some moment, by `time.perf_counter()` [s], under a stage's name."""
         self._seconds[stage] = self._seconds.get(stage, 0.0) + time.perf_counter() - began
 
-    def _told(self) -> dict[str, Any]:
+    def _describe(self) -> dict[str, Any]:
         """What is told of every sequence."""
         return {
             "stages": tuple(self._stages),

@@ -101,7 +101,7 @@ class _Frame:
         self._data = group.model.createData()
         self._widths = np.abs(group.expand_velocity)
 
-    def placed(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
+    def place_frame(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
         """Where the frame is at a chart point (nv,), a pinocchio.SE3, and its Jacobian (6, nv of the model) there."""
         model, q = self._group.model, self._group.expand_from_chart(z)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -110,7 +110,7 @@ class _Frame:
 
     def off(self, z: ChartPoint) -> Deviation:
         """How far the frame is off its way at a chart point (nv,)."""
-        return self._off(self.placed(z)[0])
+        return self._off(self.place_frame(z)[0])
 
     def _off(self, placement: Any) -> Deviation:
         way = self._way
@@ -123,7 +123,7 @@ class _Frame:
         way, curves = self._way, np.array(controls)
         low, high = curves.min(axis=1), curves.max(axis=1)
         middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
-        placements, each = zip(*(self.placed(cast(ChartPoint, z)) for z in middles), strict=True)
+        placements, each = zip(*(self.place_frame(cast(ChartPoint, z)) for z in middles), strict=True)
         jacobians = np.array(each)
         moves = (curves - middles[:, None]) @ (jacobians @ self._group.expand_velocity).swapaxes(1, 2)
         shifts, rotations = np.split(moves, 2, axis=2)

@@ -1,4 +1,4 @@
-"""What is found once for each collision shape of a robot and kept on disk: in any order, several at once."""
+"""Searches made once for each collision shape of a robot, in parallel and in any order, and kept on disk."""
 
 from __future__ import annotations
 

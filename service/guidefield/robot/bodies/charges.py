@@ -115,13 +115,13 @@ _SURFACES: dict[type, Callable[[Any], tuple[np.ndarray, np.ndarray]]] = {
 
 def _charged(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> ChargedShape:
     inputs = {"vertices": vertices, "triangles": triangles, "spacing": np.array([spacing, least])}
-    found = remembered("charges", inputs, lambda: _found(vertices, triangles, spacing, least))
+    found = remembered("charges", inputs, lambda: _find_charges(vertices, triangles, spacing, least))
     (radius,) = found["radius"].tolist()
     p0, p1 = found["axis"]
     return ChargedShape(found["points"], found["weights"], Capsule(p0, p1, radius))
 
 
-def _found(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> Arrays:
+def _find_charges(vertices: np.ndarray, triangles: np.ndarray, spacing: float, least: float) -> Arrays:
     capsule = fit_capsule(vertices)
     # a thin edge must not slip between the points of a thin link
     across = max(2.0 * capsule.radius, least)

@@ -54,10 +54,10 @@ def _question(shape: Any, most: int, unit: float) -> Question | None:
         "limits": np.array([WIDEST_GAP, TIGHT]),
         "most": np.array(most),
     }
-    return "parts", inputs, lambda: _stored(_found(vertices, triangles, most))
+    return "parts", inputs, lambda: _stored(_find_parts(vertices, triangles, most))
 
 
-def _found(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
+def _find_parts(vertices: np.ndarray, triangles: np.ndarray, most: int) -> tuple[Part, ...]:
     """The hull and the parts; nothing of what is flat."""
     try:
         found = decompose(filled_solid_of_mesh(vertices, triangles, WIDEST_GAP), TIGHT, most)

@@ -39,14 +39,14 @@ class Entry:
 @functools.cache
 def entries() -> dict[str, Entry]:
     """Every name, in alphabetical order: found URDFs, a card of ours over them where there is one."""
-    return dict(sorted({**_found(), **_ours()}.items()))
+    return dict(sorted({**_find_entries(), **_ours()}.items()))
 
 
 def _robots() -> Path:
     return catalog_share() / CATALOG_PACKAGE / "robots"
 
 
-def _found() -> dict[str, Entry]:
+def _find_entries() -> dict[str, Entry]:
     """The URDFs of example-robot-data by the names of their files, or of their packages where files share a name."""
     robots = _robots()
     urdfs = sorted(robots.glob("*/*/*.urdf"))

@@ -95,7 +95,7 @@ def check_placements(
     named = {name: index for index, name in enumerate(body_names(model))}
     frames = {name: robot.model.getFrameId(name, pin.FrameType.BODY) for name in named}
     behind = {f"{link}_{number}": geom for link, some in geoms.items() for number, geom in enumerate(some)}
-    for q in (robot.rest, *(_drawn(robot, rng) for _ in range(TRIALS))):
+    for q in (robot.rest, *(_draw_configuration(robot, rng) for _ in range(TRIALS))):
         data.qpos[:] = mujoco_configuration(robot, model, joints, q)
         mujoco.mj_kinematics(model, data)
         pin.framesForwardKinematics(robot.model, placed, q)
@@ -136,7 +136,7 @@ def _compare(what: str, ours: Any, position: np.ndarray, rotation: np.ndarray) -
         raise RobotInvalid(f"MJCF: {what} stands elsewhere than MuJoCo has it, by {apart:.3g}; please report this file")
 
 
-def _drawn(robot: RobotModel, rng: np.random.Generator) -> RobotConfiguration:
+def _draw_configuration(robot: RobotModel, rng: np.random.Generator) -> RobotConfiguration:
     """A configuration within the limits, shape (nq,); joints that follow others where they belong."""
     q: RobotConfiguration = pin.integrate(robot.model, robot.rest, rng.uniform(-FAR, FAR, robot.model.nv))
     for joint in robot.joints:

@@ -1,4 +1,4 @@
-"""What is found once for all groups of a robot that are alike: every request makes a group of its own."""
+"""Results shared by all alike groups of a robot, as every request makes a group of its own."""
 
 from __future__ import annotations
 

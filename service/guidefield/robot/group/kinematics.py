@@ -1,4 +1,4 @@
-"""Where frames are and how they move: placements and Jacobians of a planning group."""
+"""Forward kinematics of a planning group: placements and Jacobians of its frames."""
 
 from __future__ import annotations
 

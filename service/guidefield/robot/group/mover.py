@@ -1,4 +1,4 @@
-"""How a planning group's joints move its model, as tables for the kernels."""
+"""Tables for the kernels of the motion of a model by a planning group's joints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a frame has to keep along a motion: its axis in a cone, its origin near a plane, line or point, an even turn.
+"""Path constraints of a frame: its axis in a cone, its origin near a plane, line or point, an even turn.
 
 Each is one number that must not exceed a limit, with its gradient, and a bound of how much it changes while the frame
 turns and moves by no more than so much.
@@ -44,7 +44,7 @@ class PathConstraint(Protocol):
         """The most that it changes while the origin moves by `shift` [m] and the frame turns by `turn` [rad]."""
         ...
 
-    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
+    def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
         """The parts of linear and angular velocity that change it there, each as rows of an orthogonal projection.
 
         Both are of shape (k, 3).
@@ -52,7 +52,7 @@ class PathConstraint(Protocol):
         """
         ...
 
-    def told(self, value: float) -> str:
+    def describe(self, value: float) -> str:
         """A value of the number beyond the limit, in words [rad or mm]."""
         ...
 
@@ -91,12 +91,12 @@ class Cone:
         """As much as the frame turns."""
         return turn
 
-    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
+    def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
         """As in `PathConstraint`, shape (3, 3) each: a turn about the axis itself leaves it where it is."""
         axis = placement.rotation @ self.axis
         return np.eye(3), np.eye(3) - np.outer(axis, axis)
 
-    def told(self, value: float) -> str:
+    def describe(self, value: float) -> str:
         """As in `PathConstraint`."""
         return f"the axis of {self.frame!r} is {value:.4g} rad off, {self.limit:.4g} rad are allowed"
 
@@ -131,11 +131,11 @@ class Near:
         """As much as the origin moves."""
         return shift
 
-    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
+    def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
         """As in `PathConstraint`, shapes (k, 3) and (3, 3): motion along the plane or line leaves the distance."""
         return self.across, np.eye(3)
 
-    def told(self, value: float) -> str:
+    def describe(self, value: float) -> str:
         """As in `PathConstraint`."""
         what = ("plane", "line", "point")[len(self.across) - 1]
         return f"{self.frame!r} is {1e3 * value:.1f} mm from the {what}, {1e3 * self.limit:.1f} mm are allowed"
@@ -215,11 +215,11 @@ class EvenTurn:
         """As much as the frame turns, and as the even turn does on so much of the way."""
         return turn + shift * float(np.linalg.norm(self.turn) * np.linalg.norm(self.by_place))
 
-    def counted(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
+    def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:  # noqa: ARG002 - it is the same everywhere
         """As in `PathConstraint`, shape (3, 3) each: all of both."""
         return np.eye(3), np.eye(3)
 
-    def told(self, value: float) -> str:
+    def describe(self, value: float) -> str:
         """As in `PathConstraint`."""
         return f"{self.frame!r} is turned by {value:.4g} rad from its even turn, {self.limit:.4g} rad are allowed"
 

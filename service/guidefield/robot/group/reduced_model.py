@@ -76,7 +76,7 @@ def _reduce(
     placement: Any,
 ) -> dict[str, Any]:
     """What groups have in common that are alike, as `PlanningGroup` names it; but not the robot itself."""
-    model, geometry = _placed(robot, placement)
+    model, geometry = _place_models(robot, placement)
     locked = [j.index for j in robot.joints if j.name not in planned and j.name not in followers]
     model, geometry = lock_joints(model, geometry, locked, q_reference)
     space = model
@@ -181,7 +181,7 @@ def _can_move(joint: Joint) -> bool:
     return not np.array_equal(joint.lower, joint.upper)
 
 
-def _placed(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
+def _place_models(robot: RobotModel, placement: Any) -> tuple[Any, Any]:
     """Copies of the robot's models with its root at a placement in the world."""
     model, geometry = robot.model.copy(), robot.geometry.copy()
     for index in range(1, model.njoints):

@@ -55,15 +55,15 @@ class ChainToTip:
 def chain_to_tip(group: PlanningGroup) -> ChainToTip:
     """The chain to a group's tip; of groups that are alike it is the same, but for where balls' charts start."""
     turns_freely = any(joint.kind in (JointKind.SPHERICAL, JointKind.FLOATING) for joint in group.joints)
-    return _found(group) if turns_freely else _found_once(group)
+    return _find_chain(group) if turns_freely else _found_once(group)
 
 
 @memoized_for_alike
 def _found_once(group: PlanningGroup) -> ChainToTip:
-    return _found(group)
+    return _find_chain(group)
 
 
-def _found(group: PlanningGroup) -> ChainToTip:
+def _find_chain(group: PlanningGroup) -> ChainToTip:
     table = chain_to(group, group.tip_id)
     moved_by = np.count_nonzero(group.expand_velocity, axis=0)
     periods = np.zeros(group.nv)

@@ -118,7 +118,7 @@ def solve(
         reason = f"{more}{_solutions(len(rejected))} from {tried}, all {fault}"
         exhausted = not found.fresh and len(rejected) < SEARCH.most_kept
         return IkResult((), reason, details, rejected, exhausted=exhausted)
-    chosen = _chosen(search, found.accepted, from_starts, len(starts) > 0, count)
+    chosen = _choose(search, found.accepted, from_starts, len(starts) > 0, count)
     solutions = tuple(chosen)
     if len(solutions) == count:
         return IkResult(solutions, "", rejected=rejected)
@@ -174,7 +174,7 @@ def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
     return drawn >= SEARCH.round and not found.fresh
 
 
-def _chosen(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
+def _choose(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
     """As many of some chart points (n, nv) as are asked for, far from each other; then the same by whole turns.
 
     Args:

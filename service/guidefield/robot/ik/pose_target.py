@@ -1,4 +1,4 @@
-"""Where a tip is to be brought, and how far from there it may be."""
+"""The target pose of a tip, with tolerances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Why a pose can't be reached: too far away, in another orientation only, or beyond limits of joints only."""
+"""Explain an unreachable pose: too far away, reachable in another orientation only, or beyond limits of joints only."""
 
 from __future__ import annotations
 

@@ -120,13 +120,13 @@ class _Package:
 def _mesh(mesh: Element) -> Triangles:
     rows = [one for group in _children(mesh, "vertices") for one in _children(group, "vertex")]
     faces = [one for group in _children(mesh, "triangles") for one in _children(group, "triangle")]
-    vertices = floats(_written(rows, ("x", "y", "z")), "vertices").reshape(-1, 3)
-    triangles = integers(_written(faces, ("v1", "v2", "v3")), "triangles").reshape(-1, 3)
+    vertices = floats(_write_elements(rows, ("x", "y", "z")), "vertices").reshape(-1, 3)
+    triangles = integers(_write_elements(faces, ("v1", "v2", "v3")), "triangles").reshape(-1, 3)
     check_indices(triangles.reshape(-1), len(vertices))
     return vertices, triangles
 
 
-def _written(elements: list[Element], attributes: tuple[str, ...]) -> bytes:
+def _write_elements(elements: list[Element], attributes: tuple[str, ...]) -> bytes:
     words = [one.get(attribute, "") for one in elements for attribute in attributes]
     if not all(word.strip() for word in words):
         raise MeshFault(f"has a <{_local(elements[0].tag)}> without {', '.join(attributes)}")

@@ -214,15 +214,15 @@ def disabled_pairs(
         warnings.append('the MJCF says <flag contact="disable"/>; contacts count here all the same')
     if masked:
         left = [pair for pair in masked if frozenset(pair) in disabled]
-        still = f", except {len(left)} that touch at rest ({_told(left)})" if left else ""
+        still = f", except {len(left)} that touch at rest ({_describe_pairs(left)})" if left else ""
         warnings.append(
-            f"for contype and conaffinity MuJoCo never tests {len(masked)} pairs of links ({_told(masked)}); "
+            f"for contype and conaffinity MuJoCo never tests {len(masked)} pairs of links ({_describe_pairs(masked)}); "
             f"they are tested here{still}"
         )
     return disabled
 
 
-def _told(pairs: Sequence[tuple[str, str]]) -> str:
+def _describe_pairs(pairs: Sequence[tuple[str, str]]) -> str:
     more = f" and {len(pairs) - 1} more" if len(pairs) > 1 else ""
     return " and ".join(pairs[0]) + more
 

@@ -146,7 +146,7 @@ def _settled_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _S
     settled: dict[int, _Settled] = {}
 
     def settle_one(key: int, mesh: FileMesh) -> None:
-        settled[key] = _settled(mesh, remembered(*hull_question(*mesh, unit)), unit)
+        settled[key] = _settle_mesh(mesh, remembered(*hull_question(*mesh, unit)), unit)
 
     works = []
     for key, mesh in meshes.items():
@@ -154,14 +154,14 @@ def _settled_meshes(meshes: Mapping[int, FileMesh], unit: float) -> dict[int, _S
         if known is None:
             works.append(functools.partial(settle_one, key, mesh))
         else:
-            settled[key] = _settled(mesh, known, unit)
+            settled[key] = _settle_mesh(mesh, known, unit)
     if works:
         load_imported("cover.", "distance.", "linalg.")
         run_queue(iter(works), min(usable_processors(), len(works)))
     return settled
 
 
-def _settled(mesh: FileMesh, found: Arrays, unit: float) -> _Settled:
+def _settle_mesh(mesh: FileMesh, found: Arrays, unit: float) -> _Settled:
     found = hull_in_metres(found, unit)
     (distance,), (filled,) = found["stand_off"].tolist(), found["filled"].tolist()
     if distance <= HULL_STAND_OFF * unit:

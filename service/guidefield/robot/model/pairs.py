@@ -1,4 +1,4 @@
-"""Which pairs of links are tested against each other, and why the others are not."""
+"""The pairs of links that are tested against each other, and the reason for each other pair."""
 
 from __future__ import annotations
 

@@ -159,12 +159,14 @@ def settle(
     search = _Search(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
         freed = search.freed(q)
-        told = _told(links, geometry, at_first)
+        told = _describe_contacts(links, geometry, at_first)
         moved = [j.name for j in joints if not np.allclose(q[_at(j)], freed[_at(j)], rtol=0.0, atol=1e-12)]
         if moved:
             warnings.append(f"{told} in the rest configuration as stated or zero; {', '.join(moved)} are moved for it")
         if left := search.touching(freed):
-            warnings.append(f"{_told(links, geometry, left)} in the rest configuration; none free was found near it")
+            warnings.append(
+                f"{_describe_contacts(links, geometry, left)} in the rest configuration; none free was found near it"
+            )
         q = freed
     q.setflags(write=False)
     return q
@@ -203,7 +205,7 @@ class _Search:
         fallback = None
         for share in SHARES if moving else ():
             for _ in range(DRAWS):
-                trial = _drawn(self._model, self._joints, moving, q, share, rng)
+                trial = _draw_configuration(self._model, self._joints, moving, q, share, rng)
                 if self._touches_none(trial, pair, moved - (touching - {pair}), 0.0):
                     if self._touches_none(trial, pair, moved - (near - {pair}), self._margin):
                         return trial
@@ -244,13 +246,13 @@ class _Search:
         return [joint for joint in self._joints if joint.name in names and joint.mimic is None and joint.nv == 1]
 
 
-def _told(links: Sequence[str], geometry: Any, touching: Sequence[int]) -> str:
+def _describe_contacts(links: Sequence[str], geometry: Any, touching: Sequence[int]) -> str:
     bodies = [geometry.collisionPairs[index] for index in touching]
     pairs = sorted({" and ".join(sorted((links[pair.first], links[pair.second]))) for pair in bodies})
     return f"{pairs[0]} touch" + (f" (and {len(pairs) - 1} more pairs)" if len(pairs) > 1 else "")
 
 
-def _drawn(
+def _draw_configuration(
     model: Any,
     joints: Sequence[Joint],
     moving: Sequence[Joint],

@@ -75,7 +75,7 @@ def _placed_otherwise(robot: RobotModel, root: Any) -> list[str]:
         other = _read(root)
     except Exception as error:  # it raises whatever its Python raises, and a warning is all that comes of it
         return [f"yourdfpy can't read this URDF: {type(error).__name__}: {error}"]
-    q = _bent(robot)
+    q = _choose_configuration(robot)
     given = {joint.name: scalar(joint, q) for joint in _joints(robot) if joint.mimic is None}
     if alone := given.keys() ^ set(other.actuated_joint_names):
         return [f"yourdfpy has other joints to move: {', '.join(sorted(alone))} are not in both"]
@@ -142,7 +142,7 @@ def _placements(other: Any) -> dict[str, np.ndarray]:
     return placed
 
 
-def _bent(robot: RobotModel) -> RobotConfiguration:
+def _choose_configuration(robot: RobotModel) -> RobotConfiguration:
     """A configuration with every joint away from zero and from its limits, shape (nq,); followers where they belong."""
     q = robot.rest.copy()
     for joint in robot.joints:

@@ -162,8 +162,8 @@ class MeshResolver:
         if found is not None:
             return found
         if outside:
-            raise self._refused(uri, "lies outside what is allowed", self.advice)
-        raise self._refused(uri, "was not found", self.advice)
+            raise self._make_refusal(uri, "lies outside what is allowed", self.advice)
+        raise self._make_refusal(uri, "was not found", self.advice)
 
     def package_folder(self, name: str, paths: Sequence[str] = ()) -> Path | None:
         """Return a package's folder, by its own name or that in its `package.xml`; None if there is none.
@@ -193,9 +193,9 @@ class MeshResolver:
         """Return where a file really is, which must be allowed too."""
         real = path.resolve()
         if not _is_within(real, (folder.resolve() for folder in self.folders)):
-            raise self._refused(uri, "is a link that leads outside what is allowed")
+            raise self._make_refusal(uri, "is a link that leads outside what is allowed")
         if not is_text(str(real)):
-            raise self._refused(uri, f"is in a folder whose name isn't UTF-8: {_printable(real)!r}")
+            raise self._make_refusal(uri, f"is in a folder whose name isn't UTF-8: {_printable(real)!r}")
         return real
 
     def _compare(self, uri: str, taken: Path, candidates: Iterable[Path]) -> None:
@@ -224,11 +224,11 @@ class MeshResolver:
         match = self.nearby.find(path, in_package=scheme in PACKAGE_SCHEMES and bool(separator))
         if self.nearby.exhausted and not match.files:
             words = f"was not found, and the folders about it hold too much to search ({MAX_ENTRIES} entries at most)"
-            raise self._refused(uri, words, self.advice)
+            raise self._make_refusal(uri, words, self.advice)
         if len(match.files) > 1:
             listed = ", ".join(map(str, match.files[:MAX_LISTED]))
             more = f" and {len(match.files) - MAX_LISTED} more" if len(match.files) > MAX_LISTED else ""
-            raise self._refused(
+            raise self._make_refusal(
                 uri, f"was not found, and may be any of these different files: {listed}{more}", self.advice
             )
         if not match.files:
@@ -276,7 +276,7 @@ class MeshResolver:
         named = [folder for package, folder in self.packages.items() if package == name]
         return [*named, *(f if f.name == name else f / name for f in (*self.package_dirs, *self.enclosing))]
 
-    def _refused(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
+    def _make_refusal(self, uri: str, why: str, advice: str = "") -> RobotInvalid:
         allowed = [_printable(folder) for folder in self.folders] if self.told is None else list(self.told)
         words = f"{_kind(uri)} {uri!r} {why} (allowed: {', '.join(allowed) or 'nothing'})"
         return RobotInvalid(f"{words}; {advice}" if advice else words, uri=uri, allowed=allowed)

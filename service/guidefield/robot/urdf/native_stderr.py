@@ -1,4 +1,4 @@
-"""What C++ libraries write to the process's stderr, caught, so that their stated reason can be told."""
+"""Capture what C++ libraries write to the process's stderr, to quote their reason in errors."""
 
 from __future__ import annotations
 
