@@ -90,18 +90,18 @@ def _over(known: LaneScene, rows: Rows, scene: Scene) -> LaneScene | None:
         return None
     memory, begins = known.memory
     layout = scene_memory(len(known.owners), len(known.owners))
-    transform_points = np.empty_like(memory)
-    there = -transform_points.ctypes.data % LINE
+    moved = np.empty_like(memory)
+    there = -moved.ctypes.data % LINE
     end = 8 * layout.size - LINE
-    transform_points.view(np.uint8)[there : there + end] = memory.view(np.uint8)[begins : begins + end]
-    views = layout.views(transform_points, there)
+    moved.view(np.uint8)[there : there + end] = memory.view(np.uint8)[begins : begins + end]
+    views = layout.views(moved, there)
     for index in rows.fresh:
         if not _overwrite(views, index, *_primitives(rows_of([scene.obstacles[index]]), np.zeros(1, np.int64)).tables):
             return None
-    transform_points.setflags(write=False)
-    words = transform_points.ctypes.data + there + layout.offsets
+    moved.setflags(write=False)
+    words = moved.ctypes.data + there + layout.offsets
     words[0] = known.words[0]
-    return _in_memory(known.owners, words, layout, transform_points, there)
+    return _in_memory(known.owners, words, layout, moved, there)
 
 
 def _overwrite(views: dict[str, np.ndarray], index: int, one: LaneObstacles, parts: Parts) -> bool:
