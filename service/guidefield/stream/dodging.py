@@ -19,9 +19,7 @@ from guidefield.stream.settings import STREAM
 from guidefield.stream.views import read_only_views
 
 
-def pressure_at(
-    robot: RoomRobot, boxes: np.ndarray, z: ChartPoint, near: float = STREAM.near
-) -> tuple[float, np.ndarray]:
+def pressure_at(robot: RoomRobot, boxes: np.ndarray, z: ChartPoint, near: float) -> tuple[float, np.ndarray]:
     """How closely boxes surround a robot, and the gradient of that, shape (nv,).
 
     Args:
@@ -80,7 +78,9 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     return sides
 
 
-def sides_of(robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray) -> np.ndarray:
+def sides_of(
+    robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
+) -> np.ndarray:
     """Where to step aside from a way: drawn directions, back, and away from what comes close; shape (d, nv).
 
     Args:
@@ -89,12 +89,13 @@ def sides_of(robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray,
         way: The way.
         speeds: Velocity limits, shape (nv,).
         drawn: Directions, shape (k, nv).
+        size: The robot's.
     """
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
     for after, place in STREAM.aside:
         boxes = drifting.after(after)
-        directions.append(-speeds * pressure_at(robot, boxes, way.at(place), STREAM.pressed)[1])
+        directions.append(-speeds * pressure_at(robot, boxes, way.at(place), STREAM.pressed * size)[1])
     largest = [float(np.abs(one).max()) for one in directions]
     led = [STREAM.step * speeds * one / most for one, most in zip(directions, largest, strict=True) if most > 0.0]
     return np.concatenate([drawn, np.array(led).reshape(-1, len(speeds))])
@@ -123,7 +124,9 @@ def tube_about(
     return read_only_views(Tube(rows, sides, blocked, speeds, STREAM.step, STREAM.stays))
 
 
-def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int) -> Timed:
+def timed(
+    robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, way: Way, foreseen: int, size: float
+) -> Timed:
     """The cheapest way in a tube, and the rest of its way.
 
     Args:
@@ -133,11 +136,12 @@ def timed(robot: RoomRobot, drifting: Drifting, kept: np.ndarray, tube: Tube, wa
         tube: The tube.
         way: The way that it is about.
         foreseen: So many steps are foreseen.
+        size: The robot's.
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(robot.balls))
     width = STREAM.beside * STREAM.few * STREAM.plain // (boxes * balls)
-    wanted = read_only_views(Wanted(kept, STREAM.widening, STREAM.dear))
+    wanted = read_only_views(Wanted(kept, STREAM.widening * size, STREAM.dear / size))
     rows, cost = dodged(robot, drifting.boxes, drifting.drifts, wanted, tube, width, steps, reached)
     points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():

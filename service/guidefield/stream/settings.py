@@ -1,4 +1,4 @@
-"""The numbers of streams, each with what chose it."""
+"""The numbers of streams, each with what chose it; what is kept from anything is stated at size 1."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Kept:
     least: float
     ahead: float
 
-    def from_each(self, rates: np.ndarray) -> np.ndarray:
-        """It [m], given how fast each grows for the judge, shape (k,) [m/s]."""
-        return self.least + self.ahead * rates
+    def from_each(self, rates: np.ndarray, size: float) -> np.ndarray:
+        """It [m], for a robot of a size, given how fast each grows for the judge, shape (k,) [m/s]."""
+        return self.least * size + self.ahead * rates
 
 
 @dataclass(frozen=True)

@@ -477,20 +477,21 @@ class CertifiedStream:
         place = self._state.place
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))
         places = (end, way.at(max(then, place)))
-        return all(pressure_at(self._room.robot, boxes, z, STREAM.threat)[0] > 0.0 for z in places)
+        return all(pressure_at(self._room.robot, boxes, z, STREAM.threat * self.group.size)[0] > 0.0 for z in places)
 
     def _flee(self, cycle: _Cycle, state: np.ndarray, still: Commit) -> tuple[Commit, str] | None:
         """A proven piece away from what is predicted to come close, or None."""
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
         if not len(boxes):
             return None
-        before, gradient = pressure_at(self._room.robot, boxes, still.ends)
+        near = STREAM.near * self.group.size
+        before, gradient = pressure_at(self._room.robot, boxes, still.ends, near)
         if before <= 0.0:
             return None
         tried: list[tuple[float, int, Commit]] = []
         for velocities in flights(gradient, self._speeds, self._rng):
             commit = self._make_commit(cycle, state, velocities, None)
-            after, _ = pressure_at(self._room.robot, boxes, commit.ends)
+            after, _ = pressure_at(self._room.robot, boxes, commit.ends, near)
             if after < before:
                 tried.append((after, len(tried), commit))
         return self._choose_flight(cycle, tried, reserved=False)
@@ -588,7 +589,7 @@ class CertifiedStream:
         goals, way = self._state.goals, self._state.way
         assert goals is not None, "there is a goal"
         boxes = self._obstacles.boxes([cycle.now, cycle.now + STREAM.predicted])
-        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE).any() for z in goals], bool)
+        taken = np.array([(self._room.gaps(boxes, z) < -INSIDE * self.group.size).any() for z in goals], bool)
         if taken.all():
             cycle.reason = "goal_taken"
             taken[:] = False

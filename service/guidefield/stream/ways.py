@@ -28,7 +28,7 @@ from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.views import read_only_views
 
 FAR = 0.3
-"""Distances are measured up to this [m]."""
+"""Distances are measured up to this [m], at size 1."""
 
 NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))
 """Nothing moves."""
@@ -39,7 +39,7 @@ YIELDING = 10
 """By how much what is done beside the cycle is nicer than the cycle, where a clock decides."""
 
 INSIDE = 0.005
-"""By so much what is grown is less than an end is away from it [m]."""
+"""By so much what is grown is less than an end is away from it [m], at size 1."""
 
 
 class Room:
@@ -67,24 +67,25 @@ class Room:
         self.robot: RoomRobot = room_robot(group)
         self._lanes = BatchCollision.build(world)
         self._least, self._tolerance = least, tolerance
+        self.size = group.size
 
     def gaps(self, boxes: np.ndarray, z: ChartPoint) -> np.ndarray:
         """What may be kept from boxes (k, 16) at coordinates z (nv,), shape (k,) [m]: less than how far they are."""
-        return nearest(self.robot, boxes, z, FAR) - INSIDE
+        return nearest(self.robot, boxes, z, FAR * self.size) - INSIDE * self.size
 
     def stays_free(self, drifting: Drifting, z: ChartPoint) -> bool:
         """Whether coordinates (nv,) keep from what moves what an end has to, now and as far as flights are foreseen."""
-        kept = STREAM.ending.from_each(drifting.rates) + drifting.margins
+        kept = STREAM.ending.from_each(drifting.rates, self.size) + drifting.margins
         soon = (drifting.boxes, drifting.after(STREAM.foreseen))
-        return all(bool((nearest(self.robot, boxes, z, FAR) >= kept).all()) for boxes in soon)
+        return all(bool((nearest(self.robot, boxes, z, FAR * self.size) >= kept).all()) for boxes in soon)
 
     def clearance(self, most: float, ends: list[ChartPoint]) -> float:
-        """What to keep from what rests [m]: `most` beyond the least, or less where one of some ends (nv,) is closer.
+        """What to keep from what rests [m]: `most` at size 1 beyond the least, or less where an end (nv,) is closer.
 
         What the robot may be off by there is kept as well, unless an end is closer than that.
         """
         zs, off = np.array(ends), self.swept(ends)
-        beyond = [*(off + share * most for share in STREAM.closer), 0.0]
+        beyond = [*(off + share * most * self.size for share in STREAM.closer), 0.0]
         kept = [self._least + one for one in beyond]
         return next((one for one in kept if not self._lanes.touching(zs, one).any()), kept[-1])
 
@@ -94,11 +95,11 @@ class Room:
 
     def resting_free(self, zs: ChartPoints) -> np.ndarray:
         """Which of chart points (n, nv) keep from what rests, and touch nothing of the robot itself, shape (n,)."""
-        return ~self._lanes.touching(zs, self._least + STREAM.resting)
+        return ~self._lanes.touching(zs, self._least + STREAM.resting * self.size)
 
     def kept_from_resting(self, z: ChartPoint) -> int:
         """How many of `STREAM.leaving` are kept from what rests at coordinates z (nv,), and from the robot itself."""
-        kept = [self._least + one for one in STREAM.leaving]
+        kept = [self._least + one * self.size for one in STREAM.leaving]
         return next((k for k, one in enumerate(kept) if self._lanes.touching(z[None], one).any()), len(kept))
 
     def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
@@ -155,10 +156,10 @@ class Room:
 
         wanted, foreseen = drifting.margins + self.swept(ends), math.ceil(STREAM.arriving / STREAM.step)
         kinds = (STREAM.going, STREAM.waiting, STREAM.ending)
-        kept = np.array([kept.from_each(drifting.rates) + wanted for kept in kinds])
-        sides = sides_of(self.robot, drifting, way, self._speeds, self._sides)
+        kept = np.array([kept.from_each(drifting.rates, self.size) + wanted for kept in kinds])
+        sides = sides_of(self.robot, drifting, way, self._speeds, self._sides, self.size)
         tube = tube_about(way, sides, self._speeds, taken, foreseen)
-        return timed(self.robot, drifting, kept, tube, way, foreseen)
+        return timed(self.robot, drifting, kept, tube, way, foreseen, self.size)
 
     def _among(self, drifting: Drifting, kept: Kept, clearance: float, z0: ChartPoint, z1: ChartPoint) -> Surroundings:
         """The robot among what rests, with a clearance [m], and what moves, on ways between two points (nv,)."""
@@ -169,12 +170,12 @@ class Room:
             clearance=clearance,
             boxes=drifting.boxes,
             drifts=drifting.drifts,
-            grown=kept.from_each(drifting.rates) + drifting.margins + self.swept([z0, z1]),
+            grown=kept.from_each(drifting.rates, self.size) + drifting.margins + self.swept([z0, z1]),
             ends=np.array([z0, z1]),
             gaps=np.array([self.gaps(drifting.boxes, z0), self.gaps(drifting.after(later), z1)]),
             speeds=self._speeds,
             horizon=STREAM.planned,
-            widening=STREAM.widening,
+            widening=STREAM.widening * self.size,
             spacing=STREAM.spacing,
         )
         return read_only_views(among)
