@@ -9,6 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.optimize import lsq_linear
 
 from guidefield.collision.narrow_phase import NarrowPhase
 
@@ -150,3 +151,31 @@ def test_no_direction_leads_out_sooner_than_the_depth(seed: int) -> None:
     least = least_overlap(first, here, second, there, on_first - on_second)
     assert -found <= least + 1e-5 * (1.0 + least)
     assert -found >= least - 1e-5 * (1.0 + least)
+
+
+def axes_apart(here: Any, p: float, there: Any, q: float) -> float:
+    """Least distance of two capsules' axes, as least squares with bounds."""
+    axes = np.column_stack([here.getRotation()[:, 2], -there.getRotation()[:, 2]])
+    between = there.getTranslation() - here.getTranslation()
+    bounds = np.array([p, q]) + 1e-300
+    found = lsq_linear(axes, between, (-bounds, bounds), "bvls", tol=1e-15)
+    return float(np.linalg.norm(found.fun))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 3e-4, 0.01, 0.3, 1.5])
+@pytest.mark.parametrize("lengths", [(0.3, 0.3), (0.01, 0.02), (0.001, 0.001), (0.1, 0.0)])
+def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_parallel(
+    lengths: tuple[float, float], angle: float
+) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        first, second = (coal.Capsule(0.01, length) for length in lengths)
+        here = at(*rng.normal(size=3), tuple(rng.uniform(-3, 3, 3)))
+        off = np.array([0.0, 0.02 + rng.choice([1e-7, -1e-5, 0.01]), 0.01 * rng.normal()])
+        there = here * at(*off, tuple(angle * rng.choice([[1, 0, 0], [0, 1, 0]])))
+        expected = axes_apart(here, first.halfLength, there, second.halfLength) - 0.02
+        told = measured(first, here, second, there)
+        assert told.distance == pytest.approx(expected, abs=2e-9)
+        assert np.linalg.norm(told.second - told.first) == pytest.approx(abs(expected), abs=2e-9)
+        apart = NarrowPhase((first, second).__getitem__, (here, there).__getitem__).penetration(0, 1)
+        assert (apart is not None) == (told.distance <= 0.0)

@@ -12,7 +12,7 @@ from typing import Any
 import coal
 import numpy as np
 
-from guidefield.collision.penetration_depth import ClosestPoints, closest_points
+from guidefield.collision.penetration_depth import ClosestPoints, closest_points, measure_capsules
 from guidefield.geometry.met import as_met
 from guidefield.scene.facets import Patches
 
@@ -70,6 +70,9 @@ class NarrowPhase:
 
     def _penetration(self, meeting: _Meeting, margin: float) -> float | None:
         first, second, _ = meeting
+        if self._are_capsules(first, second):
+            apart = self._distance(meeting).distance
+            return apart if apart <= margin else None
         if meeting not in self._collide:
             self._collide[meeting] = coal.ComputeCollision(*self._as_met(meeting))
         self._request.security_margin = self._request.distance_upper_bound = margin
@@ -93,6 +96,8 @@ class NarrowPhase:
 
     def _distance(self, meeting: _Meeting) -> ClosestPoints:
         first, second, _ = meeting
+        if self._are_capsules(first, second):
+            return measure_capsules(self.shape(first), self._there(first), self.shape(second), self._there(second))
         if meeting not in self._measure:
             self._measure[meeting] = coal.ComputeDistance(*self._as_met(meeting))
         result = coal.DistanceResult()
@@ -100,6 +105,9 @@ class NarrowPhase:
         self._measure[meeting](here, there, self._distance_request, result)
         shapes = self._as_met(meeting)
         return closest_points(shapes[0], here, shapes[1], there, result)
+
+    def _are_capsules(self, first: int, second: int) -> bool:
+        return isinstance(self.shape(first), coal.Capsule) and isinstance(self.shape(second), coal.Capsule)
 
     def _as_met(self, meeting: _Meeting) -> tuple[Any, Any]:
         """The shapes as they meet; Coal's functors don't keep them alive."""

@@ -65,6 +65,28 @@ def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any
     return max(found, key=lambda one: one.distance)
 
 
+def measure_capsules(first: Any, here: Any, second: Any, there: Any) -> ClosestPoints:
+    """Return how far two capsules are apart, by the least distance of their axes (Ericson 2004).
+
+    Coal (3.0.3) takes short ones for parallel that aren't: of 1 cm they may overlap by 7 um where it has them apart.
+    """
+    a, b = here.getRotation()[:, 2], there.getRotation()[:, 2]
+    middles = here.getTranslation(), there.getTranslation()
+    p, q = first.halfLength, second.halfLength
+    ab, aw, bw = (float(one) for one in (a @ b, a @ (middles[0] - middles[1]), b @ (middles[0] - middles[1])))
+    starts = [-p, p, -q * ab - aw, q * ab - aw, (ab * bw - aw) / max(1.0 - ab * ab, 1e-300)]
+    nearest = (np.inf, middles[0], middles[1])
+    for start in starts:
+        t = min(max(bw + min(max(start, -p), p) * ab, -q), q)
+        one, other = middles[0] + min(max(t * ab - aw, -p), p) * a, middles[1] + t * b
+        nearest = min(nearest, (float(np.linalg.norm(other - one)), one, other), key=lambda found: found[0])
+    apart, one, other = nearest
+    normal = (other - one) / apart if apart > 0.0 else here.getRotation()[:, 0]
+    return ClosestPoints(
+        apart - first.radius - second.radius, one + first.radius * normal, other - second.radius * normal
+    )
+
+
 _KNOWN = coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase
 
 
