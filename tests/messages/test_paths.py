@@ -65,6 +65,11 @@ def test_a_number_that_is_no_place_is_named_in_every_form(value: float, says: st
     assert refused(json.dumps(cloud(packed)).encode()).details["path"] == path
 
 
+def test_a_size_that_is_no_number_is_told_as_one() -> None:
+    error = refused(plan(scene={"name": "p", "obstacles": [{**BOX, "size": [1.0, 1.0, math.nan]}]}))
+    assert error.message == "a finite number is needed, not nan (at $.scene.obstacles[0].size[2])"
+
+
 @pytest.mark.parametrize("word", ["NaN", "Infinity", "-Infinity"])
 def test_words_that_are_no_json_are_named_with_their_place(word: str) -> None:
     error = refused(json.dumps(cloud([[1, 1, 1], [1, float(word), 1]])).encode())

@@ -69,6 +69,16 @@ def test_the_goal_is_reached_and_every_piece_follows_the_one_before() -> None:
     assert [one.reason for one in answers if isinstance(one, StreamState)][-1] == "at_goal"
 
 
+def test_who_stands_at_the_goal_is_told_so_also_where_it_is_given_again() -> None:
+    for away in (0.0, 1e-12):
+        goal = {"type": "joints", "positions": {"elbow_joint": 1.0 + away}}
+        with guidefield.Stream(robot="ur5", scene="table", goal=goal, start={**START, "elbow_joint": 1.0}) as stream:
+            answers = [stream.update(time=0.0)]
+            stream.aim_for(goal)
+            answers.append(stream.update(time=0.02))
+        assert [one.reason for one in answers] == ["at_goal"] * 2
+
+
 OPENED = """
 from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages.scene import Scene

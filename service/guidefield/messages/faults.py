@@ -141,6 +141,8 @@ def explain(text: str, data: Any, kind: Any, check: Check) -> tuple[str, str, li
     if (found := _FIELD.fullmatch(message)) is not None:
         fields = _fields_at(steps, data, kind)
         return _add_advice(message, found["field"], fields, "`{}`".format), path, fields
+    if isinstance(number := _value_at(steps, data), float) and not math.isfinite(number):
+        message = f"a finite number is needed, not {number}"
     return message, path, []
 
 

@@ -298,7 +298,7 @@ class StreamState(Reply):
 
     Attributes:
         update: Time of the update [s]; null if it couldn't be decoded, or there was none.
-        reason: `at_goal`: the last piece ends there. `standing`: there is no goal. `too_close`: nothing could be
+        reason: `at_goal`: the robot stands there, or will. `standing`: there is no goal. `too_close`: nothing could be
             proven. `no_way`: none was found to the goal. `goal_taken`: an obstacle is on it. `late`: an update before
             was later. `stale`: observations are too old. `tracking`: the robot isn't where its piece has it.
             `stopped`: a stop was asked for. `appeared`: the piece that is executed isn't proven against what was

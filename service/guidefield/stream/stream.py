@@ -453,6 +453,9 @@ class CertifiedStream:
             velocities = aim.direction * (share / largest) if largest > 0.0 else aim.direction
             commit = self._make_commit(cycle, state, velocities, aim.last)
             if (commit.ends == state[:, 0]).all() and not state[:, 1:].any():
+                if self._is_at_goal(commit.ends):
+                    cycle.reason = "at_goal"
+                    return None
                 break
             closing = aim.last is not None and bool((aim.last == way.goal).all())  # then there is nothing to go on to
             if self._prove(cycle, commit, reserved=not closing):
@@ -609,13 +612,16 @@ class CertifiedStream:
         clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])
         return self._room.straight(NOTHING, STREAM.going, clearance, points)
 
+    def _is_at_goal(self, z: ChartPoint) -> bool:
+        way = self._state.way
+        return way is not None and bool((np.abs(z - way.goal) <= GOAL_TOLERANCE).all())
+
     def _send(self, cycle: _Cycle, commit: Commit, leads_to: Any) -> Piece:
         state = self._state
         number = max(state.commits) + 1
-        at_goal = state.way is not None and bool((np.abs(commit.ends - state.way.goal) <= GOAL_TOLERANCE).all())
         sent = Commit(
             number, commit.begins, commit.brakes, commit.stops, commit.start, commit.phases, commit.counts,
-            commit.ends, cycle.base.number, state.goal, at_goal and leads_to == "goal",
+            commit.ends, cycle.base.number, state.goal, leads_to == "goal" and self._is_at_goal(commit.ends),
         )  # fmt: skip
         state.add(sent, cycle.executed)
         piece = Piece(

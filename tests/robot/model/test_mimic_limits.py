@@ -211,6 +211,7 @@ def test_the_listing_has_the_limits_that_hold():
 def test_a_limit_that_follows_from_another_is_no_negative_zero():
     robot = load(arm(("revolute", -2, 2, ""), ("revolute", 0, 1, mimic(1, -1.0, 0.0))))
     assert any("only goes from -1 to 0," in told for told in robot.warnings), robot.warnings
+    assert str(load(arm(("revolute", -2, "-0", ""))).joints[0].upper[0]) == "0.0"
 
 
 def test_a_follower_that_would_let_nothing_move_has_no_limits():

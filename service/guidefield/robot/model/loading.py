@@ -221,7 +221,7 @@ def _joint(
     at_q = slice(pinocchio_joint.idx_q, pinocchio_joint.idx_q + pinocchio_joint.nq)
     lower, upper = np.full(pinocchio_joint.nv, -np.inf), np.full(pinocchio_joint.nv, np.inf)
     if kind in (JointKind.REVOLUTE, JointKind.PRISMATIC):
-        lower, upper = model.lowerPositionLimit[at_q].copy(), model.upperPositionLimit[at_q].copy()
+        lower, upper = model.lowerPositionLimit[at_q] + 0.0, model.upperPositionLimit[at_q] + 0.0  # no negative zero
         furthest = FURTHEST[kind]
         if np.isfinite(upper[0]) and max(-lower[0], upper[0]) > furthest:  # infinite where there are none
             warnings.append(f"joint {name!r}: its limits {lower[0]:g} and {upper[0]:g} are taken for {furthest:g}")
