@@ -249,7 +249,7 @@ def placement(rng: np.random.Generator) -> Placement:
     if rng.random() < 0.7:
         return Placement()
     axis = pin.exp3(rng.normal(size=3))
-    away = float(10.0 ** rng.uniform(0.0, 4.0)) if rng.random() < DISTANT / 0.3 else 1.0
+    away = float(10.0 ** rng.uniform(0.0, 6.6)) if rng.random() < DISTANT / 0.3 else 1.0
     return Placement(
         tuple((away * rng.normal(size=3)).tolist()),
         tuple(pin.Quaternion(axis).coeffs().tolist()),  # type: ignore[arg-type]

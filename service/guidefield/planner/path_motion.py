@@ -34,7 +34,7 @@ def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: i
         limits: What it keeps.
         finer: Control points of the curve, and pieces of the motion, are so many times as dense.
     """
-    places = subdivided(distinct(path), CURVE.spacing / finer)
+    places = subdivided(distinct(path), CURVE.spacing / finer, problem.group.sizes)
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
         back = [z if (kept := keeper.brought_back(z)) is None else kept for z in places[1:-1]]
@@ -73,7 +73,8 @@ def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, lis
         if len(distinct(line)) == 1:
             parts.append(standing(begin))
         else:
-            parts.append(executed(parameterize(PathCurve.along(subdivided(line, CURVE.spacing)), limits), limits))
+            places = subdivided(line, CURVE.spacing, problem.group.sizes)
+            parts.append(executed(parameterize(PathCurve.along(places), limits), limits))
     knots = np.r_[0, np.cumsum([len(part.times) - 1 for part in parts])]
     return one_after_another(parts), knots.tolist()
 

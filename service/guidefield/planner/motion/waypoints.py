@@ -52,12 +52,12 @@ def distinct(path: ChartPoints) -> ChartPoints:
     return cast(ChartPoints, np.array(kept))
 
 
-def subdivided(path: ChartPoints, spacing: float) -> ChartPoints:
+def subdivided(path: ChartPoints, spacing: float, sizes: np.ndarray | float = 1.0) -> ChartPoints:
     """Places along a path (n, nv), its waypoints among them, evenly on each straight piece and at most so far apart.
 
-    There are three at least.
+    There are three at least. Coordinates count by their sizes (nv,), where these are given.
     """
-    lengths = lengths_of(path)
+    lengths = lengths_of(cast(ChartPoints, path / sizes))
     parts = np.maximum(np.ceil(lengths / spacing).astype(np.int64), 2 if len(path) == 2 else 1)
     piece = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[piece]
