@@ -18,7 +18,7 @@ from guidefield.collision.lanes.robot_tables import LaneRobot, lane_robot, turne
 from guidefield.collision.lanes.scene_tables import LaneScene, lane_scene
 from guidefield.collision.world import World
 from guidefield.kernels.collide.layout import GRID_NUMBERS, GRID_PLACES, MEETING, PAIR, LaneAlone, LaneWorld, Scratch
-from guidefield.kernels.collide.motion_validation import FRACTIONS, path_free_until, touching_configurations
+from guidefield.kernels.collide.motion_validation import path_free_until, touching_configurations
 from guidefield.kernels.collide.primitives_layout import MEMORY_WORDS, SCENE_WORDS, lay_out
 from guidefield.kernels.collide.self_collision_cache import STACK, never_touching
 from guidefield.kernels.simd.packing import Words, packed
@@ -62,7 +62,7 @@ def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
 
 
 def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Words]:
-    return robot, packed((robot.joints, robot.bodies, robot.parts, robot.surfaces, FRACTIONS, group.nv))
+    return robot, packed((robot.joints, robot.bodies, robot.parts, robot.surfaces, robot.fractions, group.nv))
 
 
 def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
@@ -130,7 +130,7 @@ class BatchCollision:
             bodies=robot.bodies,
             parts=robot.parts,
             surfaces=robot.surfaces,
-            fractions=FRACTIONS,
+            fractions=robot.fractions,
             nv=self.world.group.nv,
             obstacles=scene.tables[0]._replace(may_touch=views["may_touch"]),
             scene=scene.tables[1],

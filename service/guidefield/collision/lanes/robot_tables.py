@@ -19,6 +19,7 @@ from guidefield.geometry.directions import furthest, spread_and_axes, spread_dir
 from guidefield.geometry.mesh_tree import polytope_about
 from guidefield.geometry.placements import transform_points
 from guidefield.kernels.collide.layout import BAND, GRID_SIDES, LaneBodies
+from guidefield.kernels.collide.motion_validation import FRACTIONS
 from guidefield.kernels.collide.parts import SURFACE, Parts
 from guidefield.kernels.cover.beyond_planes import not_beyond
 from guidefield.kernels.cover.enclosing_ball import ball_around_balls
@@ -38,6 +39,7 @@ from guidefield.kernels.kinematics.batch_forward_kinematics import (
     LaneJoints,
 )
 from guidefield.memo import SharedAnswer, memoized_by_value
+from guidefield.read_only import read_only
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.alike import memoized_for_alike
@@ -187,12 +189,14 @@ class LaneRobot:
         joints: Its joints, from where the group starts.
         bodies: Its shapes, as the group's geometry has them, each with its bounding and inscribed spheres.
         pieces_paired: How many pairs of pieces there are.
+        fractions: As `LaneWorld` has them.
     """
 
     links: LinkTables
     joints: LaneJoints
     bodies: LaneBodies
     pieces_paired: int
+    fractions: np.ndarray
 
     @property
     def parts(self) -> Parts:
@@ -255,7 +259,9 @@ def lane_robot(group: PlanningGroup, pairs: np.ndarray) -> LaneRobot:
     )
     for array in bodies[5:-2]:
         array.setflags(write=False)
-    return LaneRobot(links, links.joints, bodies, int(places[-1]))
+    fractions = np.concatenate([FRACTIONS, 1.0 / group.sizes]).astype(np.float32)
+    read_only(fractions)
+    return LaneRobot(links, links.joints, bodies, int(places[-1]), fractions)
 
 
 def _surface_points(shape: Any) -> np.ndarray:

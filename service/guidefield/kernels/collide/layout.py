@@ -210,7 +210,7 @@ class LaneWorld(NamedTuple):
         joints, bodies: The robot.
         parts: Hulls of its bodies and of their pieces, in the turned frames of joints.
         surfaces: The bodies themselves, as proofs have them.
-        fractions: `FRACTIONS`.
+        fractions: `FRACTIONS`, and by how much each coordinate counts, (16 + nv,): 1 for angles.
         nv: How many coordinates a configuration has.
         obstacles, scene: What is around it.
         scratch: Memory; so a world answers one question at a time.

@@ -46,11 +46,11 @@ def motion_free(world: LaneWorld, clearance: float, z0: Floats32, z1: Floats32, 
         clearance: What to keep from obstacles [m].
         z0: Where the motion begins, a chart point, shape (nv,) [rad or m].
         z1: Where it ends, shape (nv,).
-        resolution: Samples per length in the chart [1/rad or 1/m].
+        resolution: Samples per length in the chart [1/rad or 1/m, at size 1].
     """
     nv, square, block = world.nv, 0.0, world.block
     for j in range(nv):
-        square += (z1[j] - z0[j]) ** 2
+        square += ((z1[j] - z0[j]) * world.fractions[LANES + j]) ** 2
     blocks = max(1, math.ceil(math.sqrt(square) * resolution / LANES - EXACT))
     for k in range(blocks):
         place = load(world.fractions, 0) * (1.0 / LANES) - k / (LANES * blocks)
