@@ -161,10 +161,15 @@ def _parse_column(name: str) -> tuple[str, str]:
 def _parse_row(line: list[str], head: list[str], number: int) -> list[float]:
     if len(line) != len(head):
         raise ValueError(f"line {number} has {len(line)} values, the head names {len(head)} columns")
-    try:
-        return [float(value) for value in line]
-    except ValueError as error:
-        raise ValueError(f"line {number}: {error}") from None
+    row = []
+    for name, value in zip(head, line, strict=True):
+        try:
+            row.append(float(value))
+        except ValueError:
+            raise ValueError(
+                f"line {number}: column {name!r} has {value!r}, which is no number; columns are separated by commas"
+            ) from None
+    return row
 
 
 ROBOT_ENDINGS = (".urdf", ".xacro", ".xml")

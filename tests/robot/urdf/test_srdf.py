@@ -125,7 +125,11 @@ def test_passive_joints_are_planned_for_only_by_name() -> None:
 
 
 def test_groups_that_are_left_out_are_told_with_their_reason() -> None:
-    told = rested('<group name="g"/><group name="g"/><group name="h"><link name="ghost"/></group>')[2]
+    told = rested(
+        '<group name="g"/><group name="g"/><group name="h"><link name="ghost"/></group>'
+        '<group name="i"><group name="gone"/></group>'
+    )[2]
+    assert "the SRDF's groups name group 'gone', which the SRDF doesn't have" in told
     assert "the SRDF: line 1: a second group 'g' is left out" in told
     assert "the SRDF's group 'g' is left out: it is empty" in told
     assert "the SRDF's group 'h' is left out: no joint that moves is among what it names" in told

@@ -24,6 +24,9 @@ USUAL_RADIUS, LEAST_RADIUS, MOST_RADIUS = 0.25, 0.05, 1.0
 """The same of robots of which nothing but the root turns, such as a gantry, a box that slides or one that flies: how
 far the corners of their largest body are from its middle [m]. How far they go is no matter of their size."""
 
+POINT = 1e-5
+"""Robots that extend less far are points, as bodies of size zero are, and have the size 1 [m]."""
+
 MARGIN = 2e-3
 """What bodies keep from each other beyond the distance that is asked for, wherever this house chooses [m], at size 1.
 
@@ -46,9 +49,9 @@ def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> fl
     if all(name in FREE or name.startswith("JointModelP") for name in names[1:]):
         corners = [_find_corners(shape, meshes) for shape in geometry.geometryObjects if shape.parentJoint > 0]
         radius = max((0.5 * float(np.linalg.norm(np.ptp(one, axis=0))) for one in corners), default=0.0)
-        return 1.0 if radius == 0.0 or LEAST_RADIUS <= radius <= MOST_RADIUS else radius / USUAL_RADIUS
+        return 1.0 if radius < POINT or LEAST_RADIUS <= radius <= MOST_RADIUS else radius / USUAL_RADIUS
     reach = _find_reach(model, geometry, meshes)
-    return 1.0 if LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
+    return 1.0 if reach < POINT or LEAST_USUAL <= reach <= MOST_USUAL else reach / USUAL_REACH
 
 
 FREE = ("JointModelPlanar", "JointModelFreeFlyer")

@@ -172,6 +172,11 @@ def unknown_names(described: Srdf, links: Collection[str], joints: Collection[st
         ("end effectors", "link", {link for link, _ in described.end_effectors} - {*links}),
         ("groups and states", "joint", (moved | stated) - {*joints}),
         ("passive joints", "joint", {*described.passive} - {*joints}),
+        (
+            "groups",
+            "group",
+            {name for group in described.groups.values() for name in group.groups} - {*described.groups},
+        ),
         ("states", "group", {state.group for state in described.states} - {*described.groups, ""}),
     )
     return [f"the SRDF's {what} name {_named(kind, names)}" for what, kind, names in used if names]
