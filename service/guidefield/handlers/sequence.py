@@ -59,6 +59,7 @@ def answer_steps(
     began = time.monotonic() if began is None else began
     deadline = Deadline(received + request.allowed_planning_time) if deadline is None else deadline
     course = Steps(request, robot, scene, deadline, preparing)
+    course.require_posed()
     prepare_plan(robot, scene, deadline, preparing)
     recording = record(course.whole, scene)
     load_seconds = time.monotonic() - began

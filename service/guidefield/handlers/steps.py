@@ -76,7 +76,6 @@ class Steps:
         self._moving = self._moving_joints()
         self.whole = self._group(robot, self.start.q)
         self._require_passable()
-        self._tried()
 
     def __len__(self) -> int:
         return len(self._request.steps)
@@ -280,10 +279,13 @@ class Steps:
             ).joints
         ]
 
-    def _tried(self) -> None:
-        """Every step as it would be if no goal moved the robot: what is ill-posed is refused before any is planned.
+    def require_posed(self) -> None:
+        """Refuse what is ill-posed in any step before one is planned, as if no goal moved the robot.
 
         As far as there is time; where it is up, the first step that is planned says so.
+
+        Raises:
+            GuidefieldError: as `problem_of`, with the step's path.
         """
         at = self.start
         for index in range(len(self)):

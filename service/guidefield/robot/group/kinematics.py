@@ -25,7 +25,10 @@ class Kinematics:
 
     def __init__(self, group: PlanningGroup) -> None:
         self.group = group
-        self._data = lent_data(group, self)
+
+    @cached_property
+    def _data(self) -> Any:
+        return lent_data(self.group, self)
 
     def frame_placement(self, q: ModelConfiguration, frame_id: int) -> Any:
         """Where a frame is.
