@@ -11,15 +11,16 @@ from tests.robots import box_arm, grouped
 
 
 def test_lengths_count_by_what_is_one_radian_whatever_joint_they_are_of() -> None:
-    slide = LENGTH_OF_A_RADIAN
-    for arm, expected in {
-        "y slide": [1.0, slide],
-        "planar y": [slide, slide, 1.0, 1.0],
-        "floating continuous": [slide, slide, slide, 1.0, 1.0, 1.0, 1.0],
-        "slide mimic y": [slide, 1.0],
+    for arm, lengths in {
+        "y slide": [False, True],
+        "planar y": [True, True, False, False],
+        "floating continuous": [True, True, True, False, False, False, False],
+        "slide mimic y": [True, False],
     }.items():
         planned = grouped(box_arm(arm, len(arm.split())))
-        np.testing.assert_array_equal(planned.units, expected)
+        # what drives or flies goes as far however small it is
+        slide = LENGTH_OF_A_RADIAN * (planned.size if "slide" in arm else max(planned.size, 1.0))
+        np.testing.assert_array_equal(planned.units, np.where(lengths, slide, 1.0))
         assert not planned.units.flags.writeable
 
 

@@ -69,11 +69,11 @@ def _find_reach(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> 
     reach = 0.0
     for frame in model.frames:
         if turns[frame.parentJoint]:
-            reach = max(reach, along[frame.parentJoint] + float(np.linalg.norm(frame.placement.translation)))
+            reach = max(reach, float(along[frame.parentJoint] + np.linalg.norm(frame.placement.translation)))
     for shape in geometry.geometryObjects:
         if turns[shape.parentJoint]:
             placed = _find_corners(shape, meshes) @ shape.placement.rotation.T + shape.placement.translation
-            reach = max(reach, along[shape.parentJoint] + float(np.linalg.norm(placed, axis=1).max()))
+            reach = max(reach, float(along[shape.parentJoint] + np.linalg.norm(placed, axis=1).max()))
     return reach
 
 
