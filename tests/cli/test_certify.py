@@ -137,7 +137,7 @@ def test_a_certify_request_in_a_file_is_taken_whole(tmp_path: Path) -> None:
 
 
 BROKEN: dict[str, tuple[str, Any, str]] = {
-    "no numbers": ("m.csv", "time,a\n0.0,x\n", "line 2: could not convert string to float: 'x'"),
+    "no numbers": ("m.csv", "time,a\n0.0,x\n", "line 2: column 'a' has 'x', which is no number"),
     "a short line": ("m.csv", "time,a\n0.0\n", "line 2 has 1 values, the head names 2 columns"),
     "no rows": ("m.csv", "time,a\n", "a row at least"),
     "no positions": ("m.csv", "time,velocity:a\n0.0,1.0\n", "neither `positions` nor a `path`"),

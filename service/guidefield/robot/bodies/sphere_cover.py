@@ -34,6 +34,14 @@ With 1500 plans for Baxter took a twentieth longer.
 """
 
 
+SMALL = 2.0
+"""Covers of smaller robots than usual may leave the shapes by so many times as much, for their size.
+
+Their links are as intricate: the first use of an SO-101 takes a tenth less so. Plans of a Panda of 0.35 and 0.1 times
+the size are as long and take as long (`tools/bench otherwise`).
+"""
+
+
 @dataclass(frozen=True, eq=False)
 class ShapeCoverage:
     """Balls of one collision shape, in the shape's own frame, as it is judged: primitive, hull or mesh.
@@ -53,7 +61,8 @@ class Coverage:
 
     Attributes:
         shapes: In the geometry's order.
-        delta: By how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones may leave them further.
+        delta: By how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones and of small robots may
+            leave them further.
     """
 
     shapes: tuple[ShapeCoverage, ...]
@@ -71,7 +80,7 @@ class Coverage:
 
     @property
     def overhang(self) -> float:
-        """Largest overhang of a sphere [m], at most `delta` at size 1 unless a shape is `LARGE`."""
+        """Largest overhang of a sphere [m], at most `delta` at size 1 or more unless a shape is `LARGE`."""
         return max(shape.cover.overhang for shape in self.shapes)
 
 
@@ -109,6 +118,7 @@ def _question(shape: Any, delta: float, unit: float) -> Question:
     if kind is None:
         raise TypeError(f"a robot's collision shape can't be a {type(shape).__name__}")
     inputs, build = _KINDS[kind]
+    delta *= SMALL if unit < 1.0 else 1.0
     arrays = inputs(shape)
     arrays = scale(arrays, 1.0 / unit, *(arrays.keys() - {"triangles"}))
     return (
