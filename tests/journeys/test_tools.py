@@ -15,8 +15,8 @@ TOOLS = Path(__file__).resolve().parent.parent.parent / "tools"
     "command",
     [
         ["soak", "--requests", "12", "--seconds", "3", "--workers", "1", "--patience", "120", "--disk", "256"],
-        ["isolation", "--stopped", "3", "--slow", "3", "--greedy", "2", "--seconds", "1", "--workers", "1"],
-        ["fuzz", "--examples", "60", "--seed", "1"],
+        ["isolation", "--stopped", "2", "--slow", "2", "--greedy", "2", "--seconds", "1", "--workers", "1"],
+        ["fuzz", "--examples", "40", "--seed", "1"],
     ],
 )
 def test_a_slice_of_a_long_tool(command: list[str]) -> None:

@@ -76,7 +76,7 @@ RENAMED = [
 def test_every_name_places_every_body_alike(root: str) -> None:
     """Wherever joints are locked: of the whole robot, of its first joint alone, and of its last alone."""
     plain = load(UrdfText(text=arm(*PLAIN).text, root_joint=root))
-    for at, name in RENAMED:
+    for at, name in RENAMED if root == "fixed" else RENAMED[::4]:
         links, joints = renamed(at, name)
         text = arm(links, joints).text
         if root != "fixed" and name == "root_joint" and at >= len(links):

@@ -484,7 +484,7 @@ def test_what_is_not_served_or_out_of_limits_is_refused_by_name() -> None:
         )
 
 
-@pytest.mark.parametrize("seed", [1, 2, 7, 31], ids=["plain", "plain_too", "held_and_cloud", "mesh_and_drift"])
+@pytest.mark.parametrize("seed", [1, 7, 31], ids=["plain", "held_and_cloud", "mesh_and_drift"])
 def test_a_unit_of_doubt_finds_nothing(seed: int) -> None:
     outcome = unit(seed, 1.2)
     assert not outcome.at_speed
