@@ -237,14 +237,14 @@ def own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
         vertices: Shape (v, 3) [m], each used.
         triangles: Shape (t, 3).
     """
-    size = float(np.linalg.norm(extents(vertices)))
-    if _is_dented(vertices, _first_ones(vertices, triangles), _CONVEX * size):
+    size, first = float(np.linalg.norm(extents(vertices))), _first_ones(vertices, triangles)
+    if _is_dented(vertices, first, _CONVEX * size):
         return None
     forward, backward = edge_counts(triangles)
     if not ((forward == 1) & (backward == 1)).all():
         return None
     pieces = np.unique(connected_pieces(len(vertices), triangles)[triangles])
-    if len(pieces) > 1 or _is_dented(vertices, triangles, _CONVEX * size):
+    if len(pieces) > 1 or (len(first) < len(triangles) and _is_dented(vertices, triangles, _CONVEX * size)):
         return None
     try:
         around = convex_hull(vertices)

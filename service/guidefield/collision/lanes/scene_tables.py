@@ -15,13 +15,7 @@ from guidefield.collision.convex_parts import PartsTable
 from guidefield.collision.hulls import MOST_TRIANGLES
 from guidefield.collision.lanes.flat_forest import flat_forest
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
-from guidefield.collision.lanes.surface_tables import (
-    CLUSTER,
-    boxes_about,
-    cloud_parts,
-    cluster_rows,
-    large_surface,
-)
+from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
 from guidefield.collision.preparation import Told
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_surface import own_hull
@@ -41,6 +35,9 @@ from guidefield.scene.cloud import Cloud
 from guidefield.scene.incremental import Rows, incremental
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, placed_rows, rows_of, unplaced
+
+MOST_SOLIDS = 512
+"""A mesh of more solids is a tree of triangles: each solid takes a millisecond, once, before the first plan."""
 
 
 class _Tables(NamedTuple):
@@ -272,7 +269,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.nd
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
-        if obstacle.solid and obstacle.cropped is None and len(obstacle.surfaces) > 1:
+        if obstacle.solid and obstacle.cropped is None and 1 < len(obstacle.surfaces) <= MOST_SOLIDS:
             return _solids(obstacle, table)
         return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table)
     placement = obstacle.placement
@@ -327,12 +324,14 @@ def _tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.nda
         The ball about each node above them, shape (n - 1, 4) [m], and its children, shape (n - 1, 2); the root first.
     """
     boxes = np.array([(some.min(axis=(0, 1)), some.max(axis=(0, 1))) for some in bodies])
+    centres = boxes.mean(axis=1)
+    radii = [np.linalg.norm(some - centre, axis=2).max() for some, centre in zip(bodies, centres, strict=True)]
+    reach = np.array(radii)
     balls, links, pending = list[np.ndarray](), np.empty((len(bodies) - 1, 2), np.int64), [np.arange(len(bodies))]
     for members in pending:  # which grows
         middle = 0.5 * (boxes[members, 0].min(axis=0) + boxes[members, 1].max(axis=0))
-        farthest = max(float(np.linalg.norm(bodies[one] - middle, axis=2).max()) for one in members.tolist())
-        centres = boxes[members].mean(axis=1)
-        order = members[np.argsort(centres[:, np.argmax(np.ptp(centres, axis=0))], kind="stable")]
+        farthest = (np.linalg.norm(centres[members] - middle, axis=1) + reach[members]).max()
+        order = members[np.argsort(centres[members, np.argmax(np.ptp(centres[members], axis=0))], kind="stable")]
         for side, half in enumerate(np.split(order, [len(order) // 2])):
             links[len(balls), side] = roots[half[0]] if len(half) == 1 else len(pending)
             pending += [half] if len(half) > 1 else []
