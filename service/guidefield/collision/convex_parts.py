@@ -37,6 +37,7 @@ from guidefield.kernels.collide.parts import (
     write_cluster_vertices,
 )
 from guidefield.kernels.collide.primitive import CAPSULE, CYLINDER, HALF_SPACE
+from guidefield.kernels.jit.compilers import load_imported
 from guidefield.kernels.simd.blocks import BLOCK
 from guidefield.kernels.simd.vector_model import LANES
 from guidefield.memo import size_of
@@ -142,7 +143,10 @@ class PartsTable:
             ends = {name: begins[name] + layout[name][1][0] for name in _KINDS}
             works.append(functools.partial(write, {name: made[name][begins[name] : ends[name]] for name in _KINDS}))
             begins = ends
-        run_queue(iter(works), usable_processors() if sizes["balls"] > MANY_NUMBERS else 1)
+        threads = usable_processors() if sizes["balls"] > MANY_NUMBERS else 1
+        if threads > 1:
+            load_imported("collide.parts")
+        run_queue(iter(works), threads)
         return made
 
     def _mesh(self, mesh: MeshTree, placement: Any | None) -> int:

@@ -129,8 +129,9 @@ def optimize_motion(
     touched: list[TouchedPoint] = []
     for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
+            begin, end = between
             optimized = optimize(
-                problem, begun, settings, others, crossed.passages, None, between[0], between[1], touched
+                problem, begun, settings, others, crossed.passages, leave_by=begin, arrive_from=end, touched=touched
             )
             stage.outcome = optimized.outcome.value
         if optimized.outcome is Outcome.NOT_WITHIN:

@@ -29,6 +29,7 @@ TO_Z_UP = {
 
 Kind = type[Obstacle] | Callable[..., dict[str, np.ndarray]]
 """Class of an obstacle, or a function from the sizes of a shape to the vertices and triangles of its mesh."""
+
 LONGEST_NAME = 256
 """Of an obstacle, in characters."""
 

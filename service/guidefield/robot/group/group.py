@@ -459,7 +459,7 @@ def _units(group: PlanningGroup) -> np.ndarray:
 
 @memoized_for_alike
 def _sizes(group: PlanningGroup) -> np.ndarray:
-    sizes = np.where(group.units == 1.0, 1.0, group.units / LENGTH_OF_A_RADIAN)
+    sizes = np.where(units_of(group.joints, 1.0) == 1.0, 1.0, group.units / LENGTH_OF_A_RADIAN)
     read_only(sizes)
     return sizes
 
