@@ -8,10 +8,11 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from functools import cache
 from importlib import import_module, resources
 from importlib.metadata import packages_distributions
 from pathlib import Path
-from typing import get_origin
+from typing import NamedTuple, get_origin
 
 import numpy as np
 import pytest
@@ -59,6 +60,7 @@ ARRAYS = re.compile(rf"ndarray|NDArray|Floats|Integers|\b({'|'.join(SPACES)})\b"
 """How annotations say arrays."""
 AS_ANOTHER = re.compile(r"`\w+`")
 """Another function, whose docstring says them."""
+VAGUE = re.compile(r"^_?(?:get|compute|do|handle_data)_.*")
 HOME_PATH = re.compile(r"(?<![\w.])/(?:root|home|Users)/\w+")
 
 
@@ -95,7 +97,7 @@ def test_every_package_and_its_data_are_in_the_wheel() -> None:
 
 def test_the_packages_that_are_imported_are_those_that_are_declared() -> None:
     homes = {**packages_distributions(), **IN_CMEEL}
-    imported = {name.split(".")[0] for path in SOURCES for name in _imported(path)}
+    imported = {name.split(".")[0] for file in _read().values() for name in file.imported}
     imported -= set(sys.stdlib_module_names) | OPTIONAL | {"guidefield"}
     used = {canonicalize_name(homes[name][0]) for name in imported}
     declared = {canonicalize_name(Requirement(line).name) for line in PROJECT["project"]["dependencies"]}
@@ -103,12 +105,42 @@ def test_the_packages_that_are_imported_are_those_that_are_declared() -> None:
     assert used - declared == COMES_WITH_NUMBA
 
 
-def _imported(path: Path) -> Iterator[str]:
-    for node in ast.walk(ast.parse(path.read_text())):
+class SourceFile(NamedTuple):
+    """What the rules ask of a file, which is parsed once."""
+
+    described: bool
+    imported: list[str]
+    vague: list[str]
+    silent: list[str]
+
+
+@cache
+def _read() -> dict[Path, SourceFile]:
+    return {path: _read_file(path) for path in SOURCES}
+
+
+def _read_file(path: Path) -> SourceFile:
+    tree = ast.parse(path.read_text())
+    imported, vague = list[str](), list[str]()
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        if isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+            imported += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imported.append(node.module)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            vague += VAGUE.findall(node.name) if node.name not in FOREIGN_NAMES else []
+        elif isinstance(node, ast.Raise) and isinstance(node.exc, ast.Name | ast.Call):
+            raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
+            vague += [raised.id] if isinstance(raised, ast.Name) and raised.id == "NotImplementedError" else []
+    silent = [f"{holder}{function.name}" for holder, function in _public_functions(tree) if not _says_shapes(function)]
+    return SourceFile(bool(ast.get_docstring(tree)), imported, vague, silent)
+
+
+def _says_shapes(function: ast.FunctionDef) -> bool:
+    annotations = [argument.annotation for argument in (*function.args.args, *function.args.kwonlyargs)]
+    kinds = " ".join(ast.unparse(kind) for kind in (*annotations, function.returns) if kind is not None)
+    said = (ast.get_docstring(function) or "").replace(f"`{function.name}`", "")
+    return not ARRAYS.search(kinds) or bool(SHAPE.search(said) or AS_ANOTHER.search(said))
 
 
 def test_the_top_level_holds_what_was_agreed() -> None:
@@ -119,35 +151,18 @@ def test_the_top_level_holds_what_was_agreed() -> None:
     assert visible - folders - pages <= {"runs", "build", "dist"} | {n for n in visible if n.endswith(".egg-info")}
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=_relative)
-def test_a_file_says_what_it_holds(path: Path) -> None:
-    text = path.read_text()
-    if text.strip():
-        assert ast.get_docstring(ast.parse(text)), "a file's first line says what it holds"
+def test_a_file_says_what_it_holds() -> None:
+    assert [_relative(path) for path, file in _read().items() if not file.described] == []
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=_relative)
-def test_names_say_what_things_are(path: Path) -> None:
-    assert path.stem not in ("utils", "util", "helpers", "helper", "common", "misc", "manager")
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name not in FOREIGN_NAMES:
-            assert not re.match(r"_?(get|compute|do|handle_data)_", node.name), node.name
-        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Name | ast.Call):
-            raised = node.exc.func if isinstance(node.exc, ast.Call) else node.exc
-            assert not (isinstance(raised, ast.Name) and raised.id == "NotImplementedError")
+def test_names_say_what_things_are() -> None:
+    vague = {"utils", "util", "helpers", "helper", "common", "misc", "manager"}
+    assert [_relative(path) for path in SOURCES if path.stem in vague] == []
+    assert {_relative(path): file.vague for path, file in _read().items() if file.vague} == {}
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=_relative)
-def test_a_public_function_says_the_shape_of_its_arrays(path: Path) -> None:
-    silent = []
-    for holder, function in _public_functions(ast.parse(path.read_text())):
-        annotations = [argument.annotation for argument in (*function.args.args, *function.args.kwonlyargs)]
-        kinds = " ".join(ast.unparse(kind) for kind in (*annotations, function.returns) if kind is not None)
-        if ARRAYS.search(kinds):
-            said = (ast.get_docstring(function) or "").replace(f"`{function.name}`", "")
-            if not (SHAPE.search(said) or AS_ANOTHER.search(said)):
-                silent.append(f"{holder}{function.name}")
-    assert not silent, f"no shape is said of the arrays of {', '.join(silent)}"
+def test_a_public_function_says_the_shape_of_its_arrays() -> None:
+    assert {_relative(path): file.silent for path, file in _read().items() if file.silent} == {}
 
 
 def _public_functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
@@ -210,7 +225,7 @@ def test_the_arrays_of_values_are_read_only() -> None:
 
 
 def test_every_setting_says_what_it_is_and_what_chose_it() -> None:
-    for path in PACKAGE.rglob("settings.py"):
+    for path in (path for path in SOURCES if path.name == "settings.py"):
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef):
                 names = [ast.unparse(part.target) for part in node.body if isinstance(part, ast.AnnAssign)]
@@ -219,27 +234,25 @@ def test_every_setting_says_what_it_is_and_what_chose_it() -> None:
                 assert "frozen=True" in ast.unparse(node.decorator_list[0])
 
 
-def test_every_room_says_its_idea() -> None:
-    for path in PACKAGE.rglob("__init__.py"):
-        assert ast.get_docstring(ast.parse(path.read_text())), path
-
-
 def test_a_stranger_reads_the_referee_in_ten_minutes() -> None:
     room = PACKAGE / "referee"
     assert len((room / "judge.py").read_text().splitlines()) <= 250
-    imported = {name for path in room.glob("*.py") for name in _imported(path)}
+    imported = {name for path in room.glob("*.py") for name in _read()[path].imported}
     foreign = {name for name in imported if name.split(".")[0] not in sys.stdlib_module_names}
     assert {name for name in foreign if not name.startswith("guidefield.referee.")} == {"coal", "numpy", "pinocchio"}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_relative)
-def test_commands_and_tools_on_a_page_exist(page: Path) -> None:
+def test_commands_tools_and_links_on_a_page_lead_somewhere() -> None:
     commands = get_command(app).commands  # type: ignore[attr-defined]
-    blocks = "\n".join(re.findall(r"```(?:bash|sh|console)\n(.*?)```", page.read_text(), re.DOTALL))
-    for name in re.findall(r"^(?:\$ )?guidefield ([a-z]+)", blocks, re.MULTILINE):
-        assert name in commands, name
-    for tool in re.findall(r"(?:tools|\.ci)/[\w/.]+", page.read_text()):
-        assert (HOUSE / tool.rstrip(".")).exists(), tool
+    for page in PAGES:
+        text = page.read_text()
+        blocks = "\n".join(re.findall(r"```(?:bash|sh|console)\n(.*?)```", text, re.DOTALL))
+        for name in re.findall(r"^(?:\$ )?guidefield ([a-z]+)", blocks, re.MULTILINE):
+            assert name in commands, (page, name)
+        for tool in re.findall(r"(?:tools|\.ci)/[\w/.]+", text):
+            assert (HOUSE / tool.rstrip(".")).exists(), (page, tool)
+        for target in re.findall(r"\]\((?!https?://|#|mailto:)([^)#]+)", text):
+            assert (page.parent / target).exists(), (page, target)
 
 
 def test_no_text_cites_a_document_that_is_not_here() -> None:
@@ -255,18 +268,12 @@ def test_no_text_cites_a_document_that_is_not_here() -> None:
     assert missing == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=_relative)
-def test_links_within_the_house_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\((?!https?://|#|mailto:)([^)#]+)", page.read_text()):
-        assert (page.parent / target).exists(), target
-
-
 def test_tools_in_python_are_linted_like_the_rest() -> None:
     tools = [path for path in (HOUSE / "tools").iterdir() if path.is_file() and not path.suffix]
     written_in_python = {_relative(path) for path in tools if "python" in path.read_text().partition("\n")[0]}
     assert written_in_python <= set(PROJECT["tool"]["ruff"]["extend-include"])
 
 
-@pytest.mark.parametrize("tool", ["tools/demo", "tools/test", "tools/environment", ".ci/run"])
-def test_tools_can_be_run(tool: str) -> None:
-    assert (HOUSE / tool).stat().st_mode & 0o111
+def test_tools_can_be_run() -> None:
+    for tool in ("tools/demo", "tools/test", "tools/environment", ".ci/run"):
+        assert (HOUSE / tool).stat().st_mode & 0o111, tool
