@@ -248,16 +248,15 @@ def test_several_processes_share_it() -> None:
     assert not [path for path in entries() if path.name.startswith(".")]
 
 
-@pytest.mark.parametrize("path", sorted(SOURCES.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCES)))
-def test_what_a_source_names_is_what_python_reads_of_it(path: Path) -> None:
-    read = set[str]()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module is not None:
-            read.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
-        elif isinstance(node, ast.Import):
-            read.update(alias.name for alias in node.names)
-    computing = {name for name in read if name.startswith(cache._COMPUTING)}
-    assert computing == cache._named(path.read_text())
+def test_what_a_source_names_is_what_python_reads_of_it() -> None:
+    for path in SOURCES.rglob("*.py"):
+        read, source = set[str](), path.read_text()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ImportFrom) and node.module is not None:
+                read.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
+            elif isinstance(node, ast.Import):
+                read.update(alias.name for alias in node.names)
+        assert {name for name in read if name.startswith(cache._COMPUTING)} == cache._named(source), path
 
 
 def test_imports_are_found_however_they_are_written() -> None:

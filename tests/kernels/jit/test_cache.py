@@ -34,6 +34,22 @@ caller()
 print(cache_folder(), caller._cache.cache_path)
 """
 
+READ_ONLY = """
+import tempfile
+def refused(*_, **__):
+    raise OSError("read-only file system")
+tempfile.TemporaryFile = refused
+"""
+
+READ_AGAIN = """
+import os
+from guidefield.kernels.callee import callee
+os.environ['NUMBA_OPT'] = '2'
+import numba
+numba.njit(lambda: 1)()
+assert not numba.config.CACHE_LOCATOR_CLASSES
+"""
+
 
 def run(script: str, path: Path, **environment: str) -> str:
     inherited = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
@@ -56,51 +72,37 @@ def package(tmp_path: Path) -> Path:
     return tmp_path / "code"
 
 
-@pytest.mark.parametrize("chosen", ["NUMBA_CACHE_DIR", "XDG_CACHE_HOME"])
-def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Path, chosen: str) -> None:
-    parent = tmp_path / "caches" / (".cache" if chosen == "HOME" else "")
-    whole, used = run(REPORT, package, **{chosen: str(tmp_path / "caches")}).split()
-    assert Path(whole) == parent / "guidefield" / "kernels"
+CALLED = (
+    "from guidefield.kernels.callee import callee\nfrom guidefield.kernels.caller import caller\n"
+    "print(caller(), *(sum(kernel.stats.cache_hits.values()) for kernel in (caller, callee)))"
+)
+"""Tells what the caller returns, and for both kernels whether they were loaded."""
+
+
+def test_folder_is_below_the_one_that_the_user_chose(package: Path, tmp_path: Path) -> None:
+    """From there kernels are loaded where nothing can be written, too; numba forgets it where it is read again."""
+    reports = {"NUMBA_CACHE_DIR": (REPORT, READ_ONLY + REPORT), "XDG_CACHE_HOME": (READ_AGAIN + REPORT,)}
     sources = Sources(package / "guidefield/kernels", "guidefield.kernels")
-    assert Path(used) == Path(whole) / f"caller-{sources.fingerprint('caller', kernel_compiler())}"
-    assert any(Path(used).glob("*.nbi"))
+    for chosen, scripts in reports.items():
+        for script in scripts:
+            whole, used = run(script, package, **{chosen: str(tmp_path / chosen)}).split()
+            assert Path(whole) == tmp_path / chosen / "guidefield" / "kernels"
+            assert Path(used) == Path(whole) / f"caller-{sources.fingerprint('caller', kernel_compiler())}"
+            assert any(Path(used).glob("*.nbi"))
 
 
-def test_another_place_of_the_same_sources_shares_the_machine_code(package: Path, tmp_path: Path) -> None:
-    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "0"]
-    elsewhere = shutil.copytree(package, tmp_path / "elsewhere")
-    assert run(script, elsewhere, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+def test_machine_code_is_that_of_the_sources_wherever_they_are(package: Path, tmp_path: Path) -> None:
+    def called(path: Path) -> list[str]:
+        return run(CALLED, path, NUMBA_CACHE_DIR=str(tmp_path)).split()
 
-
-def test_other_packages_keep_numbas_own_folders(package: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.py"
-    other.write_text(
-        "import guidefield.kernels.jit.signatures, numba\n"
-        "@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n"
-    )
-    script = "import other; print(other.f._cache.cache_path)"
-    used = run(f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {script}", package, HOME=str(tmp_path)).strip()
-    assert Path(used) == tmp_path / "__pycache__"
-
-
-def test_stale_machine_code_is_never_run(package: Path, tmp_path: Path) -> None:
-    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
-    callee = package / "guidefield/kernels/callee.py"
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "0"]
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
+    callee, caller = (package / f"guidefield/kernels/{name}.py" for name in ("callee", "caller"))
+    assert called(package) == ["1", "0", "0"]
+    assert called(shutil.copytree(package, tmp_path / "elsewhere")) == ["1", "1", "1"]
     callee.write_text(callee.read_text().replace("return 1", "return 2"))
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["2", "0"]
+    assert called(package) == ["2", "0", "0"]
     callee.write_text(callee.read_text().replace("return 2", "return 1"))
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split() == ["1", "1"]
-
-
-def test_an_edit_leaves_the_machine_code_of_what_does_not_call_it(package: Path, tmp_path: Path) -> None:
-    script = "from guidefield.kernels.callee import callee; callee(); print(sum(callee.stats.cache_hits.values()))"
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "0"
-    caller = package / "guidefield/kernels/caller.py"
     caller.write_text(caller.read_text() + "# an edit\n")
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).strip() == "1"
+    assert called(package) == ["1", "0", "1"]
 
 
 def test_kernels_of_another_package_are_kept_by_what_they_depend_on(package: Path, tmp_path: Path) -> None:
@@ -128,44 +130,20 @@ def test_kernels_of_another_package_are_kept_by_what_they_depend_on(package: Pat
 
 
 def test_kernels_of_a_package_that_nobody_keeps_leave_no_machine_code(package: Path, tmp_path: Path) -> None:
-    """numba by itself would know it by the file alone, and miss an edit of what they call."""
-    other = tmp_path / "other.py"
+    """numba by itself would know it by the file alone, and miss an edit of what they call; functions it keeps."""
+    other, theirs = tmp_path / "other.py", tmp_path / "theirs.py"
     other.write_text(KERNEL.format("from guidefield.kernels.callee import callee\n", "mine", "callee() + 1"))
-    script = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from other import mine; print(mine())"
-    assert run(script, package, NUMBA_CACHE_DIR=str(tmp_path / "cache")).strip() == "2"
+    theirs.write_text("import numba\n@numba.njit(numba.int64(), cache=True)\ndef f():\n    return 1\n")
+    script = f"import sys; sys.path.insert(0, {str(tmp_path)!r})\nfrom other import mine; from theirs import f\n"
+    told = run(script + "print(mine(), f._cache.cache_path)", package, HOME=str(tmp_path)).split()
+    assert told == ["2", str(tmp_path / "__pycache__")]
     assert not any("mine" in path.name for path in tmp_path.rglob("*.nbi"))
 
 
-def test_folders_are_ours_whatever_numba_has_read_again(package: Path, tmp_path: Path) -> None:
-    """numba forgets what was set where a variable of its own has changed."""
-    script = (
-        "import os\nfrom guidefield.kernels.callee import callee\n"
-        "os.environ['NUMBA_OPT'] = '2'\nimport numba\nnumba.njit(lambda: 1)()\n"
-        "assert not numba.config.CACHE_LOCATOR_CLASSES\n" + REPORT
-    )
-    whole, used = run(script, package, NUMBA_CACHE_DIR=str(tmp_path)).split()
-    assert Path(used).parent == Path(whole)
-
-
-READ_ONLY = """
-import tempfile
-def refused(*_, **__):
-    raise OSError("read-only file system")
-tempfile.TemporaryFile = refused
-"""
-
-
-def test_kept_kernels_are_loaded_where_nothing_can_be_written(package: Path, tmp_path: Path) -> None:
-    run(REPORT, package, NUMBA_CACHE_DIR=str(tmp_path))
-    _, folder = run(READ_ONLY + REPORT, package, NUMBA_CACHE_DIR=str(tmp_path)).split()
-    assert folder.startswith(str(tmp_path))
-
-
 def test_plain_machine_code_is_kept_apart(package: Path, tmp_path: Path) -> None:
-    script = "from guidefield.kernels.caller import caller; print(caller(), sum(caller.stats.cache_hits.values()))"
-    for plain, hits in (("", "0"), ("1", "0"), ("", "1"), ("1", "1")):
-        told = run(script, package, NUMBA_CACHE_DIR=str(tmp_path), GUIDEFIELD_PLAIN_NUMBA=plain)
-        assert told.split() == ["1", hits]
+    for plain, hits in (("1", "0"), ("", "0"), ("1", "1")):
+        told = run(CALLED, package, NUMBA_CACHE_DIR=str(tmp_path), GUIDEFIELD_PLAIN_NUMBA=plain)
+        assert told.split() == ["1", hits, hits]
 
 
 def test_every_kernel_is_known_to_be_compiled_once_it_is_imported() -> None:

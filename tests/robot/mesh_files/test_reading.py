@@ -215,13 +215,16 @@ CONTENTS = {
 
 
 @pytest.mark.parametrize("kind", CONTENTS)
-@pytest.mark.parametrize("suffix", READERS)
-def test_the_content_says_of_which_kind_a_file_is(kind: str, suffix: str, tmp_path: Path) -> None:
-    for name in (f"right{kind.strip()}", f"wrong{suffix}"):
-        (tmp_path / name).write_bytes(CONTENTS[kind]())
-    right, wrong = (read_mesh(tmp_path / name) for name in (f"right{kind.strip()}", f"wrong{suffix}"))
-    assert (wrong.vertices == right.vertices).all()
-    assert (wrong.triangles == right.triangles).all()
+def test_the_content_says_of_which_kind_a_file_is(kind: str, tmp_path: Path) -> None:
+    content, right = CONTENTS[kind](), tmp_path / f"right{kind.strip()}"
+    right.write_bytes(content)
+    expected = read_mesh(right)
+    for suffix in READERS:
+        wrong = tmp_path / f"wrong{suffix}"
+        wrong.write_bytes(content)
+        read = read_mesh(wrong)
+        assert (read.vertices == expected.vertices).all(), suffix
+        assert (read.triangles == expected.triangles).all(), suffix
 
 
 @pytest.mark.parametrize("kind", [" .stl", ".obj", ".off", ".ply", ".dae", ".gltf"])
