@@ -23,7 +23,7 @@ from guidefield.geometry.mesh_surface import mesh_surface
 from guidefield.memo import memoized
 from guidefield.messages.conditions import AttachedObject, PathConstraint
 from guidefield.messages.scene import Mesh
-from guidefield.messages.values import Placement
+from guidefield.messages.values import ORIGIN, Placement
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.mesh_files.reading import companions, plain_file, read_mesh
 from guidefield.robot.model.configuration import configuration_to_wire
@@ -31,6 +31,7 @@ from guidefield.robot.model.model import JointKind, RobotModel, RobotSource
 from guidefield.robot.model.shapes import hull
 from guidefield.robot.urdf import xml
 from guidefield.scene import obstacle
+from guidefield.scene.anchor import Anchor
 from guidefield.whole_file import write_whole
 
 FORMAT = "guidefield cases 1"
@@ -54,6 +55,7 @@ class Motion:
         left_at: Index of a piece, and the fraction of it that has passed.
         limited: Joints whose velocity and acceleration limits count, instead of those of the world's group.
         untold: Certified properties that no case contains, in words.
+        anchor: From which all of it is seen; None: the world's origin.
     """
 
     world: World
@@ -69,6 +71,7 @@ class Motion:
     left_at: tuple[int, float] = (0, 0.0)
     limited: PlanningGroup | None = None
     untold: str = ""
+    anchor: Anchor | None = None
 
 
 def write(path: Path, motion: Motion) -> None:
@@ -92,7 +95,8 @@ def make_cases(*motions: Motion) -> list[dict[str, Any]]:
     for motion in (part for whole in motions for part in divide(whole)):
         robot = motion.world.group.robot
         if known is None or known[:2] != (robot.source, motion.placement):
-            known = robot.source, motion.placement, _describe_robot(robot, motion.placement)
+            placement = motion.placement if motion.anchor is None else motion.anchor.put(motion.placement)
+            known = robot.source, motion.placement, _describe_robot(robot, placement)
         told.append(_make_case(motion, known[2]))
     return told
 
@@ -149,11 +153,15 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
     group, scene = motion.world.group, motion.world.scene
     robot = group.robot
     reference = configuration_to_wire(robot.joints, group.q_reference)
+    obstacles, constraints, anchor = list(scene.message.obstacles), list(motion.path_constraints), motion.anchor
+    if anchor is not None:
+        obstacles, constraints = [*map(anchor.show, obstacles)], [*map(anchor.outward, constraints)]
     return {
         "format": FORMAT,
+        "anchor": ORIGIN if anchor is None else anchor.place,
         "robot": robot_told,
         "held": _to_plain(motion.held),
-        "obstacles": _to_plain(scene.message.obstacles),
+        "obstacles": _to_plain(obstacles),
         "reference": reference,
         "motion": {
             "joints": [joint.name for joint in group.joints],
@@ -164,7 +172,7 @@ def _make_case(motion: Motion, robot_told: dict[str, Any]) -> dict[str, Any]:
         "limits": _list_limits(motion),
         "without_limits": _list_unlimited_joints(robot),
         "min_clearance": motion.min_clearance,
-        "path_constraints": _to_plain(motion.path_constraints),
+        "path_constraints": _to_plain(constraints),
         "left_out": _list_left_out_pairs(motion),
         "parts": {"links": _describe_links(robot), "objects": _describe_objects(motion)},
     }

@@ -15,7 +15,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from guidefield.robot.catalog.sent import SentRobot
     from guidefield.robot.model.model import RobotModel
     from guidefield.run_log import RobotOrigin
+    from guidefield.scene.anchor import Anchor
     from guidefield.scene.built import BuiltScenes
     from guidefield.scene.scene import Scene
     from guidefield.stream.stream import CertifiedStream
@@ -78,6 +79,7 @@ Lend = Callable[[Kind, str, str], "Engine"]
 _log = logging.getLogger(__name__)
 
 _R = TypeVar("_R", PlanReply, CertifyReply)
+_Asked = TypeVar("_Asked", bound=requests.Request)
 
 
 class LocalFiles(enum.Enum):
@@ -91,6 +93,8 @@ class LocalFiles(enum.Enum):
 class _RequestContext:
     """The circumstances of a request, as in `Engine.answer`."""
 
+    asked: requests.Request
+    """As it came; what is answered is seen from the anchor, if there is one."""
     received: float
     watcher: Watcher | None
     load: _RobotLoader
@@ -98,6 +102,7 @@ class _RequestContext:
     """Begin of its work, if that was before it was decoded, by `time.monotonic()` [s]."""
     deferred: bool = False
     proof_to: Path | None = None
+    anchor: Anchor | None = None
 
 
 class SharedCaches:
@@ -222,9 +227,10 @@ class Engine:
                     read = time.monotonic() - came
                     ready = self._load_ahead(decoded, load)
                     received = began = came if ready else time.monotonic() - read
-                reply = self._dispatch(
-                    decoded, record_to, _RequestContext(received, watcher, load, began, deferred, proof_to)
-                )
+                near, anchor = _seen(decoded, load)
+                context = _RequestContext(decoded, received, watcher, load, began, deferred, proof_to, anchor)
+                reply = self._dispatch(near, record_to, context)
+                reply = reply if anchor is None else anchor.outward(reply)
         except GuidefieldError as error:
             self._counters["refused"] += 1
             if "path" not in error.details and (path := field_path(error.message, "$")) != "$":
@@ -253,11 +259,11 @@ class Engine:
 
             if request.steps:
                 importlib.import_module("guidefield.handlers.sequence")
-            return prepare_ahead(request, load, self._find_scene_message) and compiled
+            return prepare_ahead(_seen(request, load)[0], load, self._find_scene_message) and compiled
         if isinstance(request, requests.CertifyRequest):
             from guidefield.handlers.certify import lay_out_ahead
 
-            lay_out_ahead(request, load)
+            lay_out_ahead(_seen(request, load)[0], load)
         return False
 
     def warm_up(self, robots: Sequence[str] = (), recorder: bool = False) -> None:
@@ -292,7 +298,7 @@ class Engine:
 
         prepare(self._load_robot(request.robot), deadline)
         deadline.check("the links were laid out")
-        prepare_ahead(request, self._load_robot, self._find_scene_message)
+        prepare_ahead(_seen(request, self._load_robot)[0], self._load_robot, self._find_scene_message)
 
     def _dispatch(self, request: requests.Request, record_to: Path | None, asking: _RequestContext) -> Reply:
         if isinstance(request, requests.PlanRequest):
@@ -300,7 +306,7 @@ class Engine:
         if isinstance(request, requests.CertifyRequest):
             return self._certify(request, record_to, asking)
         if isinstance(request, requests.KinematicsRequest) and record_to is None:
-            return self._answer_kinematics(request, asking.received, asking.watcher)
+            return self._answer_kinematics(request, asking)
         kind = type(request)
         if record_to is not None:
             raise MalformedRequest(f"only a plan or a judgement can be recorded, not {kind.__name__}")
@@ -319,7 +325,7 @@ class Engine:
             return answer(
                 request,
                 asking.load(request.robot),
-                self._build_scene(request.scene, deadline),
+                run.see(self._build_scene(request.scene, deadline)),
                 run_id=run.run_id,
                 received=asking.received,
                 deadline=deadline,
@@ -341,7 +347,7 @@ class Engine:
             return answer_certify(
                 request,
                 asking.load(request.robot),
-                self._build_scene(request.scene, deadline),
+                run.see(self._build_scene(request.scene, deadline)),
                 run_id=run.run_id,
                 received=asking.received,
                 deadline=deadline,
@@ -381,7 +387,8 @@ class Engine:
             proof_place = proof_place or (self._recordings.file(run_id, PROOF), f"{key}/proof")
         watcher, received = asking.watcher, asking.received
         progress = None if watcher is None else ProgressReporter(run_id, received, watcher)
-        run = Run(run_id, request, to, asking.load.origin, progress, proof_place)
+        asked = cast(requests.MotionRequest, asking.asked)
+        run = Run(run_id, asked, to, asking.load.origin, progress, proof_place, asking.anchor)
         try:
             return run.end(answer_run(run, time.monotonic() if asking.began is None else asking.began), received)
         except DeadlineExpired as late:
@@ -398,7 +405,10 @@ class Engine:
         """
         from guidefield.handlers.certify import motion_of
 
-        return motion_of(request, self._load_robot(request.robot), self._build_scene(request.scene))
+        near, anchor = _seen(request, self._load_robot)
+        scene = self._build_scene(request.scene)
+        seen = scene if anchor is None else anchor.see(scene)
+        return replace(motion_of(near, self._load_robot(request.robot), seen), anchor=anchor)
 
     def robot(self, name: str) -> RobotModel:
         """Return the robot of a name.
@@ -427,14 +437,12 @@ class Engine:
             request, self._load_robot(request.robot), self._build_scene(request.scene), taking, watching
         )
 
-    def _answer_kinematics(
-        self, request: requests.KinematicsRequest, received: float, watcher: Watcher | None
-    ) -> Reply:
+    def _answer_kinematics(self, request: requests.KinematicsRequest, asking: _RequestContext) -> Reply:
         from guidefield.handlers.expired import ended_work
         from guidefield.handlers.kinematics import answer_kinematics
         from guidefield.handlers.preparation import prepare_field
 
-        until = received + request.allowed_time
+        watcher, until = asking.watcher, asking.received + request.allowed_time
         deadline = Deadline(until) if watcher is None else Deadline(until, watcher.is_cancelled)
         robot = None if request.robot is None else self._load_robot(request.robot)
         kinds = requests.InverseKinematics | requests.Clearance | requests.Potential
@@ -445,7 +453,13 @@ class Engine:
                 prepare_field(scene, deadline)
             if watcher is not None:
                 watcher.be_prepared()
-            return answer_kinematics(request, robot, scene, deadline)
+            if asking.anchor is None:
+                return answer_kinematics(request, robot, scene, deadline)
+            reply: Any = answer_kinematics(
+                request, robot, None if scene is None else asking.anchor.see(scene), deadline
+            )
+            coarse = asking.anchor.coarse_warnings(asking.asked, scene)
+            return cast(Reply, msgspec.structs.replace(reply, warnings=[*reply.warnings, *coarse]))
         except DeadlineExpired as late:
             raise ended_work(late, request.allowed_time) from None
 
@@ -561,6 +575,16 @@ class Engine:
     def _read_stored_scene(self, reference: str, version: int | None) -> SceneMessage:
         holder, name = self._find_holder("scenes", reference)
         return holder._scenes.read(name, version)[0]
+
+
+def _seen(request: _Asked, load: Callable[[requests.RobotReference], RobotModel]) -> tuple[_Asked, Anchor | None]:
+    """Return a request as seen from near its robot, and from where; as it came near the origin, and None."""
+    if not isinstance(request, requests.MotionRequest | requests.KinematicsRequest):
+        return request, None
+    from guidefield.scene.anchor import Anchor
+
+    anchor = Anchor.of(request, load)
+    return (request, None) if anchor is None else (anchor.inward(request), anchor)
 
 
 def _with_proof(request: requests.Request) -> requests.Request:

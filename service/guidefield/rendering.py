@@ -69,7 +69,7 @@ class Renderings:
             with _read(recordings, name, data) as log:
                 file, bodies = recordings.path(name), None if whole else recordings.bodies_folder
                 motion = self._motion(log)
-                return draw(file, bodies, log.request, log.reply, motion, log.events, log.made_with)
+                return draw(file, bodies, log.request, log.reply, motion, log.events, log.made_with, log.anchor)
         except UnreadableLog as error:
             return f"{error}"
         except GuidefieldError as error:
@@ -88,11 +88,13 @@ class Renderings:
         from guidefield.handlers.plan import restore_plan
         from guidefield.handlers.sequence import restore_steps
 
-        robot, scene = self._robot(log), self._scenes.of(log.scene)
-        if isinstance(log.request, PlanRequest):
-            restore = restore_steps if log.request.steps else restore_plan
-            return restore(log.request, robot, scene, log.motion)
-        return restore_certify(log.request, robot, scene, log.motion)
+        robot, scene, request = self._robot(log), self._scenes.of(log.scene), log.request
+        if log.anchor is not None:
+            request, scene = log.anchor.inward(request), log.anchor.see(scene)
+        if isinstance(request, PlanRequest):
+            restore = restore_steps if request.steps else restore_plan
+            return restore(request, robot, scene, log.motion)
+        return restore_certify(request, robot, scene, log.motion)
 
     def _robot(self, log: RunLog) -> RobotModel:
         origin = log.robot

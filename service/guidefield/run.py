@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 import msgspec
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from guidefield.planner.task.trace import Event
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.run_log import RobotOrigin
+    from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
 LARGEST_RECORDING = 512 * 2**20
@@ -69,6 +70,7 @@ class Run:
         robot: Returns the source of its robot, once that is loaded.
         progress: Reports its progress, if anybody listens.
         proof_place: File of its proof, and its place for the reply; None: nowhere.
+        anchor: From which all is seen that answers it; None: the world's origin.
     """
 
     def __init__(
@@ -79,8 +81,10 @@ class Run:
         robot: Callable[[], RobotOrigin],
         progress: ProgressReporter | None = None,
         proof_place: tuple[Path, str] | None = None,
+        anchor: Anchor | None = None,
     ) -> None:
         self.run_id = run_id
+        self._anchor, self._declared = anchor, cast("Scene | None", None)
         self._progress = progress
         self._request = request
         self._destination = None if request.recording == "off" else destination
@@ -92,6 +96,15 @@ class Run:
     def is_cancelled(self) -> bool:
         """Return whether the run is cancelled; called at every iteration, it also reports progress."""
         return self._progress is not None and self._progress.pass_time_and_ask()
+
+    def see(self, scene: Scene) -> Scene:
+        """Return the run's scene as it is seen; as it is declared it is recorded."""
+        if self._anchor is None:
+            return scene
+        self._declared = scene
+        for text in self._anchor.coarse_warnings(self._request, scene):
+            self._warnings.add(text)
+        return self._anchor.see(scene)
 
     def prepare(self, what: str) -> None:
         """Report the part of the robot that is prepared now."""
@@ -109,7 +122,15 @@ class Run:
             self._progress.begin(group, scene)
         if self._destination is not None:
             origin = self._robot()
-            self._recording = _Recording(self.run_id, self._request, self._destination, origin, scene, self._warnings)
+            self._recording = _Recording(
+                self.run_id,
+                self._request,
+                self._destination,
+                origin,
+                self._declared or scene,
+                self._warnings,
+                self._anchor,
+            )
         if self._progress is not None:
             self._progress.be_prepared()
         is_observed = self._progress is not None or self._recording is not None
@@ -129,7 +150,7 @@ class Run:
                 raise UnprovedError("there is no place for it: name a file, or ask a service")
             if not motions:
                 raise UnprovedError("no motion is certified free and within its limits")
-            content = proof_of(motions, deadline)
+            content = proof_of([replace(motion, anchor=self._anchor) for motion in motions], deadline)
             if len(content) > LARGEST_RECORDING:
                 raise UnprovedError(f"it has {len(content)} bytes, at most {LARGEST_RECORDING} are kept")
             self._proof = content
@@ -230,6 +251,7 @@ def draw(
     motion: RecordedMotion,
     events: EventLog,
     made_with: str,
+    anchor: Anchor | None = None,
 ) -> str | None:
     """Write a recording.
 
@@ -241,6 +263,7 @@ def draw(
         motion: The motion.
         events: The planner's events.
         made_with: Versions of the packages that made the run.
+        anchor: From which the motion is seen; None: the world's origin.
 
     Returns:
         The reason why it isn't stored; None if it is.
@@ -259,12 +282,12 @@ def draw(
     group, scene = motion.shown()
     if isinstance(request, PlanRequest):
         assert isinstance(reply, PlanReply), "a plan was answered"
-        record_plan(place, RecordedRun(group, scene, request, reply, profile, made_with), events)
+        record_plan(place, RecordedRun(group, scene, request, reply, profile, made_with, anchor), events)
     else:
         assert isinstance(request, CertifyRequest), "only plans and judgements are recorded"
         assert isinstance(reply, CertifyReply), "a judgement was answered"
         assert isinstance(motion, JudgedMotion), "a motion was judged"
-        record_judgement(place, RecordedRun(group, scene, request, reply, profile, made_with), motion.given)
+        record_judgement(place, RecordedRun(group, scene, request, reply, profile, made_with, anchor), motion.given)
     size = file.stat().st_size
     if size <= LARGEST_RECORDING:
         return None
@@ -306,11 +329,12 @@ class _Recording:
         robot: RobotOrigin,
         scene: Scene,
         warnings: _Warnings,
+        anchor: Anchor | None = None,
     ) -> None:
         from guidefield.planner.task.event_log import EventLog
 
         self._run_id, self._request, self._destination = run_id, request, destination
-        self._robot, self._scene, self._warnings = robot, scene, warnings
+        self._robot, self._scene, self._warnings, self._anchor = robot, scene, warnings, anchor
         self._steps_only = request.recording == "summary"
         self._events = EventLog()
         self.kept: str | None = None
@@ -326,9 +350,13 @@ class _Recording:
         """Store the log of the run; draw the recording instead if that fails, or no log is wanted."""
         to = self._destination
         told: MotionReply = msgspec.structs.replace(reply, recording=to.key)
+        if self._anchor is not None:
+            told = self._anchor.outward(told)
         try:
             if to.log is None or not self._defer(*to.log, told, motion):
-                fault = draw(to.file, to.bodies, self._request, told, motion, self._events, describe_versions())
+                fault = draw(
+                    to.file, to.bodies, self._request, told, motion, self._events, describe_versions(), self._anchor
+                )
                 if fault is not None:
                     self._warnings.add(f"the recording is not kept: {fault}")
                     return
@@ -346,7 +374,7 @@ class _Recording:
         from guidefield.run_log import write_log
 
         log, shared = write_log(
-            self._run_id, self._request, reply, self._robot, self._scene, self._events, motion.pack()
+            self._run_id, self._request, reply, self._robot, self._scene, self._events, motion.pack(), self._anchor
         )
         try:
             recordings.owe(name, log, shared)

@@ -28,6 +28,7 @@ from guidefield.messages.scene import Obstacle as ObstacleMessage, Scene as Scen
 from guidefield.messages.values import RootJoint
 from guidefield.planner.task.event_log import EventLog, PackedEvents
 from guidefield.robot.catalog.sent import SentRobot
+from guidefield.scene.anchor import Anchor
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene, declared_with
 from guidefield.stores.recordings import OBSTACLES, ROBOT, SCENE, SharedFile
@@ -82,6 +83,7 @@ class _Log(msgspec.Struct, frozen=True):
         packages: Folders in which meshes of a robot that is sent as text are looked for.
         events: What the planner told.
         motion: The motion.
+        anchor: From which the motion is seen.
     """
 
     run_id: str
@@ -96,6 +98,7 @@ class _Log(msgspec.Struct, frozen=True):
     packages: tuple[str, ...]
     events: PackedEvents
     motion: PackedMotion
+    anchor: Anchor | None = None
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,7 @@ class RunLog:
         scene: The scene as it was then.
         events: What the planner told.
         motion: The motion.
+        anchor: From which it is seen; None: the world's origin.
     """
 
     run_id: str
@@ -136,6 +140,7 @@ class RunLog:
     scene: SceneMessage
     events: EventLog
     motion: PackedMotion
+    anchor: Anchor | None = None
 
 
 def write_log(
@@ -146,6 +151,7 @@ def write_log(
     scene: Scene,
     events: EventLog,
     motion: PackedMotion,
+    anchor: Anchor | None = None,
 ) -> tuple[bytes, list[SharedFile]]:
     """The content of a log, and the files that it shares with others."""
     packed = _packed_scene(scene)
@@ -176,6 +182,7 @@ def write_log(
         packages=tuple(map(str, robot.packages)),
         events=events.pack(),
         motion=motion,
+        anchor=anchor,
     )
     return MAGIC + _ENCODER.encode(log), shared
 
@@ -215,6 +222,7 @@ def read_log(data: bytes, needed: Callable[[str], Path], make_folder: Callable[[
             scene=declared,
             events=EventLog.unpack(log.events),
             motion=log.motion,
+            anchor=log.anchor,
         )
     except FileNotFoundError as error:
         raise UnreadableLog(f"its log lacks {Path(error.filename).name}") from None

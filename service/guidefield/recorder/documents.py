@@ -19,12 +19,13 @@ from guidefield.messages import codec
 from guidefield.messages.certify_reply import describe_certificate, describe_place
 from guidefield.messages.replies import CertifyReply, LimitUse, MotionReply, PlanReply, StepFigures, to_plain_data
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
-from guidefield.recorder.chunks import still
+from guidefield.recorder.chunks import WORLD, still
 from guidefield.recorder.packing import MESSAGE_COMPONENT, large_scene, packed
 
 if TYPE_CHECKING:
     from guidefield.planner.quality import ClearanceProfile
     from guidefield.robot.group.group import PlanningGroup
+    from guidefield.scene.anchor import Anchor
     from guidefield.scene.scene import Scene
 
 REQUEST, REPLY, SUMMARY = "/documents/request", "/documents/reply", "/documents/summary"
@@ -58,6 +59,7 @@ class RecordedRun(Generic[_Request_co, _Reply_co]):
         reply: The answer to it.
         measured: The clearance along the motion, if there is one.
         made_with: The packages that it was made with, as `versions.made_with`.
+        anchor: From which group, scene and measures are seen, and all is drawn; None: the world's origin.
     """
 
     group: PlanningGroup
@@ -66,6 +68,13 @@ class RecordedRun(Generic[_Request_co, _Reply_co]):
     reply: _Reply_co
     measured: ClearanceProfile | None
     made_with: str
+    anchor: Anchor | None = None
+
+    def seen(self) -> tuple[_Request_co, _Reply_co]:
+        """Return request and reply as they are drawn."""
+        if self.anchor is None:
+            return self.request, self.reply
+        return self.anchor.inward(self.request), self.anchor.inward(self.reply)
 
 
 Run = RecordedRun[MotionRequest, MotionReply]
@@ -89,6 +98,10 @@ def _document_run(run: Run, figures: Mapping[str, Any], parts: Sequence[str], re
         known["clearance"] = reply.clearance.minimum
     known[MADE_WITH] = run.made_with
     yield Chunk.from_property(PROPERTIES.rpartition("/")[2], rr.AnyValues(**known))
+    if run.anchor is not None:
+        x, y, z = run.anchor.place
+        yield still("/", rr.Transform3D(translation=run.anchor.place, child_frame=WORLD, parent_frame="earth"))
+        parts = [*parts, "", f"Drawn from a point of the world: ({x:.0f}, {y:.0f}, {z:.0f}) m."]
     summary = "\n".join([*_headline(reply), *parts])
     yield still(SUMMARY, rr.TextDocument(summary, media_type=rr.MediaType.MARKDOWN))
     if large_scene(request) is None:

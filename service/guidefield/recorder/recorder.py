@@ -51,7 +51,7 @@ def record_plan(place: Place, run: PlanRun, log: EventLog) -> None:
     Raises:
         OSError: if the file cannot be written; nothing is left of it.
     """
-    group, request, reply = run.group, run.request, run.reply
+    group, (request, reply) = run.group, run.seen()
     full, steps, colliding = request.recording == "full", log.steps(), _colliding(reply)
     refused = refused_goal(group, request, reply)
     motion = shown_motion(group, reply, run.measured, steps[-1][1].q if steps else None)

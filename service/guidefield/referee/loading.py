@@ -20,7 +20,17 @@ import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint, Screw
 from guidefield.referee.meshes import UnreadableMesh, read
-from guidefield.referee.shapes import NO_TRIANGLES, Shape, hull, placement_of, shape, shape_of, snapped, surface
+from guidefield.referee.shapes import (
+    NO_TRIANGLES,
+    Shape,
+    hull,
+    placement_of,
+    points_of,
+    shape,
+    shape_of,
+    snapped,
+    surface,
+)
 
 FORMAT = "guidefield cases 1"
 
@@ -89,6 +99,8 @@ def case_of(told: Told, meshes: Meshes | None = None) -> Case:
 
 
 def _case(told: Told, meshes: Meshes) -> Case:
+    if any(told.get("anchor", ())):
+        told = _seen(told, np.array(told["anchor"], float))
     model, geometry, laws = _robot(told["robot"], meshes)
     spread, offset, turning, turned, columns = _chart(model, told, laws)
     positions, times, velocities = _motion(told["motion"], len(columns))
@@ -115,6 +127,25 @@ def _case(told: Told, meshes: Meshes) -> Case:
         left_out=[*_left_out(told["left_out"], bodies), *unlimited],
         unknown=unknown,
     )
+
+
+def _seen(told: Told, anchor: np.ndarray) -> Told:
+    """A case as seen from a point of the world (3,) [m]: far from the origin rounding would count."""
+
+    def nearer(one: Told) -> Told:
+        if moves := one.get("trajectory"):
+            return {**one, "trajectory": {**moves, "placements": [*map(nearer, moves["placements"])]}}
+        kind = one.get("type", "")
+        if kind == "half_space":
+            return {**one, "offset": one["offset"] - np.array(one["normal"], float) @ anchor}
+        field = {"polygon": "vertices", "point_cloud": "points", "plane": "point", "line": "point"}.get(
+            kind, "position"
+        )
+        points = points_of(one.get(field, (0.0, 0.0, 0.0))) - anchor
+        return {**one, field: points if kind in ("polygon", "point_cloud") else points[0]}
+
+    moved = {key: [*map(nearer, told.get(key, ()))] for key in ("obstacles", "path_constraints")}
+    return {**told, **moved, "robot": {**told["robot"], "placement": nearer(told["robot"].get("placement", {}))}}
 
 
 def _robot(told: Told, read_meshes: Meshes) -> tuple[Any, Any, dict[str, tuple[str, float, float]]]:

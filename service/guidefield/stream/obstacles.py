@@ -13,6 +13,7 @@ from guidefield.geometry.placements import frames
 from guidefield.kernels.stream.judge import JudgedPlaces, JudgedShapes
 from guidefield.messages import scene as messages
 from guidefield.messages.streams import MOST_OBSTACLES, Deviation, Observation, StreamObstacle, StreamUpdate
+from guidefield.messages.values import ORIGIN, Vector3
 from guidefield.read_only import ReadOnly
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import posed
@@ -100,12 +101,14 @@ class Obstacles:
         scene: What rests.
         assumption: How the others move.
         pairs: Which bodies meet an obstacle of a name, given that name: indices of bodies.
+        origin: Point of the world that the scene is seen from [m]; observations are of the world.
         known: The others, by name.
     """
 
     scene: Scene
     assumption: Assumption
     pairs: Callable[[str], np.ndarray]
+    origin: Vector3 = ORIGIN
     known: dict[str, Known] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -308,7 +311,8 @@ class Obstacles:
         margins = uncertain + assumed.min_clearance + fast * assumed.clock_error
         placements = [one.placement for one in seen]
         self._poses[rows] = frames(
-            np.array([one.position for one in placements]), np.array([one.quaternion_xyzw for one in placements])
+            np.array([one.position for one in placements]) - self.origin,
+            np.array([one.quaternion_xyzw for one in placements]),
         )
         self._velocities[rows], self._rates[rows], self._times[rows] = velocities, rates, [one.time for one in seen]
         self._margins[rows] = margins

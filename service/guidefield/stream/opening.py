@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -59,13 +60,14 @@ class Opened:
         )
 
 
-def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened:
+def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: Sequence[str] = ()) -> Opened:
     """The values of a request.
 
     Args:
         request: What is asked.
         robot: The robot that it names.
         scene: The scene that it names.
+        coarse: Warnings about how it was told.
 
     Raises:
         GuidefieldError: if it is ill-posed, or asks for what isn't served; by name.
@@ -124,7 +126,7 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene) -> Opened
         bounds=bounds,
         start=cast(ChartPoint, group.chart(q_start) + turns),
         assumption=Assumption(deviation, request.min_clearance, request.clock_error),
-        warnings=(*robot.warnings, *scene.warnings, *warnings, *touching),
+        warnings=(*robot.warnings, *scene.warnings, *coarse, *warnings, *touching),
         touching=touching,
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from guidefield.errors import MalformedRequest
 from guidefield.messages.streams import Observation, Piece, StreamObstacle
+from guidefield.messages.values import Vector3
 from guidefield.recorder.stream_recorder import MovingBody, StreamMotion, stream_recording
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
@@ -79,7 +80,7 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
             horizon=np.concatenate([one.horizon for one in parts]),
             latency=np.concatenate([one.latency for one in parts]),
             reasons=[reason for one in parts for reason in one.reasons],
-            moving=moved.bodies(),
+            moving=moved.bodies(stream.origin),
         )
         return stream_recording(f"{files[-1].parent.name}-{_named(files)}", stream.group, stream.scene, motion)
 
@@ -257,9 +258,9 @@ class _Moved:
                 for observation in update.obstacles:
                     self._known[observation.name].see(observation, update.time)
 
-    def bodies(self) -> list[MovingBody]:
-        """They, as a recording shows them."""
-        return [_body(one) for one in self._known.values() if one.observations]
+    def bodies(self, origin: Vector3) -> list[MovingBody]:
+        """They, as a recording shows them from a point of the world (3,) [m]."""
+        return [_body(one, origin) for one in self._known.values() if one.observations]
 
     def _declare(self, shape: StreamObstacle) -> _Seen:
         known = self._known.setdefault(shape.obstacle.name, _Seen(shape))
@@ -279,9 +280,10 @@ class _Moved:
             self._known[name].lose(now if np.isfinite(now := begun.snapshot.state.now) else 0.0)
 
 
-def _body(one: _Seen) -> MovingBody:
+def _body(one: _Seen, origin: Vector3) -> MovingBody:
     there = sorted(one.observations, key=lambda seen: seen.time)
     placements = np.array([(*seen.placement.position, *seen.placement.quaternion_xyzw) for seen in there])
+    placements[:, :3] -= origin
     built = obstacles.build(in_its_frame(one.declared.obstacle), 0)
     times = np.array([seen.time for seen in there])
     return MovingBody(built, times, placements, np.array(one.appears), np.array(one.gone))

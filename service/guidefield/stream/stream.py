@@ -24,10 +24,12 @@ from guidefield.kernels.jit.compilers import load
 from guidefield.kernels.stream import dodge, judge, profiles, room, way
 from guidefield.messages import codec
 from guidefield.messages.streams import Piece, Reason, StreamGoal, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.values import ORIGIN
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
 from guidefield.stream.certificate import Judge, Judgement, Told
 from guidefield.stream.commit import Commit, one_after_another, towards
@@ -104,15 +106,19 @@ class CertifiedStream:
     ) -> None:
         for kernels in KERNELS:
             load(kernels)
-        self._opened = asked = read_opening(request, robot, scene)
-        self.request = request
+        anchor, self.request = Anchor.of(request, lambda _: robot), request
+        coarse = () if anchor is None else anchor.coarse_warnings(request, scene)
+        self._inward: Callable[[Any], Any] = (lambda message: message) if anchor is None else anchor.inward
+        self.origin = ORIGIN if anchor is None else anchor.place
+        scene = scene if anchor is None else anchor.see(scene)
+        self._opened = asked = read_opening(self._inward(request), robot, scene, coarse)
         self.group, self.scene = asked.group, scene
         keeping = (request.min_clearance, request.tracking_tolerance)
         self._room = Room(asked.group, asked.world, asked.bounds, *keeping)
         self._taking: TakeOver = taking or Counted()
         beside = Room(asked.group, asked.world, asked.bounds, *keeping)
         self._planner = Planner(beside, asked.group, self._taking.niceness)
-        self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met)
+        self._obstacles = Obstacles(scene, asked.assumption, asked.bodies_met, self.origin)
         for index, one in enumerate(request.obstacles):
             self._obstacles.take(self._obstacles.prepared(one, f"$.obstacles[{index}]", asked.group.robot.links))
         tolerances = np.full(asked.group.nv, request.tracking_tolerance)
@@ -196,7 +202,7 @@ class CertifiedStream:
         state = self._state
         state.sought, self._seeking = state.sought + 1, self._seeking + 1
         rng = np.random.default_rng([self.request.seed, state.sought])
-        work = partial(_search_goals, asked, self.group, self.executing.ends, rng)
+        work = partial(_search_goals, self._inward(asked), self.group, self.executing.ends, rng)
         self._watching.sought(asked)
         return Sought(state.sought, self._planner.beside(work))
 

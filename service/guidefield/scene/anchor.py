@@ -1,0 +1,254 @@
+"""Requests, replies and scenes as seen from an anchor: a point near a robot that is far from the world's origin.
+
+An anchor has whole metres: positions near it that a client told are told from it without rounding, and single precision
+holds it in recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar, cast
+
+import msgspec
+import numpy as np
+
+from guidefield.geometry.placements import se3
+from guidefield.memo import memoized
+from guidefield.messages import replies, requests, scene as messages
+from guidefield.messages.kinematics_replies import PackedClearance, PackedNumbers
+from guidefield.messages.streams import StreamOpen
+from guidefield.messages.triples import Points
+from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3
+from guidefield.scene.points import points_in
+from guidefield.scene.scene import Scene, build
+
+FAR = 100.0
+"""A robot that is farther from the origin along an axis is seen from an anchor [m]: within it single precision tells
+8 um."""
+
+COARSE = 16384.0
+"""From here on neighbours in single precision are more than a millimetre apart [m]."""
+
+_Message = TypeVar("_Message", bound=msgspec.Struct)
+
+
+class Anchor(msgspec.Struct, frozen=True):
+    """An anchor.
+
+    Attributes:
+        place: In the world, whole metres [m].
+        joint: A planar or floating joint below the world whose place is counted from elsewhere, too; empty: none.
+        values: That elsewhere, in the joint's own directions, whole metres [m].
+        root: The same in the world's, which the robot's root has gone there, shape (3,) [m].
+    """
+
+    place: Vector3
+    joint: str = ""
+    values: tuple[float, ...] = ()
+    root: Vector3 = ORIGIN
+
+    @classmethod
+    def of(cls, request: Any, load: Callable[[Any], Any]) -> Anchor | None:
+        """Find the anchor of a request; None of one near the origin, or about no robot.
+
+        Args:
+            request: Of any kind.
+            load: Loads a robot.
+        """
+        if type(request) not in _WORLD or getattr(request, "robot", None) is None:
+            return None
+        at, start = request.robot_placement, getattr(request, "start", {})
+        lists = [value for value in start.values() if isinstance(value, list)]
+        if isinstance(request, requests.PlanRequest) and any(abs(x) > FAR for value in lists for x in value):
+            robot = load(request.robot)
+            joint = robot.joints[0]
+            value, count = start.get(joint.name), {"planar": 2, "floating": 3}.get(joint.kind, 0)
+            if robot.model.parents[joint.index] == 0 and count and isinstance(value, list) and len(value) > count:
+                values = np.round(value[:count])
+                own = np.array(robot.model.jointPlacements[joint.index].rotation)[:, :count] @ values
+                root = se3(at.position, at.quaternion_xyzw).rotation @ own
+                place = np.round(np.array(at.position) + root)
+                return cls((*place.tolist(),), joint.name, (*values.tolist(),), (*root.tolist(),))
+        x, y, z = (float(round(x)) for x in at.position)
+        return cls((x, y, z)) if max(map(abs, at.position)) > FAR else None
+
+    def inward(self, message: _Message) -> _Message:
+        """Return a message of the world as seen from here; scenes that requests hold stay (`seen_from`)."""
+        return cast(_Message, _moved(message, self, -1.0))
+
+    def outward(self, message: _Message) -> _Message:
+        """Return a message as seen from here in the world."""
+        return cast(_Message, _moved(message, self, 1.0))
+
+    def see(self, scene: Scene) -> Scene:
+        """Return a scene as seen from here."""
+        return _seen_from(scene, self)
+
+    def show(self, obstacle: messages.Obstacle) -> messages.Obstacle:
+        """Return an obstacle as seen from here in the world."""
+        return cast(messages.Obstacle, _seen(obstacle, np.array(self.place)))
+
+    def put(self, placement: Placement) -> Placement:
+        """Return a placement as seen from here in the world."""
+        return Placement(_vector(placement.position, self, 1.0), placement.quaternion_xyzw)
+
+    def coarse_warnings(self, request: Any, scene: Scene | None) -> list[str]:
+        """A warning where positions of a request and its scene were told in single precision, too coarse for them."""
+        if (far := max(map(abs, self.place))) < COARSE:
+            return []
+        declared = () if scene is None else scene.message.obstacles
+        numbers = [x for one in declared for x in getattr(one, "position", ())]
+        coarse = [f"the points of {one.name!r} are" for one in declared if _is_coarse(one)]
+        if numbers and all(float(np.float32(x)) == x for x in (*request.robot_placement.position, *numbers)):
+            coarse.append("all positions are")
+        apart = 1e3 * float(np.spacing(np.float32(far)))
+        return [
+            f"{who} in single precision, which has steps of {apart:.0f} mm so far from the origin: give them in double"
+            " precision"
+            for who in coarse[:1]
+        ]
+
+
+@memoized
+def _seen_from(scene: Scene, anchor: Anchor) -> Scene:
+    obstacles = [_seen(one, -np.array(anchor.place)) for one in scene.message.obstacles]
+    planes = [anchor.inward(plane) for plane in scene.message.guide_planes]
+    return build(msgspec.structs.replace(scene.message, obstacles=obstacles, guide_planes=planes))
+
+
+def _is_coarse(one: messages.Obstacle) -> bool:
+    points = getattr(one, "points", getattr(one, "vertices", None))
+    return isinstance(points, Float32Array) and float(np.abs(points_in(points)).max()) >= COARSE
+
+
+def _seen(one: Any, by: np.ndarray) -> Any:
+    """An obstacle, shifted; one whose own points are far from its frame gets a frame among them."""
+    field = next((field for field in ("points", "vertices") if hasattr(one, field)), None)
+    resting = one.trajectory is None
+    if field is not None and resting and not isinstance(one, messages.Mesh):
+        return msgspec.structs.replace(one, **{field: _points(getattr(one, field), by)})
+    if isinstance(one, messages.HalfSpace) and resting:
+        return msgspec.structs.replace(one, offset=one.offset + float(np.array(one.normal) @ by))
+    changed: dict[str, Any] = {}
+    centre = np.zeros(3) if field is None else np.round(points_in(getattr(one, field)).mean(axis=0))
+    if np.abs(centre).max() > FAR:
+        assert field is not None, "it has points"
+        changed[field] = _points(getattr(one, field), -centre)
+    else:
+        centre = np.zeros(3)
+    if resting:
+        turned = getattr(one, "quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))
+        return msgspec.structs.replace(one, position=_place(one.position, turned, centre, by), **changed)
+    placements = [_placed(each, centre, by) for each in one.trajectory.placements]
+    return msgspec.structs.replace(
+        one, trajectory=messages.ObstacleTrajectory(one.trajectory.times, placements), **changed
+    )
+
+
+def _placed(one: Placement, centre: np.ndarray, by: np.ndarray) -> Placement:
+    return Placement(_place(one.position, one.quaternion_xyzw, centre, by), one.quaternion_xyzw)
+
+
+def _place(position: Vector3, turned: Sequence[float], centre: np.ndarray, by: np.ndarray) -> Vector3:
+    x, y, z = (np.array(position) + by + (se3((0, 0, 0), turned).rotation @ centre if centre.any() else 0.0)).tolist()
+    return x, y, z
+
+
+def _points(points: Points, by: np.ndarray) -> Points:
+    shifted = points_in(points) + by
+    if isinstance(points, Float32Array):
+        return Float32Array(shifted.astype("<f4").tobytes())
+    return [*map(tuple, shifted.tolist())]
+
+
+def _moved(message: Any, anchor: Anchor, sign: float) -> Any:
+    """A message with all that is told in the world farther by the anchor's place, or nearer where the sign is -1."""
+    fields = _WORLD.get(type(message), {})
+    found = {field: value for field in fields if (value := getattr(message, field)) is not None}
+    changed = {field: fields[field](value, anchor, sign) for field, value in found.items()}
+    if isinstance(message, replies.PlanReply) and anchor.joint:
+        columns = [anchor.joint + suffix for suffix in (".x", ".y", ".z")[: len(anchor.values)]]
+        by = dict(zip(columns, (sign * value for value in anchor.values), strict=True))
+        names = message.position_names
+        if columns[0] in names:
+            changed["path"] = _rows(message.path, names, by)
+            if (motion := message.trajectory) is not None:
+                changed["trajectory"] = msgspec.structs.replace(motion, positions=_rows(motion.positions, names, by))
+        if at := message.status.details.get("configuration"):
+            there = {name: value + by.get(name, 0.0) for name, value in at.items()}
+            details = {**message.status.details, "configuration": there}
+            changed["status"] = msgspec.structs.replace(message.status, details=details)
+    return msgspec.structs.replace(message, **changed) if changed else message
+
+
+def _rows(rows: replies.Rows, names: Sequence[str], by: dict[str, float]) -> replies.Rows:
+    added = [by.get(name, 0.0) for name in names]
+    return [[value + more for value, more in zip(row, added, strict=True)] for row in rows]
+
+
+def _inner(value: Any, anchor: Anchor, sign: float) -> Any:
+    if isinstance(value, list):
+        return [_moved(one, anchor, sign) for one in value]
+    return _moved(value, anchor, sign)
+
+
+def _vector(value: Vector3, anchor: Anchor, sign: float) -> Vector3:
+    (x, y, z), (a, b, c) = value, anchor.place
+    return x + sign * a, y + sign * b, z + sign * c
+
+
+def _vectors(value: Sequence[Any], anchor: Anchor, sign: float) -> list[Any]:
+    """Points, or lists of points, or None."""
+    return [
+        one if one is None else (_vectors if isinstance(one[0], list | tuple) else _vector)(one, anchor, sign)
+        for one in value
+    ]
+
+
+def _root(value: Placement, anchor: Anchor, sign: float) -> Placement:
+    position = _vector(value.position, anchor, sign)
+    return Placement(_vector(position, Anchor(anchor.root), -sign), value.quaternion_xyzw)
+
+
+def _configurations(value: Any, anchor: Anchor, sign: float) -> Any:
+    if isinstance(value, list):
+        return [_configurations(one, anchor, sign) for one in value]
+    at = value.get(anchor.joint)
+    if not isinstance(at, list):
+        return value
+    count = min(len(at), len(anchor.values))
+    shifted = [x + sign * by for x, by in zip(at[:count], anchor.values, strict=False)]
+    return {**value, anchor.joint: [*shifted, *at[count:]]}
+
+
+def _packed(value: PackedNumbers, anchor: Anchor, sign: float) -> PackedNumbers:
+    numbers = np.frombuffer(value.float64, "<f8").reshape(value.shape) + sign * np.array(anchor.place)
+    return PackedNumbers(shape=value.shape, float64=numbers.tobytes())
+
+
+_PLACED: dict[str, Callable[[Any, Anchor, float], Any]] = {"robot_placement": _root}
+
+_WORLD: dict[type, dict[str, Callable[[Any, Anchor, float], Any]]] = {
+    requests.PlanRequest: {
+        **_PLACED,
+        "start": _configurations,
+        **dict.fromkeys(("goal", "guide_planes", "path_constraints", "steps"), _inner),
+    },
+    requests.PlanStep: dict.fromkeys(("goal", "guide_planes"), _inner),
+    requests.CertifyRequest: {**_PLACED, "path_constraints": _inner},
+    requests.InverseKinematics: {**_PLACED, "poses": _inner},
+    requests.Clearance: _PLACED,
+    requests.Potential: _PLACED,
+    StreamOpen: {**_PLACED, "goal": _inner},
+    requests.JointsGoal: {"positions": _configurations},
+    requests.JointSetGoal: {"positions": _configurations},
+    requests.PoseGoal: {"position": _vector},
+    requests.TargetPose: {"position": _vector},
+    requests.PlaneConstraint: {"point": _vector},
+    requests.LineConstraint: {"point": _vector},
+    messages.GuidePlane: {"vertices": _vectors},
+    replies.PlanReply: {"guide_planes": _inner},
+    replies.ClearanceReply: {"witness_points": _vectors, "packed": _inner},
+    PackedClearance: {"witness_points": _packed},
+}
+"""What is told in the world, of the messages that are asked and answered about a robot."""

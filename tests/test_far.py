@@ -1,0 +1,228 @@
+"""Far from the origin: a robot in a cell in the coordinates of a map is answered as at home."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from guidefield import (
+    Box,
+    CertifyRequest,
+    Clearance,
+    InverseKinematics,
+    JointsGoal,
+    Mesh,
+    PlanReply,
+    PlanRequest,
+    PoseGoal,
+    Scene,
+    Sphere,
+    Stream,
+    answer,
+)
+from guidefield.engine import Engine
+from guidefield.geometry import surfaces
+from guidefield.messages.kinematics_requests import TargetPose
+from guidefield.messages.requests import LineConstraint, PlanStep
+from guidefield.messages.scene import HalfSpace, ObstacleTrajectory, PointCloud, Polygon
+from guidefield.messages.streams import Observation, StreamObstacle, StreamOpen, StreamUpdate
+from guidefield.messages.values import Float32Array, Placement
+from guidefield.recorder.reading import read_recording
+from guidefield.referee.replay import replay_file
+from guidefield.referee.verdict import Answer
+from guidefield.rendering import Renderings
+from guidefield.scene.anchor import FAR
+from guidefield.stores.recordings import Recordings
+
+PLACES = ((1000.0, 0.0, 0.0), (60_000.3, 80_000.7, 1.0), (500_000.123, 4_000_000.456, 210.4))
+Vector = tuple[float, float, float]
+
+
+def there(place: Vector, x: float, y: float, z: float) -> Vector:
+    return place[0] + x, place[1] + y, place[2] + z
+
+
+def cell(place: Vector, *, moving: bool = False) -> Scene:
+    """Obstacles of all kinds about a robot; a mesh and a moving cloud whose own points are those of the world."""
+
+    def points(some: Any) -> list[Vector]:
+        return [there(place, *one) for one in np.asarray(some).tolist()]
+
+    block = surfaces.box((0.1, 0.2, 0.3))
+    corners = points(block.vertices + np.array([0.4, -0.5, 0.5]))
+    obstacles: list[Any] = [
+        Box(name="post", size=(0.1, 0.1, 0.8), position=there(place, 0.5, 0.3, 0.4)),
+        Sphere(name="ball", radius=0.1, position=there(place, -0.5, 0.4, 0.6)),
+        Mesh(
+            name="block",
+            vertices=corners,
+            triangles=block.triangles.tolist(),
+        ),
+        Polygon(name="sheet", vertices=points([[-0.6, -0.6, 0.9], [-0.2, -0.6, 0.9], [-0.2, -0.4, 0.9]])),
+        HalfSpace(name="floor", normal=(0.0, 0.0, 2.0), offset=2.0 * (place[2] - 0.1)),
+        PointCloud(name="scan", points=points([[-0.4, -0.5, 0.3], [-0.45, -0.5, 0.4]]), radius=0.03),
+    ]
+    if moving:
+        still = (0.0, 0.0, 0.0, 1.0)
+        ways = [Placement(position, still) for position in ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))]
+        cloud = points([[-0.7, 0.0, 0.2], [-0.7, 0.1, 0.2]])
+        way = ObstacleTrajectory([0.0, 2.0], ways)
+        obstacles.append(PointCloud(name="flock", points=cloud, radius=0.05, trajectory=way))
+        ways = [Placement(there(place, 0.9, y, 0.5), still) for y in (-1.0, 1.0)]
+        cart = ObstacleTrajectory([0.0, 3.0], ways)
+        obstacles.append(Box(name="cart", size=(0.2, 0.2, 0.2), trajectory=cart))
+    return Scene("cell", obstacles=obstacles)
+
+
+GOAL = {"shoulder_pan_joint": 1.0, "elbow_joint": 1.2}
+
+
+def plan(place: Vector, **more: Any) -> PlanRequest:
+    moving = more.pop("moving", False)
+    asked = {"goal": JointsGoal(GOAL), "guide_planes": [], "optimization_iterations": 20, **more}
+    standing = Placement(position=place)
+    return PlanRequest("ur5", cell(place, moving=moving), robot_placement=standing, **asked)
+
+
+def same(near: Any, far: Any, within: float) -> None:
+    assert near.status.name == far.status.name == "SUCCESS"
+    assert far.trajectory.times[-1] == pytest.approx(near.trajectory.times[-1], rel=within)
+    assert far.clearance.minimum == pytest.approx(near.clearance.minimum, abs=within)
+
+
+@pytest.mark.parametrize("place", PLACES, ids=("1 km", "100 km", "4,000 km"))
+def test_a_plan_far_away_is_that_at_home(place: Vector) -> None:
+    same(answer(plan((0.0, 0.0, 0.0))), answer(plan(place)), 1e-5)
+
+
+def test_near_the_origin_nothing_is_seen_from_elsewhere() -> None:
+    within = (FAR, 0.0, 0.0)
+    assert answer(plan(within)).status.name == "SUCCESS"
+
+
+def test_obstacles_that_move_do_so_far_away() -> None:
+    same(answer(plan((0.0, 0.0, 0.0), moving=True)), answer(plan(PLACES[-1], moving=True)), 1e-5)
+
+
+def test_poses_and_constraints_are_those_of_the_world() -> None:
+    def asked(place: Vector) -> PlanRequest:
+        turned = (0.5, 0.5, -0.5, 0.5)
+        line = LineConstraint("tool0", there(place, 0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 2.0)
+        goal = PoseGoal(there(place, 0.3, 0.5, 0.5), turned, orientation_tolerance=(None, None, None))
+        return plan(place, goal=goal, path_constraints=[line])
+
+    same(answer(asked((0.0, 0.0, 0.0))), answer(asked(PLACES[-1])), 1e-4)
+
+
+def test_a_certificate_clearances_and_poses_far_away() -> None:
+    near = answer(plan((0.0, 0.0, 0.0)))
+    assert isinstance(near, PlanReply)
+    rows, smallest = near.trajectory.positions, []
+    for place in ((0.0, 0.0, 0.0), PLACES[-1]):
+        judged = answer(
+            CertifyRequest(
+                "ur5",
+                cell(place),
+                path=rows,
+                position_names=near.position_names,
+                robot_placement=Placement(position=place),
+            )
+        )
+        assert judged.status.name == "SUCCESS"
+        smallest.append(judged.clearance.minimum)
+    assert smallest[1] == pytest.approx(smallest[0], abs=1e-7)
+    asked = [
+        Clearance("ur5", cell(place), [GOAL], robot_placement=Placement(position=place), packed=packed)
+        for place in ((0.0, 0.0, 0.0), PLACES[-1])
+        for packed in (False, True)
+    ]
+    at_home, packed_home, away, packed_away = map(answer, asked)
+    assert away.minimum == pytest.approx(at_home.minimum, abs=1e-8)
+    off = np.array(away.witness_points) - np.array(at_home.witness_points)
+    assert off == pytest.approx(np.broadcast_to(PLACES[-1], off.shape), abs=1e-8)
+    points = [np.frombuffer(one.packed.witness_points.float64) for one in (packed_home, packed_away)]
+    assert points[1] - points[0] == pytest.approx(np.tile(PLACES[-1], 2), abs=1e-8)
+    pose = TargetPose(there(PLACES[-1], 0.3, 0.5, 0.5), (0.5, 0.5, -0.5, 0.5))
+    found = answer(
+        InverseKinematics(
+            "ur5", [pose], robot_placement=Placement(position=PLACES[-1]), scene=cell(PLACES[-1]), collision_free=True
+        )
+    )
+    assert found.configurations[0]
+
+
+@pytest.mark.parametrize("deferred", [False, True])
+def test_a_recording_and_a_proof_speak_of_the_world(tmp_path: Path, deferred: bool) -> None:
+    steps = [PlanStep(JointsGoal(GOAL)), PlanStep(JointsGoal({}))] if deferred else []
+    goal = None if deferred else JointsGoal(GOAL)
+    request = plan(PLACES[-1], recording="summary", steps=steps, goal=goal)
+    file, proof = tmp_path / "run.rrd", tmp_path / "run.npz"
+    reply = Engine().answer(request, record_to=file, proof_to=proof, deferred=deferred)
+    Renderings().render(Recordings(tmp_path), "run", whole=True)
+    assert reply.status.name == "SUCCESS"
+    assert reply.proof is not None, reply.warnings
+    kept = read_recording(file)
+    assert msgspec.json.encode(msgspec.structs.replace(kept.request, proof=False)) == msgspec.json.encode(request)
+    assert kept.reply.trajectory == reply.trajectory
+    assert {one.answer for one in replay_file(proof)} == {Answer.FREE}
+    told = msgspec.json.decode(np.load(proof)["cases"].tobytes())[0]
+    assert told["robot"]["placement"]["position"] == list(PLACES[-1])
+    assert told["obstacles"][0] == msgspec.json.decode(msgspec.json.encode(request.scene.obstacles[0]))
+
+
+def test_a_base_kilometres_away_drives_as_at_home() -> None:
+    def asked(place: Vector, start: Vector) -> PlanRequest:
+        x, y, angle = start
+        walls = [
+            Box(name=name, size=(0.1, 2.0, 1.0), position=there(place, x + 1.5, y + side, 0.0))
+            for name, side in (("left", 1.6), ("right", -1.6))
+        ]
+        goal = JointsGoal({"root_joint": [x + 3.0, y, angle]})
+        at = Placement(position=place)
+        return PlanRequest(
+            "chain_planar_3x260_r25",
+            Scene("gate", obstacles=walls),
+            goal,
+            start={"root_joint": [x, y, angle]},
+            robot_placement=at,
+            guide_planes=[],
+        )
+
+    near = answer(asked((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    for place, start in (((0.0, 0.0, 0.0), (5000.0, -3000.0, 0.0)), ((1e6, 2e6, 0.0), (400_000.5, 4e5, 0.0))):
+        far = answer(asked(place, start))
+        same(near, far, 1e-4)
+        columns = [far.position_names.index(f"root_joint.{axis}") for axis in "xy"]
+        rows = [[row[k] for k in columns] for row in (far.trajectory.positions[0], far.trajectory.positions[-1])]
+        assert rows == [[start[0], start[1]], [start[0] + 3.0, start[1]]]
+
+
+def test_a_stream_far_away_is_that_at_home() -> None:
+    pieces = []
+    for place in ((0.0, 0.0, 0.0), PLACES[-1]):
+        kite = StreamObstacle(Sphere(name="kite", radius=0.1), largest_speed=0.5)
+        opened = StreamOpen(
+            "ur5", cell(place), JointsGoal(GOAL), robot_placement=Placement(position=place), obstacles=[kite]
+        )
+        with Stream(opened) as stream:
+            seen = Observation("kite", 0.0, Placement(position=there(place, 0.0, 1.2, 0.8)))
+            pieces.append(stream.update(StreamUpdate(0.0, [seen])))
+    assert np.array(pieces[1].trajectory.positions) == pytest.approx(np.array(pieces[0].trajectory.positions), abs=1e-6)
+
+
+def test_positions_in_single_precision_are_warned_about() -> None:
+    place = PLACES[-1]
+    packed = PointCloud(
+        name="scan", points=Float32Array(np.array([there(place, 2.0, 2.0, 2.0)], "<f4").tobytes()), radius=0.1
+    )
+    boxes = [Box(name="box", size=(0.1, 0.1, 0.1), position=(500_001.0, 4_000_001.0, 0.5))]
+    for at, obstacles, told in (
+        (place, [packed], "the points of 'scan' are in single precision, which has steps of 250 mm"),
+        ((500_000.0, 4_000_000.0, 0.0), boxes, "all positions are in single precision"),
+    ):
+        asked = Clearance("ur5", Scene("s", obstacles=obstacles), [{}], robot_placement=Placement(position=at))
+        assert any(told in warning for warning in answer(asked).warnings)
