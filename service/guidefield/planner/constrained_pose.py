@@ -26,12 +26,7 @@ DAMPING = 1e-9
 
 
 class PoseKeeper:
-    """Moves configurations that reach a pose and violate a path constraint to nearby ones that keep both.
-
-    Args:
-        problem: The robot and its path constraints.
-        target: The pose.
-    """
+    """Moves configurations that reach a pose and violate a path constraint to nearby ones that keep both."""
 
     def __init__(self, problem: Problem, target: PoseTarget) -> None:
         self._problem, self._target = problem, target

@@ -33,9 +33,6 @@ def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], 
     """Bring the tip onto the guide planes of a problem, in order.
 
     Args:
-        problem: Robot, world and guide planes.
-        stages: Gets a stage for each.
-        attempts: How each plane is tried.
         connects: Whether a connection may go on where the field gets stuck, among obstacles that rest.
 
     Returns:
@@ -102,9 +99,6 @@ def find_led_goals(
 
     Args:
         problem: Robot, world and a `TipGoal`.
-        found: The motion so far, through all guide planes.
-        stages: Gets a stage for it.
-        attempts: How the square is tried.
 
     Returns:
         The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with

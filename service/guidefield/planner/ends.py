@@ -38,8 +38,6 @@ def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> Bloc
     """The pairs that touch however a target is reached; None where no such pair is found.
 
     Args:
-        world: Robot and obstacles; nothing moves.
-        target: What is to be reached.
         q: A configuration of the group's model that reaches it, shape (model.nq,).
     """
     aside, turned = (
@@ -194,10 +192,7 @@ def tip_points(
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
     Args:
-        problem: Robot and world.
-        target: The pose.
         starts: Chart points (nv,) that are looked from before the problem's start and random ones.
-        count: How many to look for.
         chosen: Those of some chart points (n, nv), one at least, that are wanted. Leaving out others than these changes
             nothing about the choice.
 
@@ -238,12 +233,7 @@ def tip_points(
 
 
 def explain_unreached(result: IkResult, met: BlockingPairs) -> tuple[Status, str]:
-    """The status and sentence of a goal pose that no free configuration reaches.
-
-    Args:
-        result: What the search found.
-        met: What stands in the way at configurations that were found.
-    """
+    """The status and sentence of a goal pose that no free configuration reaches."""
     if not met.counts:
         return Status.NO_IK_SOLUTION, f"no configuration reaches the goal pose: {result.reason}"
     told = f"no configuration at the goal pose is free: {result.reason}: {met.describe()}"
@@ -296,10 +286,6 @@ def _solve(
 
 class _Tip:
     """Whether something blocks the tip where it is to be, asked once nothing of what was found there is free.
-
-    Args:
-        target: Where it is to be.
-        asked: Whether that needs no asking; among what moves it isn't.
 
     Attributes:
         blocked: What blocks it however the target is reached, if that is known.
@@ -355,13 +341,7 @@ def _coal_frees(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 
 def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
-    """Which chart points touch nothing and are inside of nothing by Coal's judgement, and keep the clearance.
-
-    Args:
-        problem: Robot and world.
-        zs: Each of shape (nv,).
-        touch: At which of them something touches, by Coal.
-    """
+    """Which chart points touch nothing and are inside of nothing by Coal's judgement, and keep the clearance."""
     free = ~np.array(touch, bool)
     free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
     free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
@@ -378,7 +358,6 @@ def end_fault(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | N
     """Why a chart point can't be an end of a motion: the deepest contact, as a sentence and values; else None.
 
     Args:
-        problem: Robot and world.
         z: Chart point, shape (nv,).
     """
     q = problem.group.expand_from_chart(z)

@@ -30,13 +30,6 @@ guide planes led; with no more than contact avoided instead of with the clearanc
 def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index: int, stage: Stage) -> PathSoFar:
     """Reach a guide plane, with any orientation, from where the approach to it began.
 
-    Args:
-        problem: Robot, world and guide planes.
-        found: The motion so far.
-        stuck: The motion with the approach that didn't arrive.
-        index: Of the plane among the problem's.
-        stage: What it is counted as.
-
     Returns:
         The motion onto the plane. If there is no connection, the motion as far as the approach came, failed with the
         approach's status and both reasons.
@@ -56,11 +49,7 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index
 
 
 def _points_on(problem: Problem, plane: GuidePlane, stuck: ChartPoint) -> ChartPoints:
-    """Chart points (m, nv) with the tip on a plane: next to where the approach got stuck, else in the plane's middle.
-
-    Raises:
-        StageFailed: as `tip_points`.
-    """
+    """Chart points (m, nv) with the tip on a plane: where the approach got stuck, else in its middle."""
     tip = problem.kinematics.tip_position(problem.group.expand_from_chart(stuck))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
@@ -89,12 +78,9 @@ def connect_to_goal(
     """Go on to a goal.
 
     Args:
-        problem: Robot and world.
         found: The motion so far. If nothing leads on from where guide planes led that nobody gave, a connection begins
             anew at the start.
         goals: Chart points of which one is to be reached, shape (m, nv).
-        stage: What it is counted as.
-        prove: Whether the connection is to be certified.
 
     Returns:
         The motion to a goal; failed where it ends if no connection is found, or time is up.

@@ -54,10 +54,8 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
     Args:
-        problem: Robot, world, limits and deadline.
         found: The path. Only one that is proven itself is worth a try where the optimised one is refused. One that has
             a schedule keeps it where it isn't optimised.
-        stages: Where time is counted.
     """
     if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
         return found_motion(problem, found, stages)
@@ -77,13 +75,7 @@ def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
 
 
 def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """The motion along a path as it was found, as fast as it can be executed or as scheduled; judged as far as it goes.
-
-    Args:
-        problem: Robot, world, limits and deadline.
-        found: The path.
-        stages: Where time is counted.
-    """
+    """The motion along a path as found, as fast as its limits or its schedule allow, judged as far as it goes."""
     if found.failure is not None:
         return certify_as_far_as_found(problem, found, stages)
     if isinstance(found, ScheduledPath):
@@ -169,14 +161,7 @@ def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Sta
 def _round_corners(
     problem: Problem, path: ChartPoints, crossed: Crossed, finer: int
 ) -> tuple[Trajectory, dict[int, int]] | None:
-    """The motion round the corners of a path, and its knot on each guide plane; None where it misses one.
-
-    Args:
-        problem: The robot and its limits.
-        path: Chart points, shape (n, nv).
-        crossed: The guide planes.
-        finer: How many times as close it keeps to the path.
-    """
+    """The motion round the corners of a path, and its knot on each guide plane; None where it misses one."""
     if not crossed.passages:
         trajectory = motion_along(problem, path, finer)
         return trajectory, crossed.knots(trajectory, ())
@@ -236,7 +221,6 @@ def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int,
     Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.
 
     Args:
-        problem: Robot and world.
         path: Chart points, shape (n, nv).
         crossings: By index of each guide plane that was reached, its index in the path.
     """

@@ -55,9 +55,7 @@ def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> 
     """Bring a robot to one of several goals among obstacles that move.
 
     Args:
-        problem: Robot, obstacles, limits, deadline.
         goals: Chart points, shape (m, nv), free once all obstacles have come to rest.
-        stages: Where time is counted.
 
     Returns:
         The motion, from time 0 on, with the wait before it; its end stays free until all obstacles rest.
@@ -76,12 +74,6 @@ def keep_schedule(
 ) -> Finished:
     """Go along a motion that is free of what rests so that nothing that moves is met: the way is given, not when.
 
-    Args:
-        problem: Robot, obstacles, limits, deadline.
-        finished: The motion, certified among what rests.
-        stages: Where time is counted.
-        also: What else judges the motion in time.
-
     Returns:
         The motion, from time 0 on, with the wait before it; failed where there is none.
     """
@@ -96,7 +88,6 @@ class _Estimate:
     """About when a way may be arrived on.
 
     Attributes:
-        way: The way.
         arrival: When [s].
         unhindered: How long it takes if nothing moves [s].
     """
@@ -242,12 +233,7 @@ class _Search:
         return replace(kept, evaluations=verdict.evaluations + kept.evaluations)
 
     def scheduled(self, finished: Finished, *, at_rest: bool) -> Finished | None:
-        """The certified motion that is at the places of another when nothing is there; None where there is none.
-
-        Args:
-            finished: The other.
-            at_rest: Whether it is certified among the obstacles once they have come to rest.
-        """
+        """The certified motion that is at the places of another when nothing is there; None where there is none."""
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:

@@ -50,13 +50,6 @@ def approach_in_time(
 ) -> ScheduledPath:
     """Bring the tip onto a guide plane among obstacles that move.
 
-    Args:
-        problem: Robot, obstacles, limits and deadline.
-        path: The motion so far.
-        plane: The plane.
-        index: Which one of the request's it is.
-        attempts: How each round is tried.
-
     Returns:
         The motion onto the plane; failed before it where `cross` gives up and waiting doesn't help.
     """

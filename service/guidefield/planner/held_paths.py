@@ -24,10 +24,6 @@ class HeldPath(ReadOnly):
     """A way to a goal among obstacles that are held.
 
     Attributes:
-        name: How the obstacles that move were held, in words.
-        problem: The problem among the obstacles as they were held.
-        found: The way.
-        at_rest: Whether they were held where they come to rest.
         detour: Whether it goes by a place to wait at, so that it may not be made shorter.
     """
 
@@ -42,7 +38,6 @@ def quick_paths(problem: Problem, goals: ChartPoints) -> Iterator[HeldPath]:
     """Ways that a few motions find, one after the other.
 
     Args:
-        problem: Robot, obstacles and deadline.
         goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
     """
     for draw, (name, among, at_rest) in enumerate(_holdings(problem)):
@@ -62,9 +57,7 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
     """Ways by places at which the robot may wait, as it can't where it starts; those that are free longest first.
 
     Args:
-        problem: Robot, obstacles and deadline.
         goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
-        slices: The robot among what moves.
         since: From when on it has to be somewhere else [s].
     """
     rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
@@ -103,10 +96,7 @@ def thorough_path(problem: Problem, goals: ChartPoints, stages: Stages, *, prove
     """The way of the planner among obstacles at rest, once they have come to rest; failed if there is none.
 
     Args:
-        problem: Robot, obstacles and deadline.
         goals: Chart points, shape (m, nv), as there.
-        stages: Where time is counted.
-        prove: Whether the way is to be certified.
     """
     resting = problem.at(problem.scene.end)
     certified = ", certified" if prove else ""

@@ -38,9 +38,7 @@ class MovingEnds(ReadOnly):
     """How a motion comes to rest at first, and gets up to speed in the end.
 
     Attributes:
-        stop: From the start's velocities to rest.
         goals: Chart points (m, nv) of the goals that can be reached so.
-        runs: For each of them, from rest to the goal with its velocities.
     """
 
     stop: Trajectory
@@ -65,9 +63,7 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
     """How a problem's ends are left and reached in motion.
 
     Args:
-        problem: Robot, world, limits, velocities and accelerations at the ends.
         goals: Chart points (m, nv) of the goals, free.
-        stages: Where time is counted.
 
     Raises:
         StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop
@@ -93,13 +89,7 @@ def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingE
 
 
 def finish_in_motion(problem: Problem, ends: MovingEnds, stages: Stages) -> Finished:
-    """Connect what the ends leave over, optimise and certify the whole.
-
-    Args:
-        problem: Robot, world, limits, deadline.
-        ends: How its ends are left and reached.
-        stages: Where time is counted.
-    """
+    """Connect what the ends leave over, optimise and certify the whole."""
     resting = dataclasses.replace(
         problem,
         q_start=problem.group.from_chart(ends.stop.positions[-1]),
@@ -190,11 +180,7 @@ def _require_within(problem: Problem, end: _EndWords, velocity: ChartRate, accel
 def _stop_within_limits(
     problem: Problem, end: _EndWords, z: ChartPoint, velocity: ChartRate, acceleration: ChartRate | None
 ) -> Trajectory:
-    """The motion to rest; at a goal that of time running backwards.
-
-    Raises:
-        StageFailed: if a joint's limit, or an obstacle, is nearer than that.
-    """
+    """The motion to rest; at a goal that of time running backwards."""
     group = problem.group
     still = cast(ChartRate, np.zeros(group.nv))
     rise = still if acceleration is None else acceleration

@@ -40,11 +40,7 @@ class Leaving:
     """How a motion that begins in contact goes on.
 
     Attributes:
-        verdict: About the whole of it.
-        contacts: What touched at the start.
         piece: Index of the piece on which it has left them, or on which they come closer.
-        share: Where on that piece, from 0 to 1.
-        leaves: Whether it leaves them.
     """
 
     verdict: Verdict
@@ -58,7 +54,6 @@ def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None
     """Judge a motion that may begin in slight contact; None where it doesn't, or that is deeper than `SLIGHT_DEPTH`.
 
     Args:
-        conditions: What it is judged by, among obstacles that rest.
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
     """
     contacts = tuple(contacts_at(conditions.world, conditions.group.expand_from_chart(pieces[0, 0])))
@@ -114,15 +109,7 @@ def _judge_parts(
 
 
 def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
-    """A verdict about a part of a motion as one about all of it.
-
-    Args:
-        verdict: About pieces from the index `first` on.
-        first: Index of the part's first piece.
-        cut: Index of the piece of which the part has a part only.
-        begin: Where that begins on the piece, from 0 to 1.
-        end: Where it ends.
-    """
+    """A verdict about a part of a motion as one about all of it."""
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
     places = [
@@ -140,11 +127,7 @@ def _part(controls: ChartPoints, low: float, high: float) -> ChartPoints:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GivenProblem(Conditions):
-    """A motion that somebody else made, and what it is judged by.
-
-    Attributes:
-        motion: The motion.
-    """
+    """A motion that somebody else made, and what it is judged by."""
 
     motion: GivenMotion
 
@@ -162,8 +145,6 @@ class Judgement:
     """What is said about a motion.
 
     Attributes:
-        verdict: Whether it is free and keeps what is asked for.
-        uses: How much of its limits it uses.
         enclosed: Whether what is refused is a body wholly inside another at the start.
         leaving: How a contact at the start is left; None where there is none, or it may not be left.
     """
@@ -182,10 +163,6 @@ class Judgement:
 
 def judge(problem: GivenProblem, uses: Uses) -> Judgement:
     """Judge a motion until time is up.
-
-    Args:
-        problem: The motion, and what it is judged by.
-        uses: How much of its limits it uses.
 
     Raises:
         ValueError: if obstacles move and the motion has no times.

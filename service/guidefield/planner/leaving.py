@@ -47,7 +47,6 @@ class Left(ReadOnly):
 
     Attributes:
         start, end: Chart points of the straight motion, shape (nv,); the end is free.
-        contacts: What touched at the start.
     """
 
     start: ChartPoint
@@ -94,8 +93,6 @@ def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
     """The motion out of contact, from rest to rest, and after it the rest of the motion, from where it was left.
 
     Args:
-        problem: Limits.
-        left: The contact that is left.
         rest: What is judged; where it has no trajectory it gets the warning only.
     """
     warnings = (left.warning, *rest.warnings)

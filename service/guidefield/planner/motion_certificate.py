@@ -35,7 +35,6 @@ class Finished(ReadOnly):
         crossings: By index of each guide plane that was reached, its index in `path`.
         trajectory: What the robot would execute; None where a stage failed before.
         failure: Why a stage failed; None where none did.
-        warnings: What was odd but harmless.
         judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
     """
 
@@ -74,12 +73,7 @@ def certify_motion(
     """Return a trajectory with the verdict of whoever judges it.
 
     Args:
-        problem: Robot, world, limits and deadline.
-        trajectory: From time 0 on.
         crossings: By index of each guide plane that was reached, the index of its knot.
-        stages: Where time is counted.
-        judged_by: Who judges it.
-        message: One sentence for a person about the stage.
     """
     with stages.entered("certify", message) as stage:
         verdict = judged_by(problem, trajectory)
@@ -123,7 +117,6 @@ def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> 
     A certificate of what comes after the start doesn't see it: a mesh is a surface to Coal.
 
     Args:
-        conditions: The robot among obstacles.
         z: Chart point at the start, shape (nv,).
         time: When the motion begins, among obstacles that move [s].
     """

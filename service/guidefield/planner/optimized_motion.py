@@ -51,8 +51,6 @@ class Crossed(ReadOnly):
     """The guide planes that an optimised motion crosses.
 
     Attributes:
-        passages: Those that it crosses on its way, in order.
-        on_way: Their indices.
         at_ends: By index of each other guide plane that was reached, the knot that stays on it: the first or the last.
     """
 
@@ -75,12 +73,7 @@ class Crossed(ReadOnly):
         )
 
     def knots(self, trajectory: Trajectory, passed: Sequence[int]) -> dict[int, int]:
-        """By index of each guide plane, the knot of a trajectory that is on it.
-
-        Args:
-            trajectory: The trajectory.
-            passed: Its knots at the passages.
-        """
+        """By index of each guide plane, the knot of a trajectory that is on it."""
         last = len(trajectory.times) - 1
         at_ends = {plane: 0 if at == 0 else last for plane, at in self.at_ends.items()}
         return at_ends | dict(zip(self.on_way, passed, strict=True))
@@ -109,13 +102,8 @@ def optimize_motion(
     """Optimise a motion; where it is refused among obstacles that rest, optimise it again, up to `LOOKS` times more.
 
     Args:
-        problem: Robot, world, limits, deadline and most steps.
         motion: Where it begins; among obstacles that move one that is certified, from time 0 on.
-        others: What may prove quicker, made when it is asked for.
-        stages: Where time is counted.
-        crossed: The guide planes that it crosses.
         between: Until when the robot may stand where it starts, and from when on for good where it ends [s].
-        judged_by: Who judges it.
 
     Returns:
         The motion with its verdict. None where none is to be had; among obstacles that move, where none is better.

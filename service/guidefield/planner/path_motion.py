@@ -26,12 +26,9 @@ def limits_of(problem: Problem) -> Limits:
 
 
 def rounded_spline(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1) -> BSpline:
-    """The fastest motion round the corners of a path, from rest to rest.
+    """The fastest motion round the corners of a path (n, nv), from rest to rest.
 
     Args:
-        problem: The robot, and path constraints that the path keeps.
-        path: Chart points (n, nv), not all the same.
-        limits: What it keeps.
         finer: Control points of the curve, and pieces of the motion, are so many times as dense.
     """
     places = subdivided(distinct(path), CURVE.spacing / finer, problem.group.sizes)
@@ -60,12 +57,7 @@ def _within(problem: Problem, path: ChartPoints, limits: Limits, finer: int = 1)
 
 
 def stopping_along(problem: Problem, path: ChartPoints) -> tuple[Trajectory, list[int]]:
-    """The motion along the very path, at rest at every waypoint; and its knot at each of them.
-
-    Args:
-        problem: The robot.
-        path: Chart points (n, nv).
-    """
+    """The motion along the very path (n, nv), at rest at every waypoint; and its knot at each of them."""
     limits = limits_of(problem)
     parts = []
     for begin, end in pairwise(path):

@@ -23,7 +23,6 @@ class PathSoFar(ReadOnly):
     """The motion found so far, and why it goes no further where a stage failed.
 
     Attributes:
-        path: Chart points (n, nv).
         crossings: By index of each guide plane that was reached, its index in `path`.
         proven: Whether its straight pieces are certified, not only free at samples.
         others: Other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker.
@@ -46,7 +45,6 @@ class PathSoFar(ReadOnly):
 
         Args:
             points: Chart points, shape (n, nv), the first of which is where the path ends.
-            proven: Whether they are certified.
             others: Other ways on from there, shape (n, nv) each.
         """
         path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
@@ -79,7 +77,6 @@ class ScheduledPath(PathSoFar):
 
     Attributes:
         times: When it is at each of them, shape (n,), increasing [s].
-        profile: How it goes from one to the next.
     """
 
     times: np.ndarray = field(default_factory=lambda: np.zeros(1))

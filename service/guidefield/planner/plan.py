@@ -44,16 +44,10 @@ class Plan(ReadOnly):
     """What came of planning; it cannot be made without a certificate's verdict.
 
     Attributes:
-        status: How it ended.
-        message: One sentence that a person can act on.
         verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
         path: What the planner found: chart points (n, nv), the best partial motion where it failed.
         trajectory: What the robot would execute; None where the planner failed.
         crossings: By index of each guide plane that was reached, its index in `path`.
-        stages: What was done, in order.
-        seconds: Time by stage.
-        details: The values that the message speaks about.
-        warnings: What was odd but harmless.
         judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
     """
 
@@ -71,13 +65,7 @@ class Plan(ReadOnly):
 
 
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
-    """Plan a motion.
-
-    Args:
-        problem: Robot, scene, start, goal, guide planes, deadline.
-        planner: Which stages find it.
-        attempts: How each guide plane is tried.
-    """
+    """Plan a motion."""
     stages = Stages(problem)
     return _make_plan(problem, _leave_contact(problem, planner, attempts, stages), stages)
 
@@ -155,19 +143,7 @@ def _continue(
     stages: Stages,
     crossings: Mapping[int, int],
 ) -> Finished:
-    """Go on to a goal where a motion ends, and judge both as one.
-
-    Args:
-        problem: Robot, obstacles and what to keep.
-        begun: The motion so far, from time 0 on, in the end at rest.
-        goals: Chart points, shape (m, nv).
-        around: Makes the whole of what follows.
-        stages: Where time is counted.
-        crossings: By index of each guide plane that was reached by then, the index of its knot.
-
-    Returns:
-        The whole; where what follows failed, the motion so far, judged, and why.
-    """
+    """Go on to a goal where a motion ends, and judge both as one."""
     then = problem.since(float(begun.times[-1]), problem.group.from_chart(begun.positions[-1]))
     rest = _reach_goal(then, PathSoFar.at_start(then), goals, stages)
     whole = begun if rest.trajectory is None else around(rest.trajectory)
@@ -179,11 +155,7 @@ def _continue(
 
 
 def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoints | None:
-    """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes.
-
-    Raises:
-        StageFailed: as `check_start`; as `goal_points`, where no guide planes lead to the goal.
-    """
+    """Chart points of the goal; None where a plane is the goal, or its pose is to be looked for behind the planes."""
     with stages.entered("ends", "start and goal") as stage:
         check_start(problem.at(0.0))
         try:

@@ -125,15 +125,11 @@ class Clearance(ReadOnly):
     """How far a motion keeps from everything: exact over its whole length, and samples along it.
 
     Attributes:
-        obstacle: Of the moving links from obstacles, as they stand at the time.
         inner: The same less `END_LENGTH` of the way at each end; None if nothing is left.
-        own: Of the robot from itself.
         times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
         mean: Mean distance from obstacles over every third sample [m].
         ends: The smaller of the distances from obstacles at start and goal [m].
-        curve: The motion.
-        world: The robot among obstacles.
     """
 
     obstacle: Closest
@@ -275,7 +271,6 @@ class _AskedAlong(NamedTuple):
         lengths: Joint distance travelled at them, shape (k,) [rad or m].
         coarse: Those at which distances are asked for, shape (l,) [s].
         spans: The whole motion, and the inner span if there is one [s].
-        curve: The motion.
     """
 
     times: np.ndarray
@@ -299,8 +294,6 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
     """Return distances and potential at the samples of a measured trajectory, for its recording.
 
     Args:
-        measured: What was measured.
-        problem: Its conditions.
         charged: The scene whose field is felt: all of it, where the problem has what is in reach alone.
         every: Of the samples one in so many is taken, the first and the last of them always.
     """

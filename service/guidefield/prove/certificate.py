@@ -34,11 +34,9 @@ def certify(
     certified, only what comes before it.
 
     Args:
-        world: The robot among obstacles.
         pieces: Bezier control points of each piece in the group's local coordinates, shape (m, k, nv) [rad or m].
         min_clearance: What robot and obstacles must keep apart [m]; the robot and itself must only not touch.
         resolution: See `RESOLUTION_FLOOR` [m].
-        deadline: Ends the judgement.
         times: Begin of each piece, and the end of the last one, shape (m + 1,) [s]; None: obstacles rest where they are
             at first.
 
@@ -69,12 +67,10 @@ def certify_moving(
     """Judge a motion among the obstacles that move alone, without limits, own pairs and obstacles at rest.
 
     Args:
-        world: The robot among obstacles.
         pieces: Bezier control points, shape (m, k, nv) [rad or m]; without any the motion is free.
         times: Begin of each piece, and the end of the last one, shape (m + 1,) [s].
         min_clearance: Distance to keep from these obstacles [m].
         resolution: See `RESOLUTION_FLOOR` [m].
-        deadline: Ends the judgement.
     """
     pieces = np.asarray(pieces, float)
     if not len(pieces) or not world.scene.moves:
@@ -87,12 +83,6 @@ def certify_curve(world: World, curve: Curve, goal: Goal, deadline: Deadline = U
     """Judge a motion, and search what else a goal asks for; see `certify`.
 
     Where a joint leaves its limits, or a held object touches another body of the robot, there is a verdict alone.
-
-    Args:
-        world: The robot among obstacles.
-        curve: The motion, of one piece at least.
-        goal: What is asked, a verdict among it.
-        deadline: Ends the judgement.
 
     Raises:
         ValueError: if a control point is not finite.
@@ -117,7 +107,6 @@ def judge_limits(world: World, pieces: ChartCurves) -> Verdict | None:
     """Return the refusal of the first piece on which a joint leaves its limits, where it is farthest beyond, or None.
 
     Args:
-        world: The robot.
         pieces: Shape (m, k, nv) [rad or m].
     """
     group = world.group

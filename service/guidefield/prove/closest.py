@@ -24,11 +24,7 @@ MAX_PAIRS = 100_000
 
 
 class ClosestPairs:
-    """Clearance and contact of a robot among obstacles at many configurations.
-
-    Attributes:
-        world: Robot and obstacles.
-    """
+    """Clearance and contact of a robot among obstacles at many configurations."""
 
     def __init__(self, world: World) -> None:
         self.world = world

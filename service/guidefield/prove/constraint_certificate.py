@@ -34,10 +34,8 @@ def certify_constraints(
     """Judge whether a motion keeps path constraints; the first place where it doesn't, along the motion, is told.
 
     Args:
-        frames: The constraints.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m]; joints of one coordinate.
-        deadline: Ends the judgement.
     """
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
@@ -69,14 +67,7 @@ def certify_constraints(
 
 
 def _beside_chord(offsets: ChartPoints) -> tuple[np.ndarray, np.ndarray]:
-    """Half the chord d of a curve, and how far its points are from some s d, |s| <= 1, at most.
-
-    Args:
-        offsets: Control points from the middle of their box, shape (k, nv) [rad or m].
-
-    Returns:
-        Shape (nv,) each.
-    """
+    """Half the chord d of a curve, and how far its points are from some s d, |s| <= 1, at most."""
     chord = 0.5 * (offsets[-1] - offsets[0])
     square = float(chord @ chord)
     along = np.clip(offsets @ chord / square, -1.0, 1.0) if square > 0.0 else np.zeros(len(offsets))
@@ -91,16 +82,7 @@ def _most_motion(
     chord: np.ndarray,
     off: np.ndarray,
 ) -> tuple[float, float]:
-    """How far a frame's origin moves, and how far the frame turns, at most, along a curve from the middle of its box.
-
-    Args:
-        jacobian: Of the frame at the middle, its linear part first, shape (6, nv of the model).
-        counted: What counts of both, as `PathConstraint.counted` at the middle.
-        turns: Whether a joint turns rather than slides, shape (nv of the model,).
-        e: By how much each joint moves at most [rad or m].
-        chord: Half the chord [rad or m].
-        off: How far the joints are from the chord at most [rad or m].
-    """
+    """How far a frame's origin moves, and how far the frame turns, at most along a curve from its box's middle."""
     linear, angular = np.linalg.norm(jacobian[:3], axis=0), np.linalg.norm(jacobian[3:], axis=0)
     sweep = np.where(turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
     move, turn = float(sweep @ linear), float(e @ angular)

@@ -20,7 +20,6 @@ def enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[
     """Return the pairs of which one body is wholly inside the other.
 
     Args:
-        world: The robot among obstacles.
         q: Configuration of the group's model, shape (model.nq,).
         time: At which obstacles that move are met [s].
     """

@@ -35,12 +35,9 @@ def smallest_along(
     is the signed distance at the worst of `DEPTHS` samples in contact, the first and the last of them among these.
 
     Args:
-        world: The robot among obstacles.
-        curve: The motion.
         samples: In order, the ends of the motion among them, shape (k,) [s].
         spans: The smallest distance from obstacles is asked for within each, the whole motion first [s].
         min_clearance: Given where a verdict is asked for as well, see `Goal` [m].
-        deadline: Ends the search.
 
     Raises:
         ContradictionError: if Coal measures another distance where one is smallest.
@@ -60,11 +57,7 @@ def confirm(
 
 
 def _confirm(world: World, curve: Curve, answers: Mapping[tuple[float, int], Smallest]) -> None:
-    """Have Coal measure the pair of each answer without contact where it is smallest, by time and pair.
-
-    Raises:
-        ContradictionError: if Coal measures another distance.
-    """
+    """Have Coal measure the pair of each answer without contact where it is smallest, by time and pair."""
     error = world_tables(world, in_time=True).error + SLACK + ACCURACY
     apart = [one for one in answers.values() if one.pair >= 0 and one.distance > NEARLY]
     for one, z in zip(apart, curve.at(np.array([one.time for one in apart])), strict=True):

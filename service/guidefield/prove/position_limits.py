@@ -19,7 +19,6 @@ def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple
     Args:
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
         lower: Limits, shape (nv,) [rad or m]; infinite where there are none.
-        upper: The same.
 
     Returns:
         The largest excess, shape (m, nv) [rad or m]; where no control point is beyond a limit a bound of it, which

@@ -60,9 +60,7 @@ class Proof(ReadOnly):
         slab_nodes: The two nodes between which it is, shape (k, 2).
         slab_axes: Its direction in the world, from the second to the first; 0 where the spheres about both nodes are
             meant, and the line between their centres, shape (k, 3).
-        joints: Names of joints, the world first.
         views: Two of `bodies`, the robot's own, and which of `joints` their motion is seen from, shape (p, 3).
-        bodies: Link, held object or obstacle of each body.
         numbers: The number of each among bodies of that name, shape (b,).
         origins: What its lengths are seen from, shape (b, 3) [m]: in the frame of the collision shape, of an obstacle
             in the world, where it is at first.
@@ -97,14 +95,7 @@ class Proof(ReadOnly):
 
 
 def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[Found, Proof | None]:
-    """Search a motion and write its proof down; None where it isn't free.
-
-    Args:
-        world: The robot among obstacles.
-        curve: The motion.
-        goal: What is asked.
-        deadline: Ends the search.
-    """
+    """Search a motion and write its proof down; None where it isn't free."""
     capacity, log = ROWS, SearchLog.with_capacity(ROWS)
     found = search(world, curve, goal, deadline, log)
     while not log.is_complete:

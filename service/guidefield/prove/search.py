@@ -110,7 +110,6 @@ class Smallest:
             above 0: no depth.
         bound: Certified lower bound of all distances [m].
         time: When [s].
-        pair: Index of the world's pair; -1 without one.
         tolerance: By how much the bound is smaller where there was time for it [m].
     """
 
@@ -127,7 +126,6 @@ class Goal(NamedTuple):
     Attributes:
         min_clearance: What robot and obstacles must keep apart [m], the robot and itself nothing; None: no verdict.
         resolution: See `RESOLUTION_FLOOR` [m].
-        kinds: Kinds of pairs.
         in_time: Whether obstacles move; else they rest where they are at first.
         spans: The smallest distance from obstacles is asked for within each, and the robot's from itself within the
             first [s].
@@ -177,8 +175,6 @@ class Found(ReadOnly):
     """What a search found.
 
     Attributes:
-        verdict: FREE as well where no verdict was asked for.
-        obstacle: The smallest distance from obstacles within each span.
         own: The smallest distance of the robot from itself within the first.
         distances: The smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one.
     """
@@ -200,10 +196,6 @@ def search(
     """Search a motion.
 
     Args:
-        world: The robot among obstacles.
-        curve: The motion, of one piece at least.
-        goal: What is asked.
-        deadline: Ends the search: what is not certified by then is told.
         log: Gets how pairs are closed; None: nobody asks.
 
     Raises:

@@ -39,10 +39,6 @@ class WorldTables(NamedTuple):
     """What a search reads of a world.
 
     Attributes:
-        robot: The robot.
-        obstacles: The obstacles.
-        movers: Those that move, where time counts.
-        pairs: The pairs.
         error: What a distance that is proved may be off, but for far coordinates [m].
     """
 

@@ -36,7 +36,6 @@ class Verdict(ReadOnly):
     """What a certificate says about a motion.
 
     Attributes:
-        reason: FREE, or why the motion is refused.
         evaluations: Configurations that were judged, by balls and boxes, by Coal, or by a constraint.
         piece: Index of the piece that was refused; None if free.
         parameter: Where on it, from 0 to 1: the place that was judged; None if free.

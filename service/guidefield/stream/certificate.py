@@ -29,8 +29,6 @@ class Told:
     """A judgement.
 
     Attributes:
-        judgement: What it is.
-        evaluations: Configurations that were looked at.
         pair: Index of the pair that isn't told apart, the robot's own first; of a limit, that of the coordinate.
         time: Where it was refused, by the client's clock [s].
     """
@@ -50,9 +48,6 @@ class Judge:
     """A judge with its memory; not for two threads.
 
     Args:
-        robot: The robot.
-        coordinates: How many coordinates it has.
-        bounds: What commits keep.
         tolerances: How far the robot may be off, by coordinate, shape (nv,) [rad or m].
     """
 
@@ -68,10 +63,6 @@ class Judge:
         """Judge a commit among obstacles.
 
         Args:
-            commit: The commit.
-            shapes: The obstacles' shapes.
-            places: Where they were observed.
-            most: Configurations that are looked at, at most.
             since: From when on [s]; None: from its beginning.
         """
         pairs = len(self._robot.own) + len(places.met)
@@ -90,10 +81,8 @@ class Judge:
         """How far any point of the robot comes within a time by a commit, at most [m]; off by its tolerances or not.
 
         Args:
-            commit: The commit.
             since: From when [s].
             until: Until when [s].
-            parts: In so many parts it is added up.
         """
         begin = max(0.0, since - commit.begins)
         end = max(begin, until - commit.begins)

@@ -25,7 +25,6 @@ class Commit(ReadOnly):
     """A motion that ends in a stop.
 
     Attributes:
-        number: Its piece's; 0 of the one that stands at the start.
         begins: When it begins, by the client's clock [s].
         brakes: When its braking begins [s].
         stops: When the robot stands [s].
@@ -33,9 +32,6 @@ class Commit(ReadOnly):
         phases: Of each coordinate, shape (nv, k, 5), times from `begins`, as `profiles` has them.
         counts: How many each has, shape (nv,).
         ends: Where the robot stands in the end, shape (nv,).
-        follows: Number of the piece that it follows.
-        goal: Number of the goal that it is about.
-        at_goal: Whether it ends there.
     """
 
     number: int
@@ -150,10 +146,8 @@ def towards(
         state: Value, velocity and acceleration at its beginning, shape (nv, 3).
         velocities: Shape (nv,).
         goals: Where coordinates aren't led beyond, shape (nv,); infinite: anywhere.
-        bounds: Limits.
         begins: When it begins [s].
         piece: How long the piece lasts [s].
-        within: The share of the limits that is left.
     """
     count = len(velocities)
     phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)

@@ -23,7 +23,6 @@ def pressure_at(robot: RoomRobot, boxes: np.ndarray, z: ChartPoint, near: float)
     """How closely boxes surround a robot, and the gradient of that, shape (nv,).
 
     Args:
-        robot: The robot.
         boxes: Shape (k, 16) [m].
         z: Where it is, shape (nv,).
         near: From where on a box counts [m].
@@ -36,9 +35,7 @@ def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) 
     """Velocities (nv,) down the gradient (nv,) first, then in random directions that lead down as well.
 
     Args:
-        gradient: Of the pressure.
         speeds: Velocity limits, shape (nv,).
-        rng: For the directions.
     """
     down = -gradient * speeds
     largest = float(np.abs(down).max())
@@ -70,7 +67,6 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
     """Random directions, the same each time, shape (count, nv), as far as one goes at full speed within a step.
 
     Args:
-        count: How many.
         speeds: Velocity limits, shape (nv,).
     """
     drawn = np.random.default_rng(0).normal(size=(count, len(speeds)))
@@ -84,12 +80,8 @@ def sides_of(
     """Where to step aside from a way: drawn directions, back, and away from what comes close; shape (d, nv).
 
     Args:
-        robot: The robot.
-        drifting: What moves.
-        way: The way.
         speeds: Velocity limits, shape (nv,).
         drawn: Directions, shape (k, nv).
-        size: The robot's.
     """
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
@@ -107,7 +99,6 @@ def tube_about(
     """The tube about a way.
 
     Args:
-        way: The way.
         sides: Directions, shape (d, nv).
         speeds: Velocity limits, shape (nv,).
         taken: Which of some chart points (n, nv) the robot can't be at, shape (n,).
@@ -130,13 +121,7 @@ def timed(
     """The cheapest way in a tube, and the rest of its way.
 
     Args:
-        robot: The robot.
-        drifting: What moves.
         kept: What to keep from each on the move, where the robot waits, and at the end at least; shape (3, k) [m].
-        tube: The tube.
-        way: The way that it is about.
-        foreseen: So many steps are foreseen.
-        size: The robot's.
     """
     steps, reached = np.empty((foreseen + 1, tube.places.shape[1])), np.empty(foreseen + 1, np.int64)
     boxes, balls = max(STREAM.few, len(drifting.boxes)), max(STREAM.plain, len(robot.balls))
@@ -151,17 +136,7 @@ def timed(
 
 
 def _along(way: Way, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tuple[ChartPoints, np.ndarray]:
-    """Where to be when, with the corners of the way between its places: straight past them isn't free.
-
-    Args:
-        way: The way.
-        tube: The tube about it.
-        steps: Where to be at each step, shape (n, nv).
-        reached: The state at each, shape (n,).
-
-    Returns:
-        Points (m, nv), to the way's end, and when to be there [s], shape (m,).
-    """
+    """Where to be when, with the corners of the way between its places: straight past them isn't free."""
     places, columns = np.divmod(reached, tube.taken.shape[1])
     at = np.minimum(tube.step * places, way.length)
     points, times = [steps[:1]], [np.zeros(1)]

@@ -36,7 +36,6 @@ class Way:
         times: When to be at each point [s], shape (m,); None: as soon as one likes.
 
     Attributes:
-        points, speeds, times: As given.
         begins: How far along each is [s], shape (m,).
     """
 

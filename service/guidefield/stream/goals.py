@@ -24,11 +24,7 @@ def goals_of(
     """The configurations that a goal means, free of what rests and of themselves, shape (k, nv).
 
     Args:
-        goal: The goal.
-        group: The robot's planned joints.
-        room: What rests.
         near: Where the robot is, shape (nv,): of whole turns the nearest are taken.
-        rng: Where the search for poses starts from.
 
     Raises:
         InvalidGoal: if it names joints that don't move, or no configuration of it is within limits and free.

@@ -47,12 +47,7 @@ class Begun(msgspec.Struct, frozen=True, tag="begun"):
     """What a file begins with.
 
     Attributes:
-        request: What the stream was opened with.
-        user: Whose it is.
-        index: The file's number, from 1.
         wall: When it began [s since 1970].
-        versions: Of what it was made with.
-        snapshot: What the stream goes on from.
     """
 
     request: StreamOpen
@@ -67,12 +62,8 @@ class Updated(msgspec.Struct, frozen=True, tag="updated"):
     """An update, and what came of it.
 
     Attributes:
-        update: It.
-        noted: Whether it was noted only.
-        took: Whether a way was taken over.
         wall: When it came, since the file's beginning [s].
         seconds: How long it was worked on [s].
-        piece, state, refused: What was answered; none of them where it was noted.
     """
 
     update: StreamUpdate
@@ -111,10 +102,6 @@ class Journal(Watching):
     """Writes a stream's journal; one of a stream's watchers.
 
     Args:
-        folder: Where its files go.
-        request: What the stream was opened with.
-        user: Whose it is.
-        versions: Of what it is made with.
         file_bytes: Another file begins once the entries of one are as large [bytes].
         most_files: So many are kept, and so many times `file_bytes` when another one begins.
     """

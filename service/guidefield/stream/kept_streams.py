@@ -21,10 +21,6 @@ def file_bytes(most: int | None) -> int:
 def begin(streams: Path, name: str) -> Path:
     """The folder for the journal of a new stream; an earlier one of its name makes room, and so do the oldest.
 
-    Args:
-        streams: The folder of a user's streams.
-        name: The stream's name.
-
     Raises:
         OSError: if the disk refuses.
     """
@@ -39,10 +35,6 @@ def begin(streams: Path, name: str) -> Path:
 
 def kept_files(streams: Path, name: str) -> list[Path]:
     """The files of a stream's journal, the oldest first.
-
-    Args:
-        streams: The folder of a user's streams.
-        name: The stream's name.
 
     Raises:
         MalformedRequest: if that can't be the name of a stream.

@@ -34,12 +34,7 @@ class Known:
     """An obstacle of a stream.
 
     Attributes:
-        declared: What it was declared as.
-        shape: Its shape.
-        warnings: What was odd about the shape but harmless.
         seen: Its last observation; None: not yet, or gone.
-        gone: Whether it was there, and isn't any more.
-        written: Whether what was seen last is in the arrays that are judged.
     """
 
     declared: StreamObstacle
@@ -98,11 +93,8 @@ class Obstacles:
     """All obstacles of a stream, those of its scene first.
 
     Attributes:
-        scene: What rests.
-        assumption: How the others move.
         pairs: Which bodies meet an obstacle of a name, given that name: indices of bodies.
         origin: Point of the world that the scene is seen from [m]; observations are of the world.
-        known: The others, by name.
     """
 
     scene: Scene
@@ -119,11 +111,6 @@ class Obstacles:
 
     def prepared(self, declared: StreamObstacle, path: str, links: Iterable[str]) -> Known:
         """A shape that may be taken; nothing is by now.
-
-        Args:
-            declared: The shape.
-            path: Where it stands in the message.
-            links: Names that it must not have.
 
         Raises:
             SceneInvalid: if it can't be used, or the name is taken.
@@ -152,10 +139,6 @@ class Obstacles:
 
     def require(self, declared: Sequence[Known], update: StreamUpdate) -> None:
         """Refuse an update that can't be taken as a whole.
-
-        Args:
-            declared: The shapes that it declares.
-            update: The update.
 
         Raises:
             RequestTooLarge: if too many are known then, and too few of them are gone.

@@ -32,13 +32,7 @@ class Opened:
     """A stream's robot and what it keeps.
 
     Attributes:
-        request: What was asked.
-        group: The robot's planned joints.
-        world: The robot among what rests.
-        bounds: Limits.
         start: Where it stands, shape (nv,).
-        assumption: How obstacles move.
-        warnings: What was odd but harmless.
         touching: What touches at the start; a sentence for each pair, which is among the warnings too.
     """
 
@@ -64,9 +58,6 @@ def read_opening(request: StreamOpen, robot: RobotModel, scene: Scene, coarse: S
     """The values of a request.
 
     Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
         coarse: Warnings about how it was told.
 
     Raises:

@@ -24,10 +24,7 @@ class Replayed:
     """What came of it.
 
     Attributes:
-        updates: Updates that were worked on again.
-        pieces: Pieces that came of them.
         first: Time of the first update that is answered otherwise [s]; None: all are as they were.
-        was, now: What was answered to that then, and now.
     """
 
     updates: int
@@ -63,10 +60,6 @@ def read(file: Path) -> tuple[Begun, list[Entry]]:
 
 def replayed(file: Path, opens: Opens) -> Replayed:
     """Do a file of a journal again.
-
-    Args:
-        file: The file.
-        opens: Opens a stream in this process.
 
     Raises:
         MalformedRequest: if it isn't one.

@@ -41,7 +41,6 @@ def judged_robot(group: PlanningGroup, own: np.ndarray) -> JudgedRobot:
     """The robot for the judge.
 
     Args:
-        group: The robot's planned joints.
         own: Pairs of its bodies that must not touch, shape (p, 2).
     """
     shapes = list(group.geometry.geometryObjects)

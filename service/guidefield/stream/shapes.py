@@ -122,7 +122,6 @@ class JudgedShape(ReadOnly):
         nodes: Shape (k, 4) [m]; the first is about all.
         links: Shape (k, 4), from 0.
         plane: Normal and offset of a half-space, shape (4,) [m]; None of others.
-        closed: Whether its triangles close around an inside.
         boxes: Rounded boxes that stand for it in planning: rotation and translation, halves, radius, shape (b, 16) [m].
     """
 

@@ -29,11 +29,6 @@ from guidefield.whole_file import write_whole
 def record(files: Sequence[Path], opens: Opens, recording: Path) -> None:
     """Write the recording of a journal's files, for a viewer.
 
-    Args:
-        files: The files of one stream, the oldest first.
-        opens: Opens a stream in this process.
-        recording: Where the recording goes.
-
     Raises:
         MalformedRequest: as `recorded`.
         OSError: if a file can't be read, or the recording can't be written.
@@ -48,7 +43,6 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
 
     Args:
         files: The files of one stream, the oldest first; what makes room meanwhile is left out.
-        opens: Opens a stream in this process.
 
     Raises:
         MalformedRequest: if one isn't such a file, or none holds an update, or the robot has other joints now.
@@ -208,9 +202,6 @@ class _Seen:
     """An obstacle, as it was declared last, with what was seen of it.
 
     Attributes:
-        declared: What it was declared as.
-        there: Whether it is there.
-        observations: What was seen.
         appears: When it was there and had not been before [s].
         gone: When it wasn't there any more [s].
     """

@@ -37,19 +37,11 @@ class State(msgspec.Struct, eq=False):
     """Everything of a stream that changes, but its obstacles, random numbers and what is under way beside the cycle.
 
     Attributes:
-        commits: Those that are remembered, by number.
-        last: Number of the one that was sent last.
-        current: Number of the one that the next piece follows.
-        phase: Of the stream.
         now: The client's time [s]; -inf: no update came yet.
         fresh: Whether something was seen for the first time by an update that was not answered.
-        sought: For how many goals configurations were looked for.
-        goal: Number of the goal.
         goals: Its configurations, (k, nv); None: to stand.
         way: The way that is followed; None: there is none.
         place: How far along it is [s].
-        refused: Updates without a piece, in a row.
-        unfound: Whether the last way wasn't found.
         planned: When a way was planned last [s]; -inf: none was.
     """
 
@@ -139,13 +131,7 @@ class KeptObstacle(msgspec.Struct, frozen=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """What a stream goes on from.
-
-    Attributes:
-        state: Its state.
-        random: State of the random numbers, as JSON.
-        obstacles: All but those of the scene.
-    """
+    """What a stream goes on from."""
 
     state: State
     random: str

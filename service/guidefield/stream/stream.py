@@ -74,7 +74,6 @@ class Sought:
     """Configurations of a goal that are looked for.
 
     Attributes:
-        number: As the n-th of a stream.
         found: They, shape (k, nv).
     """
 
@@ -86,9 +85,6 @@ class CertifiedStream:
     """A stream of pieces, each of which ends in a proven stop. It reads no clock: the same updates get the same bits.
 
     Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
         taking: When ways that are planned beside the cycle are taken over; None: counted, by `planning_time`.
         watching: Who hears what it is asked and answers; None: nobody.
 
@@ -232,7 +228,6 @@ class CertifiedStream:
         """Tell what is seen, and get the next piece, or why there is none.
 
         Args:
-            update: The message; or its fields by name.
             fields: As in `StreamUpdate`.
 
         Raises:
@@ -357,11 +352,7 @@ class CertifiedStream:
         return self._judge.judge(executed, shapes, places, STREAM.evaluations, since=time)
 
     def _take_observations(self, update: StreamUpdate) -> bool:
-        """Take what an update says of obstacles; whether one is new.
-
-        Raises:
-            GuidefieldError: if anything in it can't be used; then nothing of it is taken.
-        """
+        """Take what an update says of obstacles; whether one is new."""
         declared = [
             self._obstacles.prepared(one, f"$.declare[{index}]", self.group.robot.links)
             for index, one in enumerate(update.declare)
@@ -392,11 +383,7 @@ class CertifiedStream:
         return group.unwrapped(group.chart(group.part_of(q)), self.executing.state(update.time)[:, 0])
 
     def _require_followed(self, update: StreamUpdate) -> None:
-        """Refuse an update that no piece could follow.
-
-        Raises:
-            MalformedRequest: if nobody remembers the piece that is executed, or as many as can be are on their way.
-        """
+        """Refuse an update that no piece could follow."""
         number = update.executing
         if number is not None and number not in self._state.commits:
             raise MalformedRequest(
@@ -474,14 +461,7 @@ class CertifiedStream:
         return None
 
     def _is_threatened(self, cycle: _Cycle, end: ChartPoint, way: Way, share: float) -> bool:
-        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then.
-
-        Args:
-            cycle: The cycle.
-            end: Where the piece ends.
-            way: The way.
-            share: The share of the speeds at which it is followed.
-        """
+        """Whether what is foreseen comes close to where a piece ends (nv,), and to where the way leads by then."""
         boxes = self._obstacles.boxes([cycle.now + STREAM.foreseen])
         place = self._state.place
         then = min(place + STREAM.foreseen * share, way.due(cycle.now + STREAM.foreseen))

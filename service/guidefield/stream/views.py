@@ -10,12 +10,7 @@ Named = TypeVar("Named", bound=tuple[Any, ...])
 
 
 def read_only_views(named: Named, *written: str) -> Named:
-    """A named tuple with a read-only view in place of each array.
-
-    Args:
-        named: The tuple.
-        written: Names of the arrays that kernels write.
-    """
+    """A named tuple with a read-only view in place of each array."""
     fields = named._fields  # type: ignore[attr-defined]  # a named tuple has them
     pairs = zip(fields, named, strict=True)
     views = [_view(one) if isinstance(one, np.ndarray) and name not in written else one for name, one in pairs]

@@ -27,11 +27,7 @@ class Watching:
         """An update was worked on.
 
         Args:
-            update: It.
             answer: What was answered; None where it was noted, or refused.
-            refused: Why it was refused, if it was.
-            noted: Whether it was noted only.
-            took: Whether a way was taken over.
         """
 
     def sought(self, goal: StreamGoal) -> None:
@@ -48,5 +44,4 @@ class Watching:
 
         Args:
             snapshot: That; a way that is being planned is given up then, and planned again.
-            planning: Whether there is one.
         """

@@ -46,9 +46,6 @@ class Room:
     """A robot among what rests and what moves, by samples; with memory of its own: not for two threads.
 
     Args:
-        group: The robot's planned joints.
-        world: The robot among what rests.
-        bounds: How fast it may be.
         least: What to keep from what rests at least [m]; beyond that it is `STREAM.resting` as a rule.
         tolerance: How far each coordinate may be off [rad or m]: what that sweeps is kept as well.
     """
@@ -106,8 +103,6 @@ class Room:
         """Whether a way is free.
 
         Args:
-            drifting: What moves.
-            kept: What to keep from it.
             clearance: What to keep from what rests [m].
             points: The way, straight from each point to the next, shape (m, nv).
         """
@@ -126,8 +121,6 @@ class Room:
         """A way from z0 to z1, each (nv,), shape (m, nv); None: none was found.
 
         Args:
-            drifting: What moves.
-            kept: What to keep from it.
             z0: Where it begins, shape (nv,).
             z1: Where it ends, shape (nv,).
             samples: Points that trees grow to, shape (n, nv).
@@ -187,7 +180,6 @@ class Found:
 
     Attributes:
         way: The way, where to be on it when; None: none was found.
-        nowhere: Whether none was found at all.
     """
 
     way: Timed | None
@@ -201,7 +193,6 @@ class Ordered:
     Attributes:
         due: When it is taken over, by the client's clock [s].
         goal: Where it leads, shape (nv,).
-        found: The way.
     """
 
     due: float
@@ -213,8 +204,6 @@ class Planner:
     """Plans ways beside the cycle, one at a time, in a thread of its own.
 
     Args:
-        room: For that thread alone.
-        group: The robot's planned joints.
         niceness: By how much the thread gives way to others, where the system knows priorities of threads.
     """
 
@@ -241,9 +230,7 @@ class Planner:
             due: When it is to be taken over [s].
             z0: Where it begins, shape (nv,).
             z1: Where it ends, shape (nv,).
-            drifting: What moves.
             followed: What is left of the way that is followed, shape (m, nv); None: it can't be followed.
-            rng: For its samples.
         """
         samples = self._samples(z0, z1, rng)
         cuts = rng.random((STREAM.cuts, 4))

@@ -42,7 +42,6 @@ def no_way(
     Whatever it does, it passes what is between; so one sample in contact on each way is proof.
 
     Args:
-        lanes: Robot and obstacles.
         start: Chart point, shape (nv,).
         goals: Chart points, shape (m, nv), each no more than half a turn away if it wraps.
         resolution: Samples of a motion per length in the chart [1/rad or 1/m].
@@ -62,13 +61,7 @@ def no_way(
 
 
 def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
-    """Why a search ended without a path, for a person.
-
-    Args:
-        found: What it came to.
-        goals: How many goals it had.
-        in_time: Whether it ended because time was up.
-    """
+    """Why a search ended without a path, for a person."""
     names = "start", "goal" if goals == 1 else "goals"
     if found.enclosed is not None:
         name, tried = names[found.enclosed], found.tried[found.enclosed]
@@ -92,8 +85,6 @@ class Shorter(ReadOnly):
 
     Attributes:
         path: Chart points (n, nv), free as the path that it began with, and no longer.
-        rounds: How many were done.
-        message: What a person is told of them.
     """
 
     path: ChartPoints
@@ -106,7 +97,6 @@ class Rounds:
     """How a connection is made shorter.
 
     Attributes:
-        number: At most how many rounds.
         resolution: Samples of a motion per length in the chart [1/rad or 1/m].
         margin: What shortcuts keep from obstacles beside the clearance asked for [m].
     """
@@ -127,11 +117,8 @@ def shorter(
     """Look for shorter paths from where a path begins to one of several goals.
 
     Args:
-        problem: Robot, world and deadline.
         path: Chart points, shape (n, nv).
         goals: Chart points, shape (m, nv), free.
-        rounds: How many, and how finely they look.
-        rng: Shifts each round's samples.
         accepted: Whether a path (n, nv) that is shorter may be taken.
     """
     units = problem.group.units
@@ -164,10 +151,7 @@ class Connection(ReadOnly):
     """What came of a connection.
 
     Attributes:
-        status: SUCCESS, or PLANNING_FAILED, TIMED_OUT, PREEMPTED.
-        message: One sentence for a person.
         path: Chart points (n, nv) from start to a goal if it succeeded, else only the start.
-        proven: Whether the path is certified, not only free at samples.
         others: Other paths to a goal, shape (n, nv) each, free at samples, that may prove quicker.
     """
 
@@ -184,10 +168,8 @@ def connect(
     """Find a free motion from a chart point to one of several.
 
     Args:
-        problem: Robot, world and deadline.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
-        rng: Randomness of the tree.
         prove: Whether the motion must be certified; if not, one that lanes found free at samples is enough.
 
     Returns:

@@ -21,12 +21,7 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 @dataclass(frozen=True, eq=False)
 class Keeper:
-    """Keeps configurations within path constraints.
-
-    Attributes:
-        problem: Robot and limits.
-        frames: The constraints.
-    """
+    """Keeps configurations within path constraints."""
 
     problem: Problem
     frames: ConstrainedFrames
@@ -51,11 +46,8 @@ def connect_constrained(
     """Find a motion within path constraints from a chart point to one of several, free by samples.
 
     Args:
-        problem: Robot, world and deadline.
-        keeper: The constraints; start and goals keep them.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free.
-        rng: Randomness.
     """
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     found = tree_search.grow(

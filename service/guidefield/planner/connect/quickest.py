@@ -31,8 +31,6 @@ class QuickestWay(ReadOnly):
     Attributes:
         path: Chart points, shape (n, nv), free at samples.
         others: The next best, shape (n, nv) each; none where clearance counts most.
-        tried: To how many goals a way was looked for.
-        iterations: Samples that all its trees drew.
     """
 
     path: ChartPoints
@@ -47,10 +45,8 @@ def quickest_way(
     """Look for ways to several goals, each by itself.
 
     Args:
-        problem: Robot, world and deadline.
         z_start: Chart point, shape (nv,), free.
         goals: Chart points, shape (m, nv), free, whole turns chosen next to the start.
-        rng: Randomness of the trees.
 
     Returns:
         The best; None where none of them is reached with a few motions, so that all have to be tried together.

@@ -35,8 +35,6 @@ class Sources(ReadOnly):
     """Where samples of a group come from: chart points in the group's units.
 
     Attributes:
-        sampling: The box that they fill.
-        words: That packed.
         roams: Which coordinates are lengths without limits, or angles without limits whose whole turns count: (k,).
         around: How far beyond what is to be reached samples of those lie, shape (k,) [m or rad].
     """
@@ -139,8 +137,6 @@ class FoundPath(ReadOnly):
 
     Attributes:
         path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
-        counters: What the search counted, see lane_nodes.
-        search: Its trees, until this thread begins another search.
         units: What counts as one radian in each coordinate of their nodes, shape (nv,).
         enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
     """
@@ -196,15 +192,11 @@ def grow(
     """Grow two trees towards each other until they meet.
 
     Args:
-        lanes: Robot and obstacles.
         starts: Roots of the one tree, shape (k, nv), free.
         goals: Roots of the other, shape (m, nv), free.
         resolution: Samples of a motion per length in the chart [1/rad or 1/m].
         clearance: What to keep from obstacles [m].
-        rng: Shifts the sequence of samples.
-        deadline: How long.
         within: Samples come from where a path of at most this length by the group's metric [rad] may lead.
-        most_motions: After so many motions it ends.
         most_iterations: After so many samples it ends; with 0 it walks straight to each goal, if there are `frames`.
         frames: Path constraints within which the trees walk; all roots keep them.
 
@@ -277,8 +269,6 @@ class _Room:
     """Memory of two trees.
 
     Attributes:
-        search: The trees.
-        words: Those packed.
         path: Where the path is written, shape (2 * capacity, nv).
     """
 
@@ -339,13 +329,7 @@ class _Room:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a thread's searches begin.
-
-    Attributes:
-        room: Memory of the usual size.
-        group: Whose the last search was.
-        sources: Where its samples come from.
-    """
+    """Where a thread's searches begin."""
 
     room: _Room
     group: weakref.ref[PlanningGroup]
@@ -377,11 +361,9 @@ def can_be_left(
     """Return whether any of many short motions out of some configurations is free.
 
     Args:
-        lanes: Robot and obstacles.
         roots: Chart points, shape (k, nv), free.
         clearance: What to keep from obstacles [m].
         resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-        rng: Chooses directions.
     """
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)
     drawn = rng.normal(size=(ESCAPE.directions, group.nv))

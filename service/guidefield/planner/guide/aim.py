@@ -30,7 +30,6 @@ class Aim:
     """A guide plane's polygon, inset.
 
     Attributes:
-        plane: The guide plane.
         inset: How far inside its edges the tip heads for [m].
     """
 

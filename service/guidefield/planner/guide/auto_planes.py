@@ -35,7 +35,6 @@ class TipWay(ReadOnly):
         points: Shape (n, 3) [m, world].
         tangents: Unit vectors along it, shape (n, 3).
         clearances: Distance to obstacles, at most `CAP` at its size, shape (n,) [m].
-        size: The robot's, which lengths go with.
     """
 
     points: np.ndarray
@@ -53,14 +52,12 @@ def tip_way(
     If there is one that an arm is long enough to lie along, it is one of those.
 
     Args:
-        tables: The obstacles.
         start: Where the tip is, shape (3,) [m, world].
         goal: Where it is to be, shape (3,) [m, world].
         radius: Of the tip's body [m].
         centre: What the tip can't be farther from than `reach`, shape (3,) [m, world].
         reach: See `centre` [m]; may be infinite.
         ample: Clearance beyond which more is worth no detour [m].
-        size: The robot's.
     """
     low, high = _box(tables, start, goal, centre, reach, TIP_WAY.around * size)
     spacing = max(TIP_WAY.spacing * size, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
@@ -92,10 +89,8 @@ def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
 
     Args:
-        tables: The obstacles.
         centre: The point, shape (3,) [m].
         across: Two unit vectors of the plane, shape (2, 3).
-        size: The robot's.
     """
     corners = np.empty((2 * TIP_WAY.rays, 2))
     return corners[: free_section(tables, centre, across, TIP_WAY.longest * size, corners)]
@@ -105,10 +100,8 @@ def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, 
     """How much of planes about points is seen from there, shape (n,) [m^2].
 
     Args:
-        tables: The obstacles.
         centres: The points, shape (n, 3) [m].
         across: Two unit vectors of each plane, shape (n, 2, 3).
-        size: The robot's.
     """
     areas = np.empty(len(centres))
     open_areas_kernel(tables, centres, across, TIP_WAY.longest * size, TIP_WAY.compared_rays, areas)
@@ -172,7 +165,6 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
     """Planes that lead the tip from the start to a point or a plane; none where it sees it from the start.
 
     Args:
-        problem: Robot, scene and start.
         goal: Where the tip is to be in the end: a point, shape (3,) [m], or a plane, for its centroid.
 
     Returns:

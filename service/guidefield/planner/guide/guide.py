@@ -46,10 +46,7 @@ class Crossing(ReadOnly):
     """What came of a guide plane.
 
     Attributes:
-        status: SUCCESS, or why the plane was not reached.
-        message: One sentence for a person.
         path: Configurations in order, start included, shape (n, nq); the last is on the plane if it was reached.
-        details: Values that the message speaks about.
     """
 
     status: Status
@@ -64,11 +61,7 @@ def cross(
     """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
 
     Args:
-        problem: Robot, scene, field and deadline.
         q: Where to start, shape (nq,).
-        plane: The plane.
-        index: Which one of the request's it is, for reports.
-        attempts: Tried in order.
 
     Returns:
         The first attempt that succeeds, else the one that came nearest.
@@ -158,7 +151,6 @@ def margin_at(problem: Problem, q: Configuration) -> float:
     """Distance that steps keep from obstacles [m]: what is asked for, a little more where the start allows it.
 
     Args:
-        problem: Robot, world and what is asked for.
         q: Where the robot starts, shape (nq,).
     """
     margin = MARGIN * problem.group.size

@@ -43,10 +43,8 @@ class GuidedPath:
     """Takes steps for one problem and keeps every accepted configuration: they are the path.
 
     Args:
-        problem: What is planned.
         q: Where to start, shape (nq,).
         margin: Distance to keep from obstacles [m].
-        plane: Index of the guide plane that is approached, for reports.
     """
 
     def __init__(self, problem: Problem, q: Configuration, margin: float, plane: int) -> None:
@@ -102,9 +100,6 @@ class GuidedPath:
         shorter and mostly farther from the obstacles. It need not be, so every step is kept until this is known. Where
         the straight way comes close, the first of it, one through a single step, and all steps stays that keeps the
         widest margin.
-
-        Args:
-            since: Index in the path of the earlier configuration.
         """
         steps = self.path[since:]
         if len(steps) < 3:
@@ -121,11 +116,7 @@ class GuidedPath:
             del self.path[since + 1 : -1]
 
     def dips(self, since: int) -> bool:
-        """Return whether the way from an earlier configuration comes nearer to obstacles than both its ends do.
-
-        Args:
-            since: Index in the path of the earlier configuration.
-        """
+        """Return whether the way from an earlier configuration comes nearer to obstacles than both its ends do."""
         swept, ends = swept_world(self.problem.world), (self.path[since], self.q)
         margins = (dip * self.size for dip in WAYS.dips)
         margin = next((margin for margin in margins if all(swept.keeps(q, margin) for q in ends)), None)
@@ -163,8 +154,6 @@ class GuidedPath:
 
         Args:
             q: Where the robot goes, shape (nq,).
-            kind: What kind of step it is.
-            message: What an observer is told of it.
             potential: U there [m], if it is known.
             kept: Whether it belongs to the path: not where a straight way was found that leaves it out.
         """
@@ -180,7 +169,6 @@ class GuidedPath:
             direction: Unit vector, shape (3,).
             step: How far at most [m].
             smallest: Below this the advance is given up [m].
-            reached: How configurations with the tip at a point are found.
         """
         start, tried = self.tip, step
         self._refused = None
@@ -197,7 +185,6 @@ def reach_point(problem: Problem, q: Configuration, point: np.ndarray) -> Config
     """The configuration near q whose tip is at a point, by the least change of joints weighted with their reach.
 
     Args:
-        problem: Robot and limits.
         q: Where the robot is, shape (nq,).
         point: Where its tip shall be, shape (3,) [m, world].
 

@@ -45,7 +45,6 @@ class Descent(ReadOnly):
     """Where a descent ended.
 
     Attributes:
-        path: The configurations accepted on the way, without the first.
         potentials: U at the first and at each of them [m].
     """
 
@@ -84,11 +83,7 @@ def descend(
     """Reduce U while the tip keeps a constraint, from where a guided path stands; it takes no step itself.
 
     Args:
-        guided: The robot, on the constraint; it judges motions.
-        constraint: What the tip has to keep.
-        guard: Where the tip may be.
         tolerance: It ends where a step promises, or brings, less than this share of U.
-        most_steps: It ends after so many steps.
     """
     problem, group = guided.problem, guided.problem.group
     swept, field = swept_world(problem.world), problem.robot_field
@@ -160,8 +155,6 @@ def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration)
     """A constraint's numbers and their derivative by the tangent.
 
     Args:
-        constraint: The constraint.
-        group: The joints.
         q: Configuration, shape (nq,).
 
     Returns:
@@ -188,9 +181,7 @@ class Projected:
     """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py).
 
     Attributes:
-        blocks: At once, or in turn.
         tolerance: A descent ends where a step promises, or brings, less than this share of U.
-        most_steps: Steps of one descent.
     """
 
     blocks: Blocks = Blocks.ONE
@@ -206,7 +197,6 @@ class Projected:
         """The one configuration with the tip at a point that changes the joints least, if there is one near.
 
         Args:
-            problem: Robot and limits.
             q: Where the robot is, shape (nq,).
             point: Where its tip shall be, shape (3,) [m, world].
 

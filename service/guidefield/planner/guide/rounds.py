@@ -38,7 +38,6 @@ class Minimizer(Protocol):
         """Configurations near one whose tip is at a point: those that an advance tries, in order.
 
         Args:
-            problem: Robot and limits.
             q: Where the robot is, shape (nq,).
             point: Where its tip shall be, shape (3,) [m, world].
         """
@@ -47,10 +46,8 @@ class Minimizer(Protocol):
         """Slide and reorient on a plane until U falls no more; the guided path takes every step.
 
         Args:
-            guided: The robot, with its tip on the plane.
             point: A point of the plane, shape (3,) [m, world].
             normal: The plane's unit normal, shape (3,), in the world.
-            guard: Where the tip may be.
         """
 
 
@@ -59,7 +56,6 @@ class Attempt:
     """One way of trying a plane.
 
     Attributes:
-        minimizer: Who lowers the potential.
         step: Length of an advance at size 1 [m].
         careful: Whether a round that comes nearer to obstacles than its ends do is made again with shorter advances.
     """

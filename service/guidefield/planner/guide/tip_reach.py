@@ -29,7 +29,6 @@ def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | N
     """Name of an obstacle that a ball touches, or None.
 
     Args:
-        scene: The obstacles.
         centre: Centre of the ball, shape (3,) [m, world].
         radius: Its radius [m].
     """

@@ -29,13 +29,7 @@ from guidefield.robot.model.spaces import Configuration, Configurations
 
 @dataclass(frozen=True, eq=False)
 class Univariate:
-    """The seed's minimizer for one chain.
-
-    Attributes:
-        chain: The chain.
-        negligible: It ends where a round brings less than this share of U.
-        most_rounds: It ends after so many rounds.
-    """
+    """The seed's minimizer for one chain."""
 
     chain: SerialChain
     negligible: float = SETTLING.negligible
@@ -50,7 +44,6 @@ class Univariate:
         """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change.
 
         Args:
-            problem: Robot and limits.
             q: Where the robot is, shape (nq,).
             point: Where its tip shall be, shape (3,) [m, world].
 

@@ -69,7 +69,6 @@ class GivenMotion(ReadOnly):
     """A curve through the rows of a motion.
 
     Attributes:
-        kind: Which curve.
         positions: Chart points at the knots, shape (n, nv), no two consecutive ones at one time [rad or m].
         rows: Which of the given rows each knot is, shape (n,); the last is the last one.
         times: Of the knots, shape (n,), strictly increasing [s]; None where there are none.
@@ -130,7 +129,6 @@ class GivenMotion(ReadOnly):
 
         Args:
             piece: Index in `pieces`.
-            share: Of the piece, from 0 to 1.
         """
         if self.is_point:
             return float(self.rows[-1]), None if self.times is None else float(self.times[0])

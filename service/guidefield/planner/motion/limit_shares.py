@@ -28,9 +28,6 @@ class Use:
     Attributes:
         share: 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound.
         coordinate: Of the chart, whose it is; None where nothing is limited.
-        piece: Where it is reached.
-        at: Share of the piece, from 0 to 1.
-        steps: Whether the rate below jumps there, so that no limit is kept.
     """
 
     share: float | None = None
@@ -62,8 +59,6 @@ def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRa
     of its angle or rotation vector.
 
     Args:
-        motion: The motion.
-        group: Whose limits of positions, velocities and accelerations count.
         jerk_limits: Shape (nv,), infinite where there is none; None: jerk doesn't matter.
     """
     with np.errstate(invalid="ignore"):  # infinity less infinity, where there is no limit
@@ -127,15 +122,7 @@ def _extrema(
 def _step(
     motion: GivenMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
 ) -> Use | None:
-    """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none.
-
-    Args:
-        motion: The motion; that of a spline has none.
-        begins: Accelerations at the beginnings of pieces, shape (m, nv) [rad/s² or m/s²].
-        ends: The same at their ends.
-        limits: Of accelerations, shape (nv,).
-        limited: Which coordinates have a jerk limit, shape (nv,).
-    """
+    """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none."""
     if motion.kind is CurveKind.SPLINE or len(begins) < 2:
         return None
     assert motion.times is not None, "it has accelerations"
@@ -155,15 +142,7 @@ def _largest(
     inner: np.ndarray | None = None,
     places: np.ndarray | None = None,
 ) -> Use:
-    """The largest of shares of a limit.
-
-    Args:
-        at_starts: At the starts of pieces, shape (m, nv).
-        at_end: At the end of the last one, shape (1, nv).
-        counts: Which coordinates count, shape (nv,); None: all.
-        inner: Within pieces, shape (k, m, nv).
-        places: Where, as shares of them, of the same shape.
-    """
+    """The largest of shares of a limit."""
     counts = np.ones(at_end.shape[1], bool) if counts is None else counts
     if not counts.any():
         return Use()

@@ -26,9 +26,6 @@ class Profile(ReadOnly):
         shares: Of T, at its knots, shape (k,), from 0 to 1.
         ways: Of d, at its knots, shape (k,), from 0 to 1.
         speeds: At its knots, in d/T, shape (k,).
-        velocity: Largest velocity, in d/T.
-        acceleration: Largest acceleration, in d/T^2.
-        jerk: Largest jerk, in d/T^3; infinite where the acceleration jumps.
     """
 
     shares: np.ndarray
@@ -62,7 +59,6 @@ class Profile(ReadOnly):
         Args:
             start: Chart point, shape (nv,) [rad or m].
             end: Chart point, shape (nv,).
-            limits: What it keeps.
             nominal: The share of the velocity's limit that it uses; its square of the acceleration's, its cube of the
                 jerk's.
         """

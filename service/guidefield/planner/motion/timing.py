@@ -62,9 +62,6 @@ class PathCurve(ReadOnly):
     def derivatives(self, steps: int) -> tuple[ChartRates, ChartRates]:
         """The first two derivatives by the parameter, at even steps on each piece and at the end.
 
-        Args:
-            steps: On each piece.
-
         Returns:
             Both of shape (pieces * steps + 1, nv) [rad or m].
         """
@@ -130,8 +127,6 @@ def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
 
     Args:
         curve: In chart coordinates [rad or m].
-        limits: What is kept.
-        finer: So many times as many pieces: it keeps closer to the curve.
 
     Returns:
         The motion; `executed` makes the trajectory of it.
@@ -185,14 +180,7 @@ class _Speeds(NamedTuple):
 
 
 def _speeds(first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits) -> _Speeds:
-    """The largest speeds dr/dt on a grid.
-
-    Args:
-        first: dq/dr at its points, shape (g, nv).
-        second: d²q/dr² there, shape (g, nv).
-        steps: Differences of r, shape (g - 1,).
-        limits: Of velocity and acceleration.
-    """
+    """The largest speeds dr/dt on a grid."""
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
     accelerations = np.empty((len(steps), len(limits.acceleration)))

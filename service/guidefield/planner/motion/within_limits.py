@@ -23,7 +23,6 @@ def leaving(
         values: Shape (n, c) [rad or m].
         slopes: Shape (n, c) [rad or m, for each unit of the knots].
         lower: Limits, shape (c,) [rad or m]; infinite where there are none.
-        upper: The same.
 
     Returns:
         Shape (c,), bool.
@@ -57,7 +56,6 @@ def smoothly_within(
         values: Within the limits at both ends, shape (n, c) [rad or m].
         slopes: Shape (n, c) [rad or m, for each unit of the knots].
         lower: Limits, shape (c,) [rad or m].
-        upper: The same.
 
     Returns:
         Values and slopes, each of shape (n, c).
@@ -86,7 +84,6 @@ def bounded_slopes(
         values: Within the limits, shape (n, c) [rad or m].
         slopes: Shape (n, c) [rad or m, for each unit of the knots].
         lower: Limits, shape (c,) [rad or m].
-        upper: The same.
 
     Returns:
         Shape (n, c).

@@ -33,11 +33,8 @@ def clearance_samples(
     """Samples evenly in time, each of which counts by the joint distance that it stands for.
 
     Args:
-        spline: The motion.
         kept: What its start and its end keep from obstacles [m].
         clearance: What is asked for [m].
-        samples: How many on a piece.
-        settings: Of the optimisation.
         sizes: Of the coordinates, shape (nv,).
         in_time: Whether obstacles move. Then it counts by half of that, and half of its share of time: they come to a
             robot that stands, too.
@@ -60,11 +57,8 @@ def samples_in_time(
     """The same of a motion that is no spline, among obstacles that move.
 
     Args:
-        motion: Without the wait before it.
         kept: As in `clearance_samples` [m].
         clearance: What is asked for [m].
-        samples: How many.
-        settings: Of the optimisation.
         sizes: Of the coordinates, shape (nv,).
 
     Returns:
@@ -131,7 +125,6 @@ class Sections(ReadOnly):
     constraints hold all along; others are groups of alternatives, one of which holds at any time.
 
     Attributes:
-        frames: The constraints, k of them.
         groups: Which group each is of, in ascending order, shape (k,); -1: it holds all along. Of groups that cost as
             little the first is kept.
         asked: Whether each is looked at on a section, 1 or 0, shape (sections, k).
@@ -154,11 +147,7 @@ def constraint_samples(
     """Samples evenly in time, next to those of the clearance and between them.
 
     Args:
-        sections: The constraints.
-        pieces: How many the motion has.
         passed: Where it comes nearest to each passage, in pieces from the start.
-        samples: At which the clearance is looked at, on a piece.
-        settings: Of the optimisation.
     """
     bounds, _, of_samples, shares, _ = places(pieces, settings.constraint_samples * samples)
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]

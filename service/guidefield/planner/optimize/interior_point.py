@@ -34,18 +34,10 @@ class Question(ReadOnly):
     """What is the same all through an optimisation.
 
     Attributes:
-        robot: Points and links.
-        tables: Obstacles that rest.
-        moving: Obstacles that move.
-        sections: Path constraints, and where they hold.
-        limits: What is kept.
         kept: What start and end keep from obstacles [m].
         clearance: What is asked for [m].
         duration: Of the first motion [s]: the unit of time.
-        settings: Weights and bounds.
-        times: When it departs and arrives.
         longest_step: Pieces are no longer than this [s].
-        passages: What the motion passes, in this order.
     """
 
     robot: SampledRobot
@@ -83,9 +75,7 @@ class Look(ReadOnly):
     """A motion and its clearance.
 
     Attributes:
-        spline: The motion.
         model: Its clearance there, and nearby, with what it misses of its passages.
-        constrained: Where path constraints are looked at.
         passed: Where it comes nearest to each passage, in pieces from the start.
         stiffness: Share of Gauss and Newton's Hessian of the clearance that the model has.
     """
@@ -117,14 +107,8 @@ class Descent(ReadOnly):
     """The objective on the samples of the motion with which it began.
 
     Attributes:
-        question: What is asked.
-        samples: Where the clearance is looked at.
         near: Which obstacles were near there; kept up to date by looking at them.
-        count: Samples on a piece.
-        constrained: Where path constraints are looked at, were nothing passed.
-        ends: The ends of the motion.
         unit: Length of the first motion's pieces, if it had as many [s].
-        room: Memory for steps.
         hessians: Memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look.
     """
 
@@ -179,11 +163,9 @@ class Descent(ReadOnly):
         Its Hessian is good until the next look, or where that is `beside` it, until the one after that.
 
         Args:
-            spline: The motion.
             passed: Where it came nearest to each passage, in pieces from the start.
             stiffness: As `Look.stiffness`.
             most: Clearance from which on the motion isn't wanted: it counts as infinite then.
-            beside: A look that stays good meanwhile.
         """
         question, (n, nv) = self.question, spline.points.shape
         one, other = self.hessians
@@ -258,8 +240,6 @@ class Descent(ReadOnly):
         """Return a better motion as far as a look tells, after some of Newton's steps; None where none is worth it.
 
         Args:
-            look: At a motion strictly within limits.
-            limit_weight: Of the limits' barrier.
             steps: Maximum number of Newton's steps; None: that of the settings.
         """
         spline, rules = look.spline, self.question.rules
@@ -286,11 +266,6 @@ class Descent(ReadOnly):
 
         Where the clearance proves to be another than the last look had told, a motion closer to that one is tried. The
         next look's model is stiffer then, and softer where the first motion is better.
-
-        Args:
-            look: At a motion strictly within limits.
-            before: Its objective.
-            limit_weight: Of the limits' barrier.
         """
         settings = self.question.settings
         spline = self.lower(look, limit_weight)

@@ -70,10 +70,7 @@ class Optimized(ReadOnly):
 
     Attributes:
         trajectory: Within every limit of velocity, acceleration, jerk and position.
-        steps: How many were taken.
         before: Duration of the motion with which it began [s].
-        outcome: How it ended.
-        passed: The knot of the trajectory that is at each passage.
     """
 
     trajectory: Trajectory
@@ -103,9 +100,7 @@ def optimize(
     it is, and the outcome says so. So does one that can't be brought exactly to where it has to pass.
 
     Args:
-        problem: Robot, world, limits, deadline and most steps.
         motion: With the problem's velocities at its ends, not a single point, within position limits.
-        settings: Weights and bounds.
         others: Others from the same start, made when they are asked for. They are optimised coarsely, one after the
             other, while the best is far from the least time; the best goes on.
         passages: What the motion passes at times that are free, in this order; all motions given go through their
@@ -150,8 +145,6 @@ class _Coarse(ReadOnly):
     """A motion that is optimised as far as its pieces allow.
 
     Attributes:
-        question: What is asked.
-        look: At the motion.
         cost: Its objective, as a time [s].
     """
 
@@ -276,12 +269,7 @@ def least_time(problem: Problem, spline: BSpline) -> float:
 
 
 def brought_within(question: Question, spline: BSpline) -> BSpline | None:
-    """The motion strictly within limits; None where that isn't reached in a few rounds.
-
-    Args:
-        question: What is asked.
-        spline: The motion, within the range of positions.
-    """
+    """The motion strictly within limits; None where that isn't reached in a few rounds."""
     settings = question.settings
     for _ in range(settings.loosenings):
         load = load_of(spline, question.limits)

@@ -41,8 +41,6 @@ class PlanePlace:
     Its misses are the height over the plane, and for each edge how far the tip is beyond it [m].
 
     Attributes:
-        problem: The robot.
-        plane: The guide plane.
         inset: Distance that the tip keeps from the polygon's edges [m].
     """
 
@@ -55,8 +53,6 @@ class PlanePlace:
         """The crossing of a plane at a chart point, with a share of the guide's inset or what it has, if less.
 
         Args:
-            problem: Robot and guide planes.
-            plane: The plane.
             z: Chart point with the tip on it, shape (nv,).
         """
         return cls(problem, plane, inset_at(problem, plane, problem.kinematics.tip_positions(z[None])[0]))
@@ -116,7 +112,6 @@ class Passage(ReadOnly):
     """A place to pass, and where a path that was found does.
 
     Attributes:
-        place: To be passed.
         waypoint: A chart point of the path there, shape (nv,) [rad or m].
     """
 
@@ -139,11 +134,6 @@ def nearest(place: Place, spline: BSpline, about: float) -> float:
 
     Samples are taken about the least, closer each time; a parabola through the last three says where. A motion that is
     still there where it was is not looked at further.
-
-    Args:
-        place: To be passed.
-        spline: The motion.
-        about: Where it was, in pieces from the start.
     """
     spacing, plane = PASSAGE.spacing, place.tip_plane
     if plane is not None:
@@ -183,12 +173,8 @@ def add_passage(
     """Add what passing a place adds to the objective of a motion, as place s of a `ClearanceModel`.
 
     Args:
-        place: To be passed.
-        spline: The motion.
-        at: Where it comes nearest, in pieces from the start.
         weight: w [1/m² or 1/rad²].
         crossing: κ [m or rad].
-        s: Which place it is.
         gradient_out: By its control points, shape (n, nv).
         pieces_out: As `ClearanceModel` has them, shape (places,).
         basis_out: The same, shape (places, 4).
@@ -216,13 +202,7 @@ def add_passage(
 def passing(
     spline: BSpline, passages: Sequence[Passage], places: Sequence[float]
 ) -> tuple[BSpline, list[float]] | None:
-    """A motion that passes all places exactly, and where; None where it can't be brought there, or not in their order.
-
-    Args:
-        spline: The motion, which passes them nearly.
-        passages: In their order.
-        places: Where it comes nearest to each, in pieces from the start.
-    """
+    """A motion that passes all places exactly, and where; None where it can't be, or not in their order."""
     at = [_off_knots(nearest(one.place, spline, about)) for one, about in zip(passages, places, strict=True)]
     if (np.diff(at) < 0.0).any():
         return None
@@ -242,13 +222,7 @@ def _off_knots(at: float) -> float:
 
 
 def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, float]:
-    """The motion with its control points about a place moved least so that it is there, to first order; what it missed.
-
-    Args:
-        place: To be passed.
-        spline: The motion.
-        at: Where it passes, in pieces from the start.
-    """
+    """The motion with control points about a place moved least to be there to first order; what it missed."""
     where = np.array([at])
     z = spline.at(where)[0]
     missed = place.missed(z[None])[0]
@@ -267,10 +241,6 @@ def with_knots(
     spline: BSpline, places: Sequence[float]
 ) -> tuple[tuple[np.ndarray, ChartPoints, ChartRates], tuple[int, ...]]:
     """A motion's knots as `BSpline.knots` has them, with one at each place; and which of them are at the places.
-
-    Args:
-        spline: The motion.
-        places: In pieces from the start, ascending.
 
     Returns:
         Times, shape (n,) [s], positions and velocities, shape (n, nv); the index of each place among them.

@@ -31,8 +31,6 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     other at an end of the motion are let in that far all along it.
 
     Args:
-        problem: Robot, world and field.
-        tables: Obstacles.
         ends: Chart points at which links may be as close as they are, shape (m, nv).
     """
     moving, pairs = _moving(problem.group), _pairs(problem)
@@ -59,7 +57,6 @@ class TouchedPoint(ReadOnly):
     """A point of a moving link at which the certificate refused a motion.
 
     Attributes:
-        body: The link's body.
         point: Where it is, shape (3,), in the frame of the body's joint [m].
         other: The robot's other body, where it touched that; -1 where it touched an obstacle.
     """

@@ -40,13 +40,7 @@ def ends_of(problem: Problem, motion: Trajectory) -> tuple[End, End]:
 
 
 def first_motion(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> BSpline:
-    """A spline near a motion from rest to rest, strictly within limits; slower where it has to be.
-
-    Args:
-        motion: Not a single point; within position limits.
-        limits: What is kept.
-        settings: How many pieces there are.
-    """
+    """A spline near a motion from rest to rest, strictly within limits; slower where it has to be."""
     return _stretched(motion, _pieces(motion, limits, settings), limits, settings)
 
 
@@ -59,9 +53,6 @@ def scheduled_motion(
     those of a motion that speeds up and brakes all the way.
 
     Args:
-        motion: Not a single point; within position limits.
-        limits: What is kept.
-        settings: How many pieces there are.
         arrive_from: It ends after this [s].
     """
     begin = float(motion.times[0])
@@ -75,14 +66,7 @@ def scheduled_motion(
 def moving_motion(
     motion: Trajectory, ends: tuple[End, End], limits: MotionLimits, settings: OptimizationSettings
 ) -> BSpline:
-    """A spline near a motion that begins or ends in motion, in short pieces; not yet within limits.
-
-    Args:
-        motion: With these ends, not a single point.
-        ends: Its start and its end.
-        limits: What is kept.
-        settings: How many pieces there are.
-    """
+    """A spline near a motion that begins or ends in motion, in short pieces; not yet within limits."""
     speeds = np.maximum(*(np.abs(end.velocity) for end in ends))
     stop = float((speeds / limits.acceleration).max()) / settings.stop_pieces
     step = min(motion.duration / _pieces(motion, limits, settings), 0.5 * longest_step(ends, limits))

@@ -20,14 +20,7 @@ from guidefield.scene.distance_tables import distance_tables, moving_tables
 
 
 def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:
-    """Whether a motion has a lower objective than another one of the same ends: arrival and clearance as optimised.
-
-    Args:
-        problem: Robot and obstacles.
-        motion: Without the wait before it.
-        other: The same.
-        settings: Weights.
-    """
+    """Whether a motion has a lower objective than another one of the same ends: arrival and clearance as optimised."""
     tables, moving, ends = distance_tables(problem.scene), moving_tables(problem.scene), other.positions[[0, -1]]
     robot = sampled_robot(problem, tables, ends)
     kept = [kept_at(problem, robot, z, time) for z, time in zip(ends, other.times[[0, -1]].tolist(), strict=True)]

@@ -62,10 +62,6 @@ def retime(problem: Problem, schedule: Schedule) -> Trajectory | None:
     Where the rate never changes it is the schedule's motion later, and perhaps slower, bit for bit the same curve.
     Else the rate is averaged over a step, so that accelerations are continuous where those of the schedule's motion
     are.
-
-    Args:
-        problem: Whose limits.
-        schedule: When to be where.
     """
     motion = schedule.motion
     if schedule.constant:

@@ -23,9 +23,6 @@ class Occupancy:
     Cells are of equal length by the group's metric; of a motion too short for that, of equal time.
 
     Args:
-        group: Whose joints move.
-        motion: A motion along the path, from rest to rest.
-        slices: The robot among what moves.
         leave_by: Until when the start is free, for certain, and not after [s].
         arrive_from: From when on the end stays free, for certain, and not before [s].
         free_at_rest: Whether the whole path is certified among the obstacles once they have come to rest.
@@ -63,8 +60,6 @@ class Occupancy:
         """Which cells are free in slices from one up to another, shape (last - first, cells), uint8.
 
         Args:
-            first: The first slice.
-            last: The first that isn't asked about.
             deadline: Checked before each slice that isn't known; there is no answer, None, if it has passed.
         """
         more: list[np.ndarray] = []
@@ -111,7 +106,6 @@ class Schedule(ReadOnly):
     """At which of a motion's own times the robot is when.
 
     Attributes:
-        motion: The motion along the path, perhaps slower than it was found.
         departure: Until then the robot waits where it starts [s].
         duration: How long it is on its way then [s].
         step: Length of a step [s].
@@ -164,12 +158,7 @@ class Schedule(ReadOnly):
 
 @dataclass(frozen=True)
 class Stuck:
-    """Where a search for a schedule ended that did not arrive.
-
-    Attributes:
-        cell: The farthest cell that was reached.
-        spent: Whether there was no more time.
-    """
+    """Where a search for a schedule ended that did not arrive."""
 
     cell: int
     spent: bool = False
@@ -188,13 +177,7 @@ def slices_in(step: float) -> int:
 
 
 def at_one_rate(problem: Problem, motion: Trajectory, occupancy: Occupancy) -> Schedule | Stuck:
-    """The earliest schedule that waits at the start and then goes along the path at one rate.
-
-    Args:
-        problem: Limits, deadline.
-        motion: The motion along the path, within the limits.
-        occupancy: Where it can be when.
-    """
+    """The earliest schedule that waits at the start and then goes along the path at one rate."""
     places = _places(motion, step_of(problem.group))
     none = np.zeros((places, SCHEDULE.rates + 1), np.int64)
     return _search(problem, motion, occupancy, none, none)
@@ -206,10 +189,7 @@ def at_any_rate(
     """The earliest schedule that changes its rate within the limits of acceleration and jerk.
 
     Args:
-        problem: Limits, deadline.
-        motion: The motion along the path, within the limits.
         room: Share of the limits' rates that it uses as stretched in time; the rest is for changes of rate.
-        occupancy: Where the motion can be when.
         by: A schedule that arrives later is of no use [s].
     """
     slower = Trajectory(motion.times / room, motion.positions, motion.velocities * room)

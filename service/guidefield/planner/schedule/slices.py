@@ -34,10 +34,6 @@ def build_held_world(problem: Problem, moments: Moments) -> World:
     """The robot among some obstacles of its scene, each standing where it is at one or more times.
 
     What may touch an obstacle may touch all of these.
-
-    Args:
-        problem: Robot and obstacles.
-        moments: Which obstacles stand when.
     """
     return _world(problem, moments, problem.world.pairs.own)
 
@@ -121,7 +117,6 @@ class Slices:
     more as it moves about them. From when all have come to rest on, they stand where they are.
 
     Args:
-        problem: Robot, obstacles and what to keep from them.
         length: Of a slice [s].
     """
 

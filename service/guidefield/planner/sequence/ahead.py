@@ -53,12 +53,7 @@ AHEAD = AheadSettings()
 
 @dataclass(frozen=True)
 class Refused:
-    """Why a step can't be done, from all that was tried.
-
-    Attributes:
-        index: The step.
-        ending: Why.
-    """
+    """Why a step can't be done, from all that was tried."""
 
     index: int
     ending: Ending
@@ -79,12 +74,6 @@ class _Search:
 
 def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Problem | Refused:
     """The problem of a step whose goals are only those that leave the later steps possible.
-
-    Args:
-        course: The steps.
-        index: The step.
-        at: Where everything is when it begins.
-        motion: What it asks for.
 
     Returns:
         The problem as it is where there is nothing to choose; else with a `ConfigurationGoal`. Or what can't be done.

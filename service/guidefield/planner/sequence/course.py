@@ -21,9 +21,7 @@ class StepMotion:
     """The motion that a step asks for.
 
     Attributes:
-        problem: In the joints of the step, from where the one before ended.
         plan: Plans a problem as the step asks for it: this one, or the same with fewer goals.
-        way: The straight way of the tip, if it is to go straight.
     """
 
     problem: Problem

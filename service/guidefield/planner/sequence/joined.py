@@ -25,9 +25,7 @@ class Part:
     """The motion of one step among those that are joined, all in the chart of the first.
 
     Attributes:
-        problem: The step's.
         motion: Its motion, from rest to rest, which begins where the one before ends.
-        way: The straight way of the tip, if it goes straight.
         goal: What is passed at its end; None for the last.
     """
 
@@ -55,13 +53,7 @@ class PassedAt(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class Joined(ReadOnly):
-    """A motion past goals.
-
-    Attributes:
-        motion: The motion.
-        passages: One for each goal.
-        stops: Whether it comes to rest at them all the same.
-    """
+    """A motion past goals."""
 
     motion: Trajectory
     passages: tuple[PassedAt, ...]
@@ -81,8 +73,6 @@ def passed_about(goal: PassedGoal, motion: Trajectory, knots: tuple[int, int, in
     """Where a motion passes a goal.
 
     Args:
-        goal: The goal.
-        motion: The motion.
         knots: The first at which it may be, one at which it is within the radius, or nearest, and the last.
     """
     first, about, last = knots

@@ -20,7 +20,6 @@ class PassedGoal(ReadOnly):
     """The goal of a step that is passed.
 
     Attributes:
-        problem: The step's, as it was asked for.
         z: Where it would end, a chart point, shape (nv,).
         radius: How far from there its way may be left [m, rad].
     """

@@ -62,9 +62,7 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
     """The optimised motion, certified; None where none is, or not all steps may be optimised.
 
     Args:
-        parts: Two or more, each certified by itself.
         first: A motion past the goals with which it begins, whatever its jerk.
-        stages: Where time is counted.
     """
     problem = _limit_time(slowest(parts))
     if not _may_be(parts) or problem.deadline.expired():

@@ -31,7 +31,6 @@ class Allowed:
     """When a held object may touch an obstacle.
 
     Attributes:
-        touch: Object and obstacle.
         begin, end: Since when and until when [s].
     """
 
@@ -49,10 +48,7 @@ class Holding:
     """A stretch of steps in which an object is held that may touch something at its ends.
 
     Attributes:
-        touch: Object and obstacle.
         spans: Times at which each step begins and ends [s].
-        worlds: In which each step is judged.
-        put_down: Whether it is put down at the end.
     """
 
     touch: Touch
@@ -84,8 +80,6 @@ def find_allowed_times(holding: Holding, trajectory: Trajectory, min_clearance: 
     """When a held object may touch an obstacle.
 
     Args:
-        holding: Object, obstacle, and while it is held.
-        trajectory: Of all joints.
         min_clearance: Away is nothing less than this [m].
     """
     begin, end = holding.spans[0][0], holding.spans[-1][1]

@@ -57,11 +57,7 @@ CORNER = CornerSettings()
 
 
 class Curve:
-    """The curve of a motion by its length.
-
-    Args:
-        motion: The motion, not a single point.
-    """
+    """The curve of a motion by its length."""
 
     def __init__(self, motion: Trajectory) -> None:
         within = np.arange(CORNER.looks) / CORNER.looks
@@ -99,9 +95,6 @@ def round_corners(
     """A path along curves, each of which begins where the one before ends.
 
     Args:
-        curves: In order.
-        goals: What is passed between one and the next.
-        radii: How far from each of them a corner may reach.
         spacing: Between places, at most [rad or m].
     """
     begin, path, corners, count = 0.0, [], [], 0
@@ -181,12 +174,7 @@ ROUNDING = RoundingSettings()
 
 
 def rounded_motion(parts: Sequence[Part], stages: Stages) -> tuple[Joined, Rounded] | None:
-    """The motion along rounded corners, certified, and its path; None where none is.
-
-    Args:
-        parts: Two or more, each certified by itself.
-        stages: Where time is counted.
-    """
+    """The motion along rounded corners, certified, and its path; None where none is."""
     curves = [Curve(one.motion) for one in parts]
     goals = [one.goal for one in parts if one.goal is not None]
     radii, density = [goal.radius for goal in goals], 1
@@ -237,12 +225,7 @@ NO_RADIUS = 1e-6
 
 
 def join(parts: Sequence[Part], stages: Stages) -> Joined:
-    """Join motions of the same joints.
-
-    Args:
-        parts: Two or more, each certified by itself.
-        stages: Where time is counted.
-    """
+    """Join motions of the same joints."""
     stopping = _stopping(parts)
     if min(one.goal.radius for one in parts if one.goal is not None) <= NO_RADIUS:
         return stopping

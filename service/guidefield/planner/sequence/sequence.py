@@ -50,12 +50,9 @@ class Leg(ReadOnly, Generic[S]):
     """What came of one step.
 
     Attributes:
-        index: The step.
-        at: Where everything was when it began.
         span: When it begins and ends, its pause included [s].
         conditions: What the motion of all joints is judged by meanwhile, where nothing may touch.
         path: What the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves.
-        way: The straight way of the tip, if it goes straight.
         straight: From when to when it does [s]: not while a goal is passed.
         problem: What was planned; None where nothing moves.
         passed: How near to the goal it ends, as `PassedGoal.distances` [m, rad], where it is passed.
@@ -86,19 +83,11 @@ class SequencePlan(ReadOnly, Generic[S]):
     """What came of planning a sequence.
 
     Attributes:
-        status: How it ended.
-        message: One sentence that a person can act on.
         details: The values that it speaks about; `step` is the index of the step that failed.
-        legs: Of the steps that were planned, in order.
         path: Chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went.
         verdicts: The certificate's judgements of the stretches; of a sequence that failed, of `path` alone.
         failed_at: Where everything was when the step began that failed; None where none did.
         trajectory: What the robot would execute; None where a step failed before it was certified.
-        stretches: Its parts, each with what it is judged by.
-        permissions: What held objects may touch when.
-        stages: What was done, in order.
-        seconds: Time by stage.
-        warnings: What was odd but harmless.
     """
 
     status: Status
@@ -124,15 +113,7 @@ class SequencePlan(ReadOnly, Generic[S]):
 def plan_sequence(
     course: Course[S], start: S, whole: PlanningGroup, deadline: Deadline, observer: Observer
 ) -> SequencePlan[S]:
-    """Plan a sequence.
-
-    Args:
-        course: The steps.
-        start: Where everything is at first.
-        whole: All joints that any step moves, at the start.
-        deadline: How long planning may go on.
-        observer: Who watches; hears of all joints.
-    """
+    """Plan a sequence."""
     return _Planning(course, start, whole, deadline, observer).plan()
 
 
@@ -376,14 +357,7 @@ def _standing(conditions: Conditions, index: int, z: ChartPoint, time: float) ->
 
 @dataclass(frozen=True)
 class Translated:
-    """An observer of a step who tells an observer of the sequence.
-
-    Attributes:
-        observer: Who is told.
-        part: The step's joints.
-        whole: All joints.
-        embedding: From the one's chart to the others'.
-    """
+    """An observer of a step who tells an observer of the sequence."""
 
     observer: Observer
     part: PlanningGroup

@@ -63,11 +63,8 @@ def certify_straight(
     """Judge whether a frame keeps to its straight way along a motion.
 
     Args:
-        way: The way.
-        group: The joints that move, of one coordinate each.
         turns: Whether a joint turns rather than slides, shape (nv of the model,).
         pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
-        deadline: Ends the judgement.
     """
     frame = _Frame(way, group, turns)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))

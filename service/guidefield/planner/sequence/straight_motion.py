@@ -29,12 +29,7 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
 
 def straight_plan(problem: Problem, way: StraightWay) -> Plan:
-    """Plan a motion along a straight way; no other way is looked for.
-
-    Args:
-        problem: Robot, world, limits and start; its goal doesn't count.
-        way: The way, from where the tip is at the start.
-    """
+    """Plan a motion along a straight way; no other way is looked for."""
     stages, still = Stages(problem), among_what_rests(problem)
     try:
         with stages.entered("ends", "start and straight way") as stage:
@@ -90,8 +85,6 @@ def follow_way(
     """Chart points along which the tip is at places of the way, evenly spaced, and closer where the joints move much.
 
     Args:
-        problem: Robot and start.
-        way: The way.
         places: How many beyond the start; None: as many as it takes.
 
     Returns:

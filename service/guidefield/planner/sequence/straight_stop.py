@@ -60,8 +60,6 @@ class StraightStop(ReadOnly):
     """The last place of a straight way that the robot can follow.
 
     Attributes:
-        share: Of the way, less than 1.
-        unreached: A share beyond it, to which the robot can't go on.
         z: Chart point at the last place, shape (nv,).
     """
 
@@ -91,11 +89,9 @@ def bring(
     Newton's method with the least motion; a joint that a step would push beyond its limit stays there.
 
     Args:
-        problem: The robot.
         z: Chart point, shape (nv,).
         target: The placement, pinocchio.SE3 [m, world].
         reached: How far off it may be [m or rad].
-        limited: Whether joints keep their limits.
     """
     group, kinematics = problem.group, problem.kinematics
     unlimited = np.full(group.nv, np.inf)
@@ -147,12 +143,7 @@ def _cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str,
 
 
 def _limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, float, str] | None:
-    """The joint that would have to go farthest beyond a limit: joint, that limit, both limits and unit; None if none.
-
-    Args:
-        problem: The robot.
-        beyond: Where it would go without limits, shape (nv,).
-    """
+    """The joint that would have to go farthest beyond a limit, that limit, both limits and unit; None if none."""
     group = problem.group
     excess = np.maximum(group.lower - beyond, beyond - group.upper) / group.units
     worst = int(np.argmax(excess))

@@ -18,7 +18,6 @@ class StraightWay:
     """The way of a frame from one pose to another.
 
     Attributes:
-        frame: Its name.
         begin, end: Its placements at the ends, pinocchio.SE3 [m, world].
         line_tolerance: How far the frame's origin may be from the straight line between the two [m].
         turn_tolerance: How far the frame may be turned away from how the way has it there [rad].

@@ -25,13 +25,7 @@ from guidefield.prove.verdict import Verdict
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretch(Conditions):
-    """A part of a sequence's trajectory, and what it is judged by.
-
-    Attributes:
-        index: The step that it is of.
-        motion: The part, at the sequence's own times.
-        way: The straight way that the tip keeps to, if the step has one.
-    """
+    """A part of a sequence's trajectory, and what it is judged by."""
 
     index: int
     motion: Trajectory
@@ -50,12 +44,8 @@ def stretches_of(
     """The stretches of a step.
 
     Args:
-        index: The step.
-        conditions: What it is judged by, where nothing may touch.
         trajectory: The sequence's, with a knot wherever a permission, or a straight way, begins or ends.
         span: When the step begins and ends [s].
-        permissions: What may touch when.
-        way: The straight way that the tip keeps to.
         straight: From when to when it does [s]; not at all where that is no time.
     """
     begin, end = span
@@ -78,12 +68,7 @@ def stretches_of(
 
 
 def certify_stretch(stretch: Stretch, deadline: Deadline = UNLIMITED) -> Verdict:
-    """Judge a stretch: free, and keeping what the step has to keep.
-
-    Args:
-        stretch: The part of the trajectory.
-        deadline: Ends the judgement.
-    """
+    """Judge a stretch: free, and keeping what the step has to keep."""
     verdict = certify_from_start(stretch, stretch.motion, deadline)
     if not verdict.free or stretch.way is None:
         return verdict

@@ -28,17 +28,9 @@ class Conditions(ReadOnly):
     """What a motion is judged by.
 
     Attributes:
-        group: The robot, reduced to the joints that move.
-        scene: Obstacles.
-        world: Robot and obstacles as one Coal model.
         min_clearance: Distance to keep from obstacles everywhere [m].
-        allowed_collisions: Pairs of names that may touch.
         leave_start_contact: Whether the start may be in slight contact, which is left first.
         jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
-        path_constraints: What frames have to keep all along the motion.
-        deadline: How long it may take.
-        observer: Who watches.
-        counters: What is counted on the way.
     """
 
     group: PlanningGroup

@@ -15,13 +15,7 @@ from guidefield.robot.group.group import PlanningGroup
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """How a plan, or a stage of it, ended.
-
-    Attributes:
-        status: Its code.
-        message: One sentence that a person can act on.
-        details: The values that the message speaks about.
-    """
+    """How a plan, or a stage of it, ended."""
 
     status: Status
     message: str
@@ -36,8 +30,6 @@ def stopped_before(status: Status, plane: str, distance: float) -> str:
     """What is told of a plan that was stopped on its way to a guide plane.
 
     Args:
-        status: TIMED_OUT or PREEMPTED.
-        plane: Name of the plane.
         distance: Of the tip to it [m].
     """
     where = f"{1000 * distance:.0f} mm before guide plane {plane!r}"
@@ -59,12 +51,7 @@ def refused_at(group: PlanningGroup, verdict: Verdict) -> dict[str, Any]:
 
 
 def refusal(conditions: Conditions, verdict: Verdict) -> Ending:
-    """Why a motion is not certified, and where.
-
-    Args:
-        conditions: What the motion was judged by.
-        verdict: Of the motion; not free.
-    """
+    """Why a motion is not certified, and where."""
     status = conditions.deadline.status() or Status.INVALID_MOTION_PLAN
     pair = " and ".join(verdict.pair) if verdict.pair else "bodies"
     between = f" between {pair}" if verdict.pair else ""

@@ -29,7 +29,6 @@ class LoggedTrees(ReadOnly):
     """The trees of a search when it ended.
 
     Attributes:
-        sizes: Number of nodes of each.
         trees: The first `MAX_NODES` nodes of each: chart points, shape (n, nv), and the index of each one's parent,
             shape (n,); -1 for a root.
     """
@@ -67,9 +66,6 @@ class PackedEvents(msgspec.Struct, array_like=True, frozen=True):
     Attributes:
         kinds: Kind of each event, in order: its place in `_KINDS`, a byte each.
         seconds: Time of each, since the log began [s].
-        dropped: Number of events that came after the log was full.
-        rows: What each event says beside its arrays.
-        arrays: The arrays of all events, in order.
     """
 
     kinds: bytes
@@ -84,9 +80,7 @@ class EventLog:
     """Events in the order in which they came.
 
     Attributes:
-        events: Those that are kept.
         seconds: Time of each, since the log began [s].
-        dropped: Number of events that came after the log was full.
     """
 
     events: list[LoggedEvent] = field(default_factory=list)

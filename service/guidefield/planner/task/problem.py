@@ -58,18 +58,12 @@ class Problem(Conditions):
     """Everything that the stages of a plan share.
 
     Attributes:
-        robot_field: The scene's field on the robot.
-        kinematics: Where the tip is.
         q_start: Start, shape (nq,).
-        goal: What to reach.
-        guide_planes: Planes to cross, in order.
         derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
         optimization_iterations: Rounds in which a connection is made shorter, and most steps of the optimisation; None:
             no rounds, and what the optimisation takes; 0: the path that was found is only timed.
         start_velocity, start_acceleration: With which the motion begins, shape (nv,); None: at rest, without one.
         end_velocity: With which it ends, shape (nv,); None: at rest.
-        objective: What the motion is optimised for.
-        seed: Of all randomness.
     """
 
     robot_field: RobotField

@@ -15,16 +15,7 @@ from guidefield.planner.task.trace import StageEntered, StageLeft
 
 
 class StageFailed(Exception):
-    """An end of the motion is none: nothing was found, so no path belongs to it.
-
-    Args:
-        status: Code of the ending.
-        message: One sentence that a person can act on.
-        details: The values that the message speaks about.
-
-    Attributes:
-        ending: The three as a value.
-    """
+    """An end of the motion is none: nothing was found, so no path belongs to it."""
 
     def __init__(self, status: Status, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -53,13 +44,7 @@ class Stages:
 
     @contextmanager
     def entered(self, name: str, message: str, plane: int | None = None) -> Iterator[Stage]:
-        """Run a stage: its time is counted under its name, and its end is reported however it ends.
-
-        Args:
-            name: guide, connect, relax, parameterize or certify.
-            message: One sentence for a person.
-            plane: Index of the guide plane that it is about.
-        """
+        """Run a stage: its time is counted under its name, and its end is reported however it ends."""
         begin = time.perf_counter() if self._within else self._ended
         self._conditions.tell(StageEntered(name, message))
         stage = Stage()

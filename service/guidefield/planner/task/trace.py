@@ -15,12 +15,7 @@ from guidefield.robot.model.spaces import ChartPoints, Configuration
 
 @dataclass(frozen=True)
 class StageEntered:
-    """A stage of the plan begins.
-
-    Attributes:
-        name: guide, connect, relax, parameterize or certify.
-        message: One sentence for a person.
-    """
+    """A stage of the plan begins."""
 
     name: str
     message: str
@@ -53,11 +48,8 @@ class Step(ReadOnly):
     """One accepted change of configuration.
 
     Attributes:
-        kind: What was done.
         q: Configuration after it, shape (nq,), of the planning group.
-        message: One sentence for a person.
         potential: Potential of the robot there, if it was evaluated [m].
-        plane: Index of the guide plane that is being approached, if any.
     """
 
     kind: StepKind
