@@ -126,10 +126,10 @@ class Engines:
             GuidefieldError: if its robot or scene is refused now.
             OSError: if the disk refuses.
         """
-        from guidefield.stream import kept_streams
+        from guidefield.stream import journal
         from guidefield.stream.shown import recorded
 
-        files = kept_streams.kept_files(self.stores.streams_of(owner), name)
+        files = journal.kept_files(self.stores.streams_of(owner), name)
         try:
             recording = recorded(files, self.of(owner).stream)
         except MalformedRequest as error:

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from guidefield.case_file import Motion
     from guidefield.deadline import Deadline
     from guidefield.handlers.recording import RecordedMotion
-    from guidefield.planner.task.event_log import EventLog
-    from guidefield.planner.task.trace import Event
+    from guidefield.planner.task.trace import Event, EventLog
     from guidefield.robot.group.group import PlanningGroup
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor
@@ -331,7 +330,7 @@ class _Recording:
         warnings: _Warnings,
         anchor: Anchor | None = None,
     ) -> None:
-        from guidefield.planner.task.event_log import EventLog
+        from guidefield.planner.task.trace import EventLog
 
         self._run_id, self._request, self._destination = run_id, request, destination
         self._robot, self._scene, self._warnings, self._anchor = robot, scene, warnings, anchor

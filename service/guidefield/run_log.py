@@ -26,7 +26,7 @@ from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest, RobotReference, UrdfFile
 from guidefield.messages.scene import Obstacle as ObstacleMessage, Scene as SceneMessage, Sphere
 from guidefield.messages.values import RootJoint
-from guidefield.planner.task.event_log import EventLog, PackedEvents
+from guidefield.planner.task.trace import EventLog, PackedEvents
 from guidefield.robot.catalog.sent import SentRobot
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.obstacle import Obstacle

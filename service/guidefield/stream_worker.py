@@ -180,19 +180,19 @@ class StreamConversation:
 
     def _journal(self) -> Journal | None:
         """Return the journal of the stream; None if nobody wants it or the disk refuses."""
-        from guidefield.stream import kept_streams
+        from guidefield.stream import journal
         from guidefield.stream.journal import Journal
 
         if self.request.recording == "off":
             return None
         stores = self.setup.engines().stores
         try:
-            folder = kept_streams.begin(stores.streams_of(self.user), str(self.request.stream_id))
+            folder = journal.begin(stores.streams_of(self.user), str(self.request.stream_id))
         except OSError as error:
             _log.warning("a stream can't be kept: %s", error.strerror)
             return None
         made_with = {"guidefield": version("guidefield"), "processor": processor()}
-        file_bytes = kept_streams.file_bytes(stores.bytes_of(self.user))
+        file_bytes = journal.file_bytes(stores.bytes_of(self.user))
         return Journal(folder, self.request, self.user, made_with, file_bytes)
 
     def _opened(self, journal: Journal | None) -> CertifiedStream:

@@ -26,7 +26,7 @@ from guidefield.messages import codec, requests, scene as messages
 from guidefield.messages.replies import CertifyReply, PlanReply, to_plain_data
 from guidefield.messages.request_reader import read_request
 from guidefield.planner.judgement import GivenProblem, Judgement, judge
-from guidefield.planner.motion.limit_shares import Uses
+from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.scene import library
 from guidefield.scene.scene import build

@@ -19,7 +19,7 @@ from guidefield.handlers.preparation import crop_to_reach
 from guidefield.messages import codec, scene as messages
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.values import Placement
-from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.problem import Conditions
 from guidefield.scene import crop as room
 from guidefield.scene.crop import Ball, crop, nearest_obstacles
 from guidefield.scene.scene import Scene, build

@@ -24,9 +24,8 @@ from guidefield.planner.ends import (
     goal_points,
     tip_points,
 )
-from guidefield.planner.task.ending import Ending
 from guidefield.planner.task.problem import ConfigurationGoal, TipGoal
-from guidefield.planner.task.stages import StageFailed
+from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.ik.pose_target import PoseTarget
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import random_configuration, rest

@@ -9,12 +9,11 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
-from guidefield.planner import fallback_connection
+from guidefield.planner import held_paths
 from guidefield.planner.connect.connect import Connection
-from guidefield.planner.fallback_connection import connect_to_goal
+from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.stages import Stage, StageFailed
+from guidefield.planner.task.stages import Ending, Stage, StageFailed
 from tests.planner.problems import problem, scene_of
 
 
@@ -29,7 +28,7 @@ def made(monkeypatch):
             return Connection(Status.PLANNING_FAILED, "nothing leads on", z_start[None])
         return Connection(Status.SUCCESS, "found", np.array([z_start, goals[0]]), prove)
 
-    monkeypatch.setattr(fallback_connection, "connect", connect)
+    monkeypatch.setattr(held_paths, "connect", connect)
     return problem("panda", scene_of()), asked
 
 
@@ -66,9 +65,9 @@ def test_a_plane_that_nothing_leads_to_leaves_the_path_as_far_as_the_approach_ca
     start, led, came = np.full(7, 0.05), np.full(7, 0.1), np.full(7, 0.15)
     found = PathSoFar(np.array([start, led]), {0: 1})
     stuck = found.extended(np.array([led, came])).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck", {"plane": 1}))
-    monkeypatch.setattr(fallback_connection, "tip_points", lambda *_: np.full((1, 7), 0.2))
+    monkeypatch.setattr(held_paths, "tip_points", lambda *_: np.full((1, 7), 0.2))
     stage = Stage()
-    reached = fallback_connection.connect_to_plane(planned, found, stuck, 1, stage)
+    reached = held_paths.connect_to_plane(planned, found, stuck, 1, stage)
     assert reached.failure is not None
     assert reached.failure.status is Status.STUCK_IN_MINIMUM
     assert reached.failure.message == "stuck; the tree got no further either: nothing leads on"
@@ -89,9 +88,9 @@ def test_where_the_nearest_place_of_a_plane_is_blocked_the_tip_may_be_elsewhere_
             raise StageFailed(Status.NO_IK_SOLUTION, "blocked")
         return np.full((1, 7), 0.2)
 
-    monkeypatch.setattr(fallback_connection, "tip_points", tip_points)
+    monkeypatch.setattr(held_paths, "tip_points", tip_points)
     stuck = PathSoFar.at_start(planned).failed(Ending(Status.STUCK_IN_MINIMUM, "stuck"))
-    fallback_connection.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
+    held_paths.connect_to_plane(planned, PathSoFar(np.zeros((1, 7))), stuck, 0, Stage())
     nearest, square = targets
     assert not nearest.position_tolerance.any()
     half = square.position_tolerance[0]

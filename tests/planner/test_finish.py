@@ -31,11 +31,9 @@ from guidefield.planner.optimize.settings import (
     of_many,
 )
 from guidefield.planner.optimized_motion import HURRIED, LOOKS
-from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.ending import refusal
+from guidefield.planner.path_so_far import PathSoFar, soonest_along
 from guidefield.planner.task.problem import Objective, Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import Stages, refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason
 from guidefield.scene.guide_plane import build

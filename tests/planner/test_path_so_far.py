@@ -9,7 +9,7 @@ import pytest
 
 from guidefield.errors import Status
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.task.stages import Ending
 from tests.planner.problems import problem, scene_of
 
 START, MIDDLE, END = np.zeros(2), np.full(2, 0.5), np.ones(2)

@@ -18,7 +18,7 @@ from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.optimize.optimization import Optimized, optimize
 from guidefield.planner.optimize.settings import OptimizationSettings
 from guidefield.planner.optimized_motion import LOOKS
-from guidefield.planner.path_motion import soonest_along
+from guidefield.planner.path_so_far import soonest_along
 from guidefield.planner.plan import Plan, Planner, make_refused_plan, plan
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.planner.task.trace import StageEntered, StageLeft

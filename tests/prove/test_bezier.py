@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.prove.bezier import halved, point_on, ranges, restricted
+from guidefield.prove.curve import halved, point_on, ranges, restricted
 
 
 @given(st.integers(1, 4), st.integers(1, 7), st.integers(0, 2**32 - 1))

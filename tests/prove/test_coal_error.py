@@ -6,7 +6,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.prove.settings import COAL_ACCURACY, COAL_RELATIVE, with_coal_error
+from guidefield.prove.verdict import COAL_ACCURACY, COAL_RELATIVE, with_coal_error
 
 UPRIGHT, LYING = np.eye(3), pin.rpy.rpyToMatrix(np.pi / 2, 0.0, 0.0)
 

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.prove.certificate import certify, motion_free
-from guidefield.prove.position_limits import excesses
-from guidefield.prove.settings import LIMITS
-from guidefield.prove.verdict import Reason
+from guidefield.prove.curve import excesses
+from guidefield.prove.verdict import LIMITS, Reason
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 

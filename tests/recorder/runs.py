@@ -17,8 +17,17 @@ from guidefield.messages import replies, scene as messages
 from guidefield.messages.requests import JointsGoal, PlanRequest
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.event_log import EventLog
-from guidefield.planner.task.trace import Event, Note, PathRelaxed, StageEntered, StageLeft, Step, StepKind, TreeGrown
+from guidefield.planner.task.trace import (
+    Event,
+    EventLog,
+    Note,
+    PathRelaxed,
+    StageEntered,
+    StageLeft,
+    Step,
+    StepKind,
+    TreeGrown,
+)
 from guidefield.recorder.documents import RecordedRun
 from guidefield.recorder.recorder import record_plan
 from guidefield.recorder.stored import Place

@@ -15,7 +15,7 @@ import rerun as rr
 
 from guidefield.messages import replies
 from guidefield.messages.requests import PlanRequest, PoseGoal
-from guidefield.planner.task import event_log
+from guidefield.planner.task import trace
 from guidefield.planner.task.trace import Step
 from guidefield.recorder.motion import SHOWN_STEP
 from guidefield.recorder.packing import unpacked
@@ -413,7 +413,7 @@ def test_a_motion_that_goes_nowhere_can_be_recorded(run, tmp_path):
 
 
 def test_keeps_so_many_events_and_counts_the_others(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(event_log, "MAX_EVENTS", 4)
+    monkeypatch.setattr(trace, "MAX_EVENTS", 4)
     recording = record(run, tmp_path / "run.rrd")
     lines = [text for (text,) in recording.values("/planner/log", "TextLog:text", "step")]
     assert len(lines) == 6

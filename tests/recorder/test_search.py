@@ -6,8 +6,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from guidefield.planner.task.event_log import GROWTH_STEPS, MAX_ITERATIONS, MAX_NODES, EventLog, LoggedTrees
-from guidefield.planner.task.trace import PathRelaxed, TreeGrown
+from guidefield.planner.task.trace import (
+    GROWTH_STEPS,
+    MAX_ITERATIONS,
+    MAX_NODES,
+    EventLog,
+    LoggedTrees,
+    PathRelaxed,
+    TreeGrown,
+)
 from guidefield.recorder import planner_entities
 from tests.recorder.runs import MadeUp, grown_trees, made_up
 

@@ -20,12 +20,10 @@ from guidefield.messages.streams import Deviation, Observation, StreamObstacle, 
 from guidefield.messages.values import Placement
 from guidefield.scene.obstacle import build as built
 from guidefield.scene.scene import build
-from guidefield.stream.certificate import Judge, Judgement
-from guidefield.stream.commit import Commit, JointBounds, towards
+from guidefield.stream.commit import Commit, JointBounds, Judge, Judgement, towards
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import Opened, read_opening
-from guidefield.stream.robot_tables import judged_robot
-from guidefield.stream.shapes import shape_of, solids_of
+from guidefield.stream.shapes import judged_robot, shape_of, solids_of
 from tests.robots import robot
 
 EMPTY = build(Scene("empty"))

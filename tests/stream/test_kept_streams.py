@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from guidefield.errors import MalformedRequest, UnknownObject
-from guidefield.stream.journal import FILE_BYTES, MOST_FILES
-from guidefield.stream.kept_streams import MOST_KEPT, begin, file_bytes, kept_files
+from guidefield.stream.journal import FILE_BYTES, MOST_FILES, MOST_KEPT, begin, file_bytes, kept_files
 
 
 def test_the_oldest_make_room_and_a_name_begins_anew(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from guidefield import Piece, Stream, StreamState
 from guidefield.errors import InvalidGoal, MalformedRequest, SceneInvalid, StreamUnknown, UnknownObject
-from guidefield.stream.follow import Way
+from guidefield.stream.dodging import Way
 
 GOAL = {"type": "joints", "positions": {"shoulder_pan_joint": 0.9, "elbow_joint": 1.0}}
 START = {"shoulder_lift_joint": -1.5, "elbow_joint": 0.5}

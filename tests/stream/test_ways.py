@@ -19,8 +19,7 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import Placement
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.scene import build
-from guidefield.stream.dodging import _along, tube_about
-from guidefield.stream.follow import Way
+from guidefield.stream.dodging import Way, _along, tube_about
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.stream import CertifiedStream

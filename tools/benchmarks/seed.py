@@ -24,14 +24,12 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.errors import Status
 from guidefield.messages import codec
 from guidefield.planner.guide import rounds
-from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.auto_planes import derive
-from guidefield.planner.guide.guide import ATTEMPTS, cross
+from guidefield.planner.guide.guide import ATTEMPTS, Univariate, cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.guide.rounds import Aim, Attempt
 from guidefield.planner.guide.settings import APPROACH
-from guidefield.planner.guide.univariate import Univariate
 from guidefield.planner.motion.waypoints import polyline
 from guidefield.planner.task.problem import LastPlaneGoal, Problem
 from guidefield.planner.task.trace import Event, Step, StepKind

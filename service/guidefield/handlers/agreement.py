@@ -25,8 +25,8 @@ from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve
 from guidefield.prove.minima import smallest_along
 from guidefield.prove.search import ContradictionError
-from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import ROUNDED
+from guidefield.prove.verdict import with_coal_error
 from guidefield.robot.model.spaces import ChartRate
 
 ACCURACY = 2.0 * ROUNDED

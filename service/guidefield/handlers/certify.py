@@ -26,7 +26,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.limit_shares import Uses, limit_shares
+from guidefield.planner.motion.limit_load import Uses, limit_shares
 from guidefield.planner.quality import (
     Clearance,
     ClearanceProfile,

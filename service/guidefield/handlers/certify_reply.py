@@ -16,9 +16,9 @@ from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving
 from guidefield.planner.leaving import left_contacts
-from guidefield.planner.motion.limit_shares import Use
+from guidefield.planner.motion.limit_load import Use
 from guidefield.planner.quality import UNMEASURED, Clearance
-from guidefield.planner.task.ending import Ending, refused_at
+from guidefield.planner.task.stages import Ending, refused_at
 from guidefield.prove.verdict import Reason, Verdict
 
 RATES = {"velocity": ("rad/s", "m/s"), "acceleration": ("rad/s²", "m/s²"), "jerk": ("rad/s³", "m/s³")}

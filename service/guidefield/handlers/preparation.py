@@ -19,8 +19,7 @@ from guidefield.deadline import Deadline
 from guidefield.memo import MemoSet
 from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
 from guidefield.parallel import run_parallel
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.tables import prepare_obstacles
 from guidefield.robot.model.model import RobotModel
 from guidefield.scene.crop import crop, has_large, has_many

@@ -13,9 +13,8 @@ from guidefield.deadline import Deadline
 from guidefield.messages.replies import MotionReply
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance, ClearanceProfile, Closest, MotionInTime
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.event_log import PackedArray
-from guidefield.planner.task.trace import Event
+from guidefield.planner.task.problem import Conditions
+from guidefield.planner.task.trace import Event, PackedArray
 from guidefield.prove.curve import Curve
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRates

@@ -19,11 +19,10 @@ from guidefield.messages import scene as messages
 from guidefield.messages.values import IDENTITY, Placement
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.quality import Clearance, ClearanceProfile, clearance_profile
-from guidefield.planner.sequence.composed import part, whole_configuration
 from guidefield.planner.sequence.sequence import SequencePlan
-from guidefield.planner.sequence.stretches import Stretch
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.event_log import PackedArray
+from guidefield.planner.sequence.stretches import Stretch, part, whole_configuration
+from guidefield.planner.task.problem import Conditions
+from guidefield.planner.task.trace import PackedArray
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import scene as scenes

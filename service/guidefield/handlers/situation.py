@@ -17,8 +17,7 @@ from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import Attach, AttachedObject
 from guidefield.messages.values import IDENTITY, ORIGIN, Placement
-from guidefield.planner.sequence.course import Touch
-from guidefield.planner.sequence.permissions import AWAY
+from guidefield.planner.sequence.course import AWAY, Touch
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import RobotConfiguration
 from guidefield.scene import obstacle, scene as scenes

@@ -30,8 +30,7 @@ from guidefield.planner.plan import Plan, Planner, plan
 from guidefield.planner.sequence.course import StepMotion
 from guidefield.planner.sequence.straight_motion import straight_plan
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.conditions import Conditions, Counters
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Conditions, Counters, Problem
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_to_wire

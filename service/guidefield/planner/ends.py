@@ -20,7 +20,7 @@ from guidefield.collision.contact import contacts_at, depth_of
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.constrained_pose import PoseKeeper
+from guidefield.planner.connect.constrained import PoseKeeper
 from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed

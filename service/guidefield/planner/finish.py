@@ -23,13 +23,19 @@ from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.motion_certificate import Finished, certify_as_far_as_found, certify_motion
 from guidefield.planner.optimize.passages import first_places, passing, with_knots
 from guidefield.planner.optimized_motion import Crossed, optimize_motion
-from guidefield.planner.path_motion import limits_of, motion_along, rounded_spline, soonest_along, stopping_along
-from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
-from guidefield.planner.schedule.standing import find_free_from, find_meeting, stays_free
+from guidefield.planner.path_so_far import (
+    PathSoFar,
+    ScheduledPath,
+    limits_of,
+    motion_along,
+    rounded_spline,
+    soonest_along,
+    stopping_along,
+)
+from guidefield.planner.schedule.slices import find_free_from, find_meeting, stays_free
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages
-from guidefield.prove.settings import LIMITS
-from guidefield.prove.verdict import Reason
+from guidefield.prove.verdict import LIMITS, Reason
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 REPAIRS = 4

@@ -22,10 +22,9 @@ from guidefield.planner.held_paths import HeldPath, detours, quick_paths, thorou
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import distinct
 from guidefield.planner.motion_certificate import Finished, certify_motion, judge
-from guidefield.planner.optimize.worth import keeps_aside
+from guidefield.planner.optimize.clearance_samples import keeps_aside
 from guidefield.planner.optimized_motion import NO_PLANES, optimize_motion
-from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.path_so_far import PathSoFar, soonest_along
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -38,11 +37,9 @@ from guidefield.planner.schedule.schedule import (
     step_of,
 )
 from guidefield.planner.schedule.settings import SCHEDULE, WAYS
-from guidefield.planner.schedule.slices import Slices
-from guidefield.planner.schedule.standing import find_free_from, find_meeting
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.schedule.slices import Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.stages import Ending, Stages
 from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints

@@ -14,15 +14,14 @@ from typing import Any, cast
 import numpy as np
 
 from guidefield.errors import Status
-from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.finish import found_motion
+from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.motion.limit_load import TOLERANCE
-from guidefield.planner.motion.stopping import backwards, jerks_apart, jerks_of, stopping
+from guidefield.planner.motion.profiles import backwards, jerks_apart, jerks_of, stopping
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion_certificate import Finished, certify_motion, judge
 from guidefield.planner.optimized_motion import optimize_motion
-from guidefield.planner.path_motion import soonest_along
-from guidefield.planner.path_so_far import PathSoFar
+from guidefield.planner.path_so_far import PathSoFar, soonest_along
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.verdict import Reason

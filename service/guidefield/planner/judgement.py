@@ -20,13 +20,13 @@ from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.limit_shares import Uses
+from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.quality import certify_and_measure
-from guidefield.planner.task.conditions import Conditions
-from guidefield.prove.bezier import restricted
+from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.curve import restricted
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints

@@ -15,7 +15,7 @@ from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion_certificate import Finished
-from guidefield.planner.path_motion import motion_along
+from guidefield.planner.path_so_far import motion_along
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import StageFailed, Stages
 from guidefield.prove.certificate import motion_free

@@ -11,10 +11,8 @@ from guidefield.deadline import Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.ending import Ending
-from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.task.problem import Conditions, Problem
+from guidefield.planner.task.stages import Ending, Stages
 from guidefield.prove.certificate import certify
 from guidefield.prove.constraint_certificate import certify_constraints
 from guidefield.prove.verdict import Reason, Verdict

@@ -18,6 +18,7 @@ import numpy as np
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
+from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
@@ -34,8 +35,7 @@ from guidefield.planner.optimize.settings import (
     of_many,
     sized,
 )
-from guidefield.planner.optimize.worth import better
-from guidefield.planner.path_motion import limits_of
+from guidefield.planner.path_so_far import limits_of
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Stages

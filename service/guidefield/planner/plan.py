@@ -12,19 +12,18 @@ import numpy as np
 from guidefield.errors import Status
 from guidefield.planner.crossings import cross_planes, find_led_goals
 from guidefield.planner.ends import UNREACHED, check_start, goal_points
-from guidefield.planner.fallback_connection import connect_to_goal
 from guidefield.planner.finish import finish
 from guidefield.planner.goal_among_movers import reach_among_movers
 from guidefield.planner.guide.guide import PROJECTED
 from guidefield.planner.guide.rounds import Attempt
+from guidefield.planner.held_paths import connect_to_goal
 from guidefield.planner.in_motion import STOPS, finish_in_motion, led_to, moving_ends
 from guidefield.planner.leaving import continue_after, join_way_out, leave
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion_certificate import Finished, certify_motion
 from guidefield.planner.path_so_far import PathSoFar, ScheduledPath
-from guidefield.planner.task.ending import Ending, refusal
 from guidefield.planner.task.problem import Problem, TipGoal
-from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
 from guidefield.planner.task.trace import Note, StageLeft
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly

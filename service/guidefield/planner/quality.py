@@ -18,11 +18,10 @@ from guidefield.kernels.timing.travel import squared_turns, travelled, when_trav
 from guidefield.kernels.timing.way_lengths import IN_CHART, OF_FRAME, WAYS, way_lengths
 from guidefield.memo import MISSING, Answers, memoized
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.task.problem import Conditions
 from guidefield.prove.certificate import certify_curve
-from guidefield.prove.closest import ClosestPairs
+from guidefield.prove.closest import ClosestPairs, enclosures_at, world_at
 from guidefield.prove.curve import Curve
-from guidefield.prove.enclosures import enclosures_at, world_at
 from guidefield.prove.minima import confirm, smallest_along
 from guidefield.prove.search import Found, Goal, Smallest
 from guidefield.prove.verdict import Verdict

@@ -9,12 +9,9 @@ import numpy as np
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.prove.questions import IN_MOTION
-from guidefield.prove.bezier import point_on
-from guidefield.prove.curve import Curve
-from guidefield.prove.position_limits import excesses
+from guidefield.prove.curve import Curve, excesses, point_on
 from guidefield.prove.search import RESOLUTION_FLOOR, Found, Goal, found_nothing, search
-from guidefield.prove.settings import LIMITS
-from guidefield.prove.verdict import Reason, Verdict
+from guidefield.prove.verdict import LIMITS, Reason, Verdict
 from guidefield.robot.model.configuration import LimitFault
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint
 

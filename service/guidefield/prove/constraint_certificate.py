@@ -21,9 +21,8 @@ from collections import deque
 import numpy as np
 
 from guidefield.deadline import UNLIMITED, Deadline
-from guidefield.prove.bezier import halved
-from guidefield.prove.settings import CONSTRAINT_RESOLUTION
-from guidefield.prove.verdict import Reason, Verdict
+from guidefield.prove.curve import halved
+from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.robot.group.path_constraints import ConstrainedFrames
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 

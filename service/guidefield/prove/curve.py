@@ -1,14 +1,108 @@
-"""A motion in time as a chain of Bezier curves."""
+"""Motions as Bezier curves: their points, halves and ranges, and by how much they exceed limits of position."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
-from guidefield.prove.bezier import point_on, restricted
+from guidefield.kernels.prove.bezier import find_halves, find_ranges
+from guidefield.prove.verdict import LIMITS
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
+
+
+def ranges(controls: ChartCurves) -> tuple[ChartPoints, ChartPoints]:
+    """The least and the largest of each curve's control points, shape (m, k, nv), by coordinate: (m, nv) each."""
+    low, high = np.empty((2, len(controls), controls.shape[2]))
+    find_ranges(np.ascontiguousarray(controls), low, high)
+    return cast(ChartPoints, low), cast(ChartPoints, high)
+
+
+def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
+    """Return the point (nv,) of a Bezier curve, control points (k, nv), at a parameter by de Casteljau's scheme."""
+    row = controls
+    while len(row) > 1:
+        row = row[:-1] + parameter * (row[1:] - row[:-1])
+    point: ChartPoint = row[0]
+    return point
+
+
+def halved(controls: ChartCurves) -> ChartCurves:
+    """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
+
+    Args:
+        controls: Control points, shape (n, k, nv).
+
+    Returns:
+        Shape (2 n, k, nv).
+    """
+    halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
+    find_halves(np.ascontiguousarray(controls), halves)
+    return halves
+
+
+def restricted(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Control points of parts of Bezier curves, by their blossom.
+
+    Args:
+        controls: Of the curves, shape (n, k, nv).
+        low: Parameters where the parts begin, shape (n,).
+        high: Where they end, shape (n,).
+
+    Returns:
+        Shape (n, k, nv).
+    """
+    order = controls.shape[1]
+    parts = np.empty_like(controls)
+    a, b = low[:, None, None], high[:, None, None]
+    for index in range(order):
+        row = controls
+        for step in range(order - 1):
+            share = b if step < index else a
+            row = row[:, :-1] + share * (row[:, 1:] - row[:, :-1])
+        parts[:, index] = row[:, 0]
+    return parts
+
+
+def excesses(pieces: ChartCurves, lower: ChartPoint, upper: ChartPoint) -> tuple[np.ndarray, np.ndarray]:
+    """By how much each coordinate of each piece is beyond its limits at most, and where.
+
+    Args:
+        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
+        lower: Limits, shape (nv,) [rad or m]; infinite where there are none.
+
+    Returns:
+        The largest excess, shape (m, nv) [rad or m]; where no control point is beyond a limit a bound of it, which
+        isn't positive but for rounding. The parameter of its place on the piece, from 0 to 1, shape (m, nv).
+    """
+    low, high = ranges(pieces)
+    most, places = np.maximum(lower - low, high - upper), np.zeros(low.shape)
+    which, at = np.nonzero(most > LIMITS.exact)
+    if len(which):
+        most[which, at], places[which, at] = _largest(pieces[which, :, at], lower[at], upper[at])
+    return most, places
+
+
+def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The largest excess of curves of one coordinate each, control points (p, k), limits (p,); its parameter: (p,)."""
+    ends = np.maximum(lower[:, None] - curves[:, [0, -1]], curves[:, [0, -1]] - upper[:, None])
+    most, places = ends.max(axis=1), np.argmax(ends, axis=1).astype(float)
+    parts, of, starts, width = curves[:, :, None], np.arange(len(curves)), np.zeros(len(curves)), 1.0
+    for _ in range(LIMITS.most_halvings):
+        parts, of, starts, width = halved(parts), np.repeat(of, 2), np.repeat(starts, 2), 0.5 * width
+        starts[1::2] += width
+        begun = np.maximum(lower[of] - parts[:, 0, 0], parts[:, 0, 0] - upper[of])
+        for k in np.flatnonzero(begun > most[of]):
+            if begun[k] > most[of[k]]:
+                most[of[k]], places[of[k]] = begun[k], starts[k]
+        reached = np.maximum(lower[of] - parts.min(axis=(1, 2)), parts.max(axis=(1, 2)) - upper[of])
+        left = reached > np.maximum(most[of], 0.0) + LIMITS.exact
+        if not left.any():
+            break
+        parts, of, starts = parts[left], of[left], starts[left]
+    return most, places
 
 
 @dataclass(frozen=True, eq=False)

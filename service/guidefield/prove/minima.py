@@ -14,8 +14,8 @@ from guidefield.kernels.prove.questions import NEARLY
 from guidefield.prove.closest import ClosestPairs, put_obstacle
 from guidefield.prove.curve import Curve
 from guidefield.prove.search import ContradictionError, Found, Goal, Smallest, search
-from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import world_tables
+from guidefield.prove.verdict import with_coal_error
 
 DEPTHS = 4
 """Maximum number of samples in contact at which depth is measured."""

@@ -46,9 +46,8 @@ from guidefield.kernels.prove.search import BEGINS, DEEPEST, ENDS, INTERVAL, LOG
 from guidefield.kernels.prove.tables import MovingRobot
 from guidefield.prove.closest import put_obstacle
 from guidefield.prove.curve import Curve, find_pieces
-from guidefield.prove.settings import with_coal_error
 from guidefield.prove.tables import ARITHMETIC, bezier_curve, index_of_pair, with_passing_speeds, world_tables
-from guidefield.prove.verdict import Reason, Verdict
+from guidefield.prove.verdict import Reason, Verdict, with_coal_error
 from guidefield.read_only import ReadOnly
 
 TOLERANCE = 1e-4

@@ -10,16 +10,20 @@ from rerun.chunk import Chunk
 
 from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.task.event_log import (
+from guidefield.planner.task.trace import (
     GROWTH_STEPS,
     MAX_ITERATIONS,
     MAX_NODES,
     EventLog,
     LoggedEvent,
     LoggedTrees,
+    Note,
+    PathRelaxed,
+    StageEntered,
+    StageLeft,
+    StepKind,
     evenly,
 )
-from guidefield.planner.task.trace import Note, PathRelaxed, StageEntered, StageLeft, StepKind
 from guidefield.recorder.chunks import PATH_TIME, STEP, timed
 from guidefield.recorder.motion import placed_links
 from guidefield.robot.group.group import PlanningGroup

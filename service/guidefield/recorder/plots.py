@@ -12,8 +12,7 @@ from rerun.chunk import Chunk
 from guidefield.memo import memoized_by_value
 from guidefield.messages.replies import Trajectory
 from guidefield.planner.quality import ClearanceProfile
-from guidefield.planner.task.event_log import evenly
-from guidefield.planner.task.trace import Step
+from guidefield.planner.task.trace import Step, evenly
 from guidefield.recorder.chunks import STEP, Color, path_times, rgba, still, timed
 from guidefield.recorder.motion import Curves, Motion, curves, position_rows
 from guidefield.robot.group.group import PlanningGroup

@@ -13,8 +13,7 @@ from guidefield.errors import Status
 from guidefield.messages.replies import PlanReply, Trajectory
 from guidefield.planner.motion.given_motion import GivenMotion
 from guidefield.planner.motion.trajectory import piece_accelerations
-from guidefield.planner.task.event_log import EventLog, LoggedTrees, evenly
-from guidefield.planner.task.trace import PathRelaxed, Step
+from guidefield.planner.task.trace import EventLog, LoggedTrees, PathRelaxed, Step, evenly
 from guidefield.potential import origin_of
 from guidefield.recorder import (
     bodies,

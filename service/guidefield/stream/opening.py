@@ -23,8 +23,8 @@ from guidefield.robot.model.spaces import ChartPoint, ModelConfiguration
 from guidefield.scene.scene import Scene
 from guidefield.stream.commit import JointBounds
 from guidefield.stream.obstacles import Assumption
-from guidefield.stream.robot_tables import require_one_axis
 from guidefield.stream.settings import RISE
+from guidefield.stream.shapes import require_one_axis
 
 
 @dataclass(frozen=True, eq=False)

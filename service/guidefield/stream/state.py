@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from guidefield.messages.streams import Observation, StreamObstacle
+from guidefield.errors import GuidefieldError
+from guidefield.messages.streams import Observation, Piece, StreamGoal, StreamObstacle, StreamState, StreamUpdate
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.stream.commit import Commit
-from guidefield.stream.follow import Way
+from guidefield.stream.dodging import Way
 
 MAX_COMMITS = 64
 """Most commits that are remembered: the one that is executed and the last ones."""
@@ -170,3 +171,41 @@ def restore_random(rng: np.random.Generator, state: str) -> None:
 def _as_words(state: Mapping[str, Any]) -> dict[str, Any]:
     """The same, with numbers of 128 bits as text."""
     return {**state, "state": {name: str(value) for name, value in state["state"].items()}}
+
+
+class Watching:
+    """Hears of a stream, and does nothing about it; none of these may take long, or raise."""
+
+    def begun(self) -> None:
+        """An update came, and is worked on."""
+
+    def updated(
+        self,
+        update: StreamUpdate,
+        answer: Piece | StreamState | None,
+        refused: GuidefieldError | None,
+        *,
+        noted: bool,
+        took: bool,
+    ) -> None:
+        """An update was worked on.
+
+        Args:
+            answer: What was answered; None where it was noted, or refused.
+        """
+
+    def sought(self, goal: StreamGoal) -> None:
+        """Configurations of a goal are looked for."""
+
+    def aimed(self, number: int | None) -> None:
+        """The goal is another one: what was looked for as the n-th; None: to stand."""
+
+    def halted(self) -> None:
+        """A stop was asked for."""
+
+    def may_rest(self, snapshot: Callable[[], Snapshot], *, planning: bool) -> None:
+        """What the stream goes on from can be had.
+
+        Args:
+            snapshot: That; a way that is being planned is given up then, and planned again.
+        """

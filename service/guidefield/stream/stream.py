@@ -31,27 +31,24 @@ from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.anchor import Anchor
 from guidefield.scene.scene import Scene
-from guidefield.stream.certificate import Judge, Judgement, Told
-from guidefield.stream.commit import Commit, one_after_another, towards
-from guidefield.stream.dodging import flights, pressure_at
-from guidefield.stream.follow import Way
-from guidefield.stream.goals import goals_of
+from guidefield.stream.commit import Commit, Judge, Judgement, Told, one_after_another, towards
+from guidefield.stream.dodging import Way, flights, pressure_at
 from guidefield.stream.obstacles import Obstacles
 from guidefield.stream.opening import read_opening
-from guidefield.stream.robot_tables import judged_robot
 from guidefield.stream.settings import STREAM, WITHIN
+from guidefield.stream.shapes import judged_robot
 from guidefield.stream.state import (
     MAX_COMMITS,
     KeptObstacle,
     Phase,
     Snapshot,
     State,
+    Watching,
     random_state,
     restore_random,
 )
 from guidefield.stream.takeover import Counted, TakeOver
-from guidefield.stream.watching import Watching
-from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room
+from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room, goals_of
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 

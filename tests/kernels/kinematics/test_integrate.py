@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.kinematics.integrate import clamp, integrate, reach
-from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.projected import evaluated, reorienting
+from guidefield.planner.guide.rounds import Aim
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.scene.guide_plane import build

@@ -5,8 +5,7 @@ import pytest
 
 from guidefield.kernels.prove.bezier import MOST_ORDER, bound_segment, write_point
 from guidefield.kernels.prove.tables import BezierCurve
-from guidefield.prove.bezier import restricted
-from guidefield.prove.curve import Curve
+from guidefield.prove.curve import Curve, restricted
 
 PIECES, NV = 6, 4
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from guidefield.errors import Status
-from guidefield.planner.connect.connect import connect
-from guidefield.planner.connect.quickest import estimated_time, quickest_way
+from guidefield.planner.connect.connect import connect, estimated_time, quickest_way
 from guidefield.planner.connect.settings import QUICKEST
 from guidefield.planner.task.problem import Objective
 from tests.planner.connect.test_connect import wall_between
@@ -70,7 +69,7 @@ def test_of_two_goals_as_soon_the_one_with_the_shorter_way_is_taken_unless_time_
 
 def test_for_time_alone_more_ways_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     never = dataclasses.replace(QUICKEST, enough=0.0)
-    monkeypatch.setattr("guidefield.planner.connect.quickest.QUICKEST", never)
+    monkeypatch.setattr("guidefield.planner.connect.connect.QUICKEST", never)
     made, start, behind = wall_between()
     hurried = dataclasses.replace(made, objective=Objective.TIME)
     once, often = (quickest_way(one, start, behind[None], np.random.default_rng(1)) for one in (made, hurried))

@@ -11,10 +11,10 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.kernels.guide.tip_constraint import TipConstraint
-from guidefield.planner.guide.aim import ANYWHERE
 from guidefield.planner.guide.guide import ATTEMPTS, cross
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Descent, descend, evaluated, on_plane, reorienting, sliding
+from guidefield.planner.guide.rounds import ANYWHERE
 from guidefield.planner.guide.settings import DESCENT
 from guidefield.planner.task.problem import Problem
 from guidefield.potential import Precision, RobotField

@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.planner.guide.aim import Aim
 from guidefield.planner.guide.guide import margin_at
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Projected
-from guidefield.planner.guide.rounds import Attempt, Made, Round, approach, rounds
+from guidefield.planner.guide.rounds import Aim, Attempt, Made, Round, approach, rounds
 from guidefield.planner.guide.settings import APPROACH
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.task.trace import Step, StepKind

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.planner.motion.settings import CURVE
 from guidefield.planner.motion.timing import Limits, PathCurve, executed, parameterize
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import distinct, subdivided
+from guidefield.planner.motion.waypoints import CURVE, distinct, subdivided
 
 # Those of a Panda, accelerations halved.
 VELOCITIES = np.array([2.175, 2.175, 2.175, 2.175, 2.61, 2.61, 2.61])

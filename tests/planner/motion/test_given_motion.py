@@ -10,7 +10,7 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.motion.given_motion import CurveKind, GivenMotion, StraightMotion, spline_rates
-from guidefield.planner.motion.limit_shares import limit_shares
+from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.motion.trajectory import Trajectory
 from tests.robots import group
 

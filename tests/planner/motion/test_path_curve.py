@@ -8,9 +8,8 @@ import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra import numpy as arrays
 
-from guidefield.planner.motion.settings import CURVE
 from guidefield.planner.motion.timing import PathCurve
-from guidefield.planner.motion.waypoints import distinct, length_of, subdivided
+from guidefield.planner.motion.waypoints import CURVE, distinct, length_of, subdivided
 from tests.planner.motion.paths import curve_along, walk
 
 SEEDS = st.integers(0, 2**32 - 1)

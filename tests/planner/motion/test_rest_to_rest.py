@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.planner.motion.limit_load import limit_load
-from guidefield.planner.motion.rest_to_rest import CUBIC, LEAST_JERK, SHORTEST, Profile, profile_of
+from guidefield.planner.motion.profiles import CUBIC, LEAST_JERK, SHORTEST, Profile, profile_of
 from guidefield.planner.motion.timing import Limits
 
 rate = st.floats(0.1, 30.0)

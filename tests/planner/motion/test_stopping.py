@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.planner.motion.stopping import CLOSE, RAMP, backwards, jerks_apart, jerks_of, stopping
+from guidefield.planner.motion.profiles import CLOSE, RAMP, backwards, jerks_apart, jerks_of, stopping
 
 seeds = st.integers(0, 10_000)
 

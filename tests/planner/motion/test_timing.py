@@ -5,8 +5,8 @@ import pytest
 import toppra
 from hypothesis import example, given, settings, strategies as st
 
-from guidefield.planner.motion.settings import TIMING
 from guidefield.planner.motion.timing import Limits, fastest, parameterize
+from guidefield.planner.motion.waypoints import TIMING
 from tests.planner.motion.paths import ACCELERATIONS, VELOCITIES, curve_along, even, soonest, walk
 from tests.planner.motion.test_path_curve import ANY_WAYPOINTS
 

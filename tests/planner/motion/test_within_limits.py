@@ -4,8 +4,8 @@ import numpy as np
 import scipy.interpolate
 from hypothesis import given, settings, strategies as st
 
-from guidefield.planner.motion.within_limits import bezier, bounded_slopes, leaving, smoothly_within
-from guidefield.prove.position_limits import excesses
+from guidefield.planner.schedule.retimed import bezier, bounded_slopes, leaving, smoothly_within
+from guidefield.prove.curve import excesses
 
 SEEDS = st.integers(0, 2**32 - 1)
 SLIGHT = 1e-11

@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.collision.clearance import clearance_at
 from guidefield.deadline import Deadline
 from guidefield.messages import scene as messages
-from guidefield.planner.connect.constrained_tree import Keeper
+from guidefield.planner.connect.constrained import Keeper
 from guidefield.planner.motion.bspline import BSpline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.optimize.interior_point import Descent, Look
@@ -30,7 +30,7 @@ from guidefield.planner.optimize.settings import (
     in_few_pieces,
     of_many,
 )
-from guidefield.planner.path_motion import soonest_along
+from guidefield.planner.path_so_far import soonest_along
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
 from guidefield.prove.certificate import certify

@@ -7,8 +7,8 @@ import numpy as np
 from guidefield.collision.clearance import clearance_at
 from guidefield.planner.finish import soonest_along
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.optimize.clearance_samples import better, keeps_aside
 from guidefield.planner.optimize.settings import BALANCED
-from guidefield.planner.optimize.worth import better, keeps_aside
 from guidefield.planner.task.problem import Problem
 from tests.planner.problems import scene_of
 from tests.planner.schedule.test_schedule import PASSING, START, asked, ball, flight, moved

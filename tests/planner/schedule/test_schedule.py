@@ -14,7 +14,7 @@ from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Placement
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
-from guidefield.planner.path_motion import motion_along, soonest_along
+from guidefield.planner.path_so_far import motion_along, soonest_along
 from guidefield.planner.schedule.retimed import retime
 from guidefield.planner.schedule.schedule import (
     Occupancy,
@@ -26,8 +26,7 @@ from guidefield.planner.schedule.schedule import (
     step_of,
 )
 from guidefield.planner.schedule.settings import SCHEDULE
-from guidefield.planner.schedule.slices import Slices, build_held_world
-from guidefield.planner.schedule.standing import find_free_from, find_meeting
+from guidefield.planner.schedule.slices import Slices, build_held_world, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import group, rest

@@ -10,7 +10,7 @@ from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group
 
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.sequence.nearness import PassedGoal
+from guidefield.planner.sequence.joined import PassedGoal
 from guidefield.planner.sequence.rounding import Curve, round_corners
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,7 +7,7 @@ import pytest
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.robots import group
 
-from guidefield.planner.sequence.nearness import INSIDE, PassedGoal
+from guidefield.planner.sequence.joined import INSIDE, PassedGoal
 from guidefield.planner.task.problem import Goal, TipGoal
 from guidefield.robot.ik.pose_target import PoseTarget
 

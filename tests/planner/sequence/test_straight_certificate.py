@@ -10,8 +10,7 @@ from tests.planner.problems import scene_of
 from tests.robots import group
 
 from guidefield.collision.world import World
-from guidefield.planner.sequence.straight_certificate import certify_straight
-from guidefield.planner.sequence.straight_way import StraightWay
+from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.kinematics import Kinematics
 

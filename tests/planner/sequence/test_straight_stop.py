@@ -10,7 +10,7 @@ import pytest
 
 from guidefield.engine import answer
 from guidefield.messages.replies import PlanReply
-from guidefield.planner.sequence.straight_stop import floored
+from guidefield.planner.sequence.straight_way import floored
 
 UR5 = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 TURN = {"type": "relative", "quaternion_xyzw": [0, 0, math.sin(0.25), math.cos(0.25)]}

@@ -7,8 +7,10 @@ one block, for robots whose capsules are their very shapes.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -16,8 +18,16 @@ import numpy as np
 from guidefield.collision.swept import swept_world
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.kernels.guide import plane_rounds as kernel
-from guidefield.kernels.guide.tip_constraint import COUNTS, EVALUATIONS, JUDGED, REFUSED, ROUNDS, STEPS, TipGuard
-from guidefield.planner.guide.aim import Aim
+from guidefield.kernels.guide.tip_constraint import (
+    COUNTS,
+    EVALUATIONS,
+    JUDGED,
+    REFUSED,
+    ROUNDS,
+    STEPS,
+    TipGuard,
+    closest_point,
+)
 from guidefield.planner.guide.guided_path import GuidedPath
 from guidefield.planner.guide.projected import Blocks, Projected, settings_of
 from guidefield.planner.guide.settings import APPROACH, WAYS
@@ -25,6 +35,64 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.robot.group.mover import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
+from guidefield.scene.guide_plane import SLACK, GuidePlane
+
+ANYWHERE = TipGuard(
+    origin=frozen(np.zeros(3)),
+    axes=frozen(np.eye(2, 3)),
+    inward=frozen(np.eye(2)),
+    offsets=frozen(np.zeros(2)),
+    corners=frozen(np.zeros((1, 2))),
+    inset=0.0,
+    farthest=np.inf,
+    depth=-np.inf,
+)
+"""A guard that lets the tip be anywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Aim:
+    """A guide plane's polygon, inset.
+
+    Attributes:
+        inset: How far inside its edges the tip heads for [m].
+    """
+
+    plane: GuidePlane
+    inset: float
+
+    def closest_point(self, point: np.ndarray) -> np.ndarray:
+        """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
+        closest = np.empty(3)
+        closest_point(self.table, point, closest)
+        return closest
+
+    def distance(self, point: np.ndarray) -> float:
+        """Distance of a point (3,) to the inset polygon [m]."""
+        return math.dist(point, self.closest_point(point))
+
+    def within(self, farthest: float) -> TipGuard:
+        """A guard: the tip may not be farther from the inset polygon than this [m]."""
+        return self.table._replace(farthest=farthest)
+
+    def inside(self, depth: float) -> TipGuard:
+        """A guard: the tip's foot may not come nearer to the polygon's edges than this [m], whatever its height."""
+        return self.table._replace(depth=min(depth, self.plane.inradius) - SLACK * self.plane.flat.size)
+
+    @cached_property
+    def table(self) -> TipGuard:
+        """The polygon for the kernels: a guard that lets the tip be anywhere."""
+        flat, inset = self.plane.flat, min(self.inset, self.plane.inradius)
+        return TipGuard(
+            origin=frozen(flat.origin),
+            axes=frozen(flat.axes),
+            inward=frozen(self.plane.inward),
+            offsets=frozen(self.plane.offsets),
+            corners=frozen((self.plane.inset_vertices(inset) - flat.origin) @ flat.axes.T),
+            inset=inset,
+            farthest=np.inf,
+            depth=-np.inf,
+        )
 
 
 class Minimizer(Protocol):

@@ -1,13 +1,16 @@
-"""By how much a motion exceeds its limits: the factor by which time has to be stretched to reach them exactly."""
+"""By how much a motion exceeds its limits, and how much of each limit it uses."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from guidefield.kernels.timing import hermite
-from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.given_motion import CurveKind, GivenMotion
+from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
 TOLERANCE = 1e-9
@@ -73,3 +76,156 @@ def at_limits(
         margin *= 4.0
     # adding 0 turns the -0 of a joint that moves backwards from rest into 0
     return Trajectory(times * stretch, positions, velocities / stretch + 0.0, max(stretch, 1.0))
+
+
+KEPT = 1.0 + 1e-6
+"""A share up to this keeps its limit, for rounding."""
+
+STEP = 1e-6
+"""An acceleration jumps at a knot where it changes by more than this share of its limit."""
+
+ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""Of positions, as a share of them, where accelerations are their differences."""
+
+
+@dataclass(frozen=True)
+class Use:
+    """The largest share of a limit.
+
+    Attributes:
+        share: 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound.
+        coordinate: Of the chart, whose it is; None where nothing is limited.
+    """
+
+    share: float | None = None
+    coordinate: int | None = None
+    piece: int = 0
+    at: float = 0.0
+    steps: bool = False
+
+    @property
+    def is_within(self) -> bool:
+        """True if no limit is exceeded."""
+        return not self.steps and (self.share is None or self.share <= KEPT)
+
+
+@dataclass(frozen=True)
+class Uses:
+    """The largest shares of all limits."""
+
+    position: Use = Use()
+    velocity: Use = Use()
+    acceleration: Use = Use()
+    jerk: Use = Use()
+
+
+def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> Uses:
+    """The largest shares of its limits that a motion uses.
+
+    Rates are those of the chart, as in a plan: a planar or floating joint's are those of its position in the world and
+    of its angle or rotation vector.
+
+    Args:
+        jerk_limits: Shape (nv,), infinite where there is none; None: jerk doesn't matter.
+    """
+    with np.errstate(invalid="ignore"):  # infinity less infinity, where there is no limit
+        middle, half = 0.5 * (group.lower + group.upper), 0.5 * (group.upper - group.lower)
+    ranged = np.isfinite(half) & (half > 0.0)
+    middle, half = np.where(ranged, middle, 0.0), np.where(ranged, half, np.inf)
+    knots = np.abs(motion.positions - middle) / half
+    if motion.times is None or motion.is_point:
+        position = _largest(knots[:-1], knots[-1:], ranged)
+        velocity = _at_point(motion, motion.velocities, group.velocity_limits)
+        return Uses(position, velocity, _at_point(motion, motion.accelerations, group.acceleration_limits))
+    spans = np.diff(motion.times)[:, None]
+    if motion.kind is CurveKind.LINEAR or motion.velocities is None:
+        rates = np.abs(np.diff(motion.positions, axis=0) / spans) / group.velocity_limits
+        return Uses(_largest(knots[:-1], knots[-1:], ranged), _largest(rates, rates[-1:]))
+    begins, ends = piece_accelerations(motion.times, motion.positions, motion.velocities)
+    jerks = (ends - begins) / spans
+    start, speed = motion.positions[:-1], motion.velocities[:-1]
+    inner, places = _extrema(start, speed, begins, jerks, spans)
+    position = _largest(knots[:-1], knots[-1:], ranged, np.abs(inner - middle) / half, places)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = np.where(begins * ends < 0.0, -begins / jerks, 0.0)
+    fastest = np.abs(speed + turn * (begins + 0.5 * turn * jerks)) / group.velocity_limits
+    at_knots = np.abs(motion.velocities) / group.velocity_limits
+    velocity = _largest(at_knots[:-1], at_knots[-1:], None, fastest[None], (turn / spans)[None])
+    first, second = np.abs(begins) / group.acceleration_limits, np.abs(ends) / group.acceleration_limits
+    acceleration = _largest(first, second[-1:], None, second[None], np.ones((1, *second.shape)))
+    if jerk_limits is None:
+        return Uses(position, velocity, acceleration)
+    limited = np.isfinite(jerk_limits)
+    if (step := _step(motion, begins, ends, group.acceleration_limits, limited)) is not None:
+        return Uses(position, velocity, acceleration, step)
+    shares = np.abs(jerks) / jerk_limits
+    return Uses(position, velocity, acceleration, _largest(shares, shares[-1:], limited))
+
+
+def _at_point(motion: GivenMotion, given: ChartRates | None, limits: ChartRate) -> Use:
+    """The largest share of a limit that the rates given at a single knot use, shape (k, nv); none without times."""
+    if motion.times is None or given is None:
+        return Use(0.0, 0) if motion.times is not None else Use()
+    shares = (np.abs(given) / limits).max(axis=0)
+    return Use(float(shares.max()), int(np.argmax(shares)))
+
+
+def _extrema(
+    start: ChartPoints, speed: ChartRates, acceleration: ChartRates, jerk: ChartRates, spans: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Positions where the velocity v + a t + j t² / 2 of pieces is 0, and the shares of the pieces: both (2, m, nv).
+
+    Where there is none within a piece, its start stands there. The roots are -2 v / (a ± sqrt(a² - 2 j v)) and that of
+    the other sign's form, so that no two equal numbers are subtracted.
+    """
+    root = np.sqrt(np.maximum(acceleration**2 - 2.0 * jerk * speed, 0.0))
+    sum_ = -(acceleration + np.where(acceleration < 0.0, -root, root))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.stack([sum_ / jerk, 2.0 * speed / sum_])
+    times = np.where(np.isfinite(times) & (times > 0.0) & (times < spans), times, 0.0)
+    return start + times * (speed + times * (0.5 * acceleration + times * jerk / 6.0)), times / spans
+
+
+def _step(
+    motion: GivenMotion, begins: ChartRates, ends: ChartRates, limits: ChartRate, limited: np.ndarray
+) -> Use | None:
+    """The largest jump of an acceleration at a knot, as a share of its limit; None where there is none."""
+    if motion.kind is CurveKind.SPLINE or len(begins) < 2:
+        return None
+    assert motion.times is not None, "it has accelerations"
+    shortest = np.minimum(np.diff(motion.times)[:-1], np.diff(motion.times)[1:])[:, None]
+    noise = ROUNDING * (1.0 + np.abs(motion.positions[1:-1])) / shortest**2
+    jumps = np.where(limited, np.abs(begins[1:] - ends[:-1]) - noise, 0.0) / limits
+    knot, coordinate = np.unravel_index(int(np.argmax(jumps)), jumps.shape)
+    if jumps[knot, coordinate] <= STEP:
+        return None
+    return Use(None, int(coordinate), int(knot) + 1, 0.0, steps=True)
+
+
+def _largest(
+    at_starts: np.ndarray,
+    at_end: np.ndarray,
+    counts: np.ndarray | None = None,
+    inner: np.ndarray | None = None,
+    places: np.ndarray | None = None,
+) -> Use:
+    """The largest of shares of a limit."""
+    counts = np.ones(at_end.shape[1], bool) if counts is None else counts
+    if not counts.any():
+        return Use()
+    all_shares, all_places = [at_starts, np.tile(at_end, (len(at_starts), 1))], [np.zeros(at_starts.shape)]
+    all_shares[1][:-1] = 0.0  # the end of the last piece alone
+    all_places.append(np.ones(at_starts.shape))
+    if not len(at_starts):  # a point
+        all_shares, all_places = [at_end], [np.zeros(at_end.shape)]
+    if inner is not None and places is not None:
+        all_shares += list(inner)
+        all_places += list(places)
+    shares = np.where(counts, np.stack(all_shares), -1.0)
+    which, piece, coordinate = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    return Use(
+        float(shares[which, piece, coordinate]),
+        int(coordinate),
+        int(piece),
+        float(np.stack(all_places)[which, piece, coordinate]),
+    )

@@ -20,9 +20,8 @@ from guidefield.kernels.timing import path_parameterization
 from guidefield.memo import memoized_by_value
 from guidefield.planner.motion.bspline import ENDS, BSpline, End, basis, basis_bends, basis_slopes
 from guidefield.planner.motion.limit_load import at_limits
-from guidefield.planner.motion.settings import TIMING
 from guidefield.planner.motion.trajectory import Trajectory
-from guidefield.planner.motion.waypoints import lengths_of
+from guidefield.planner.motion.waypoints import TIMING, lengths_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 

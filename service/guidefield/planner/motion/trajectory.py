@@ -11,7 +11,6 @@ from typing import cast
 import numpy as np
 
 from guidefield.kernels.timing.hermite import states_at
-from guidefield.planner.motion.within_limits import bezier
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints, ChartRates
 
@@ -177,3 +176,13 @@ def piece_accelerations(
     mean = (positions[1:] - positions[:-1]) / dt
     start, end = velocities[:-1], velocities[1:]
     return (6.0 * mean - 4.0 * start - 2.0 * end) / dt, (2.0 * start + 4.0 * end - 6.0 * mean) / dt
+
+
+def bezier(knots: np.ndarray, values: ChartPoints, slopes: ChartRates) -> ChartCurves:
+    """Control points of a cubic Hermite curve's pieces, shape (n - 1, 4, c); arguments as those of `leaving`."""
+    third = (knots[1:] - knots[:-1])[:, None] / 3.0
+    start, end = values[:-1], values[1:]
+    curves = cast(ChartCurves, np.empty((len(start), 4, values.shape[1])))
+    curves[:, 0], curves[:, 3] = start, end
+    curves[:, 1], curves[:, 2] = start + slopes[:-1] * third, end - slopes[1:] * third
+    return curves

@@ -18,14 +18,12 @@ from guidefield.collision.blocking_pairs import blocking_pairs
 from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.planner.ends import explain_unreached, goal_points
-from guidefield.planner.sequence.composed import whole_configuration
 from guidefield.planner.sequence.course import Course, S, StepMotion
 from guidefield.planner.sequence.straight_motion import follow_way
-from guidefield.planner.sequence.straight_stop import stop_ending
-from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.ending import Ending
+from guidefield.planner.sequence.straight_way import StraightWay, stop_ending
+from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
-from guidefield.planner.task.stages import StageFailed
+from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_target import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints

@@ -1,15 +1,18 @@
-"""The steps of a sequence as its planner sees them: motions and configurations, not what is picked up."""
+"""The steps of a sequence as its planner sees them, and while which of them a held object may touch what."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+import numpy as np
+
+from guidefield.collision.world import World
+from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.robot.model.spaces import RobotConfiguration
 
 Touch = tuple[str, str]
@@ -95,3 +98,102 @@ class Course(Protocol[S]):
     def detached(self, index: int) -> str | None:
         """Name of what is put down at a step's end."""
         ...
+
+
+AWAY = 5e-3
+"""An object that is so far from an obstacle has left it [m]."""
+
+LOOKS_A_SECOND = 200.0
+"""How often it is looked whether an object has left an obstacle [Hz]."""
+
+MOST_LOOKS = 2000
+"""Looks at most, over the whole time that it is held."""
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """When a held object may touch an obstacle.
+
+    Attributes:
+        begin, end: Since when and until when [s].
+    """
+
+    touch: Touch
+    begin: float
+    end: float
+
+    def covers(self, begin: float, end: float) -> bool:
+        """Return whether it holds all along between two times [s]."""
+        return self.begin <= begin and end <= self.end
+
+
+@dataclass(frozen=True, eq=False)
+class Holding:
+    """A stretch of steps in which an object is held that may touch something at its ends.
+
+    Attributes:
+        spans: Times at which each step begins and ends [s].
+    """
+
+    touch: Touch
+    spans: Sequence[tuple[float, float]]
+    worlds: Sequence[World]
+    put_down: bool
+
+
+def holdings(
+    touches: Sequence[Sequence[Touch]],
+    detached: Sequence[str | None],
+    spans: Sequence[tuple[float, float]],
+    conditions: Sequence[Conditions],
+) -> Iterator[Holding]:
+    """The stretches of steps, from what may be touched, what is put down, the time and the conditions of each step."""
+    for touch in dict.fromkeys(touch for some in touches for touch in some):
+        steps: list[int] = []
+        for index, some in enumerate(touches):
+            if touch in some:
+                steps.append(index)
+            ends = index == len(touches) - 1 or touch not in touches[index + 1] or detached[index] == touch[0]
+            if steps and ends:
+                put_down = detached[steps[-1]] == touch[0]
+                yield Holding(touch, [spans[i] for i in steps], [conditions[i].world for i in steps], put_down)
+                steps = []
+
+
+def find_allowed_times(holding: Holding, trajectory: Trajectory, min_clearance: float) -> list[Allowed]:
+    """When a held object may touch an obstacle.
+
+    Args:
+        min_clearance: Away is nothing less than this [m].
+    """
+    begin, end = holding.spans[0][0], holding.spans[-1][1]
+    away = [time for time, gap in _gaps(holding, trajectory) if gap >= max(AWAY, min_clearance)]
+    if not away:
+        return [Allowed(holding.touch, begin, end)]
+    found = [Allowed(holding.touch, begin, away[0])]
+    if holding.put_down:
+        found.append(Allowed(holding.touch, away[-1], end))
+    return [one for one in found if one.end > one.begin]
+
+
+def _gaps(holding: Holding, trajectory: Trajectory) -> Iterator[tuple[float, float]]:
+    """Times while it is held, in order, and the distance of the object from the obstacle then [m]."""
+    whole = holding.spans[-1][1] - holding.spans[0][0]
+    rate = min(LOOKS_A_SECOND, MOST_LOOKS / max(whole, 1e-9))
+    for (begin, end), world in zip(holding.spans, holding.worlds, strict=True):
+        pairs = _pairs(world, holding.touch)
+        if not pairs:
+            continue
+        times = np.linspace(begin, end, max(2, int(np.ceil((end - begin) * rate)) + 1))
+        for time, z in zip(times.tolist(), trajectory.evaluate(times)[0], strict=True):
+            q = world.group.expand_from_chart(z)
+            world.place(q)
+            yield time, min(world.distance(pair)[0] for pair in pairs)
+
+
+def _pairs(world: World, touch: Touch) -> list[int]:
+    """The pairs of a held object and an obstacle in a world."""
+    held, obstacle = (np.flatnonzero([body == name for body in world.body_names]) for name in touch)
+    bodies = world.pairs.bodies(np.arange(len(world.pairs)))
+    found: list[int] = np.flatnonzero(np.isin(bodies[:, 0], held) & np.isin(bodies[:, 1], obstacle)).tolist()
+    return found

@@ -20,18 +20,21 @@ from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import LAST_JUDGEMENT
 from guidefield.planner.plan import Plan
 from guidefield.planner.sequence.ahead import Refused, with_future
-from guidefield.planner.sequence.composed import Composition, Embedding, whole_configuration, with_knots_at
-from guidefield.planner.sequence.course import Course, S, StepMotion
-from guidefield.planner.sequence.joined import Part
-from guidefield.planner.sequence.nearness import PassedGoal
-from guidefield.planner.sequence.permissions import Allowed, find_allowed_times, holdings
+from guidefield.planner.sequence.course import Allowed, Course, S, StepMotion, find_allowed_times, holdings
+from guidefield.planner.sequence.joined import Part, PassedGoal
 from guidefield.planner.sequence.rounding import join
 from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.sequence.stretches import Stretch, certify_stretch, stretches_of
-from guidefield.planner.task.conditions import Conditions
-from guidefield.planner.task.ending import Ending, refusal
-from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import Stages
+from guidefield.planner.sequence.stretches import (
+    Composition,
+    Embedding,
+    Stretch,
+    certify_stretch,
+    stretches_of,
+    whole_configuration,
+    with_knots_at,
+)
+from guidefield.planner.task.problem import Conditions, Problem
+from guidefield.planner.task.stages import Ending, Stages, refusal
 from guidefield.planner.task.trace import Event, Note, Observer, PathRelaxed, StageLeft, Step, TreeGrown
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly

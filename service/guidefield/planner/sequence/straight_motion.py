@@ -15,14 +15,19 @@ from guidefield.planner.ends import check_start
 from guidefield.planner.goal_among_movers import keep_schedule
 from guidefield.planner.held_paths import among_what_rests
 from guidefield.planner.motion_certificate import Finished, certify_from_start, enclosed_start
-from guidefield.planner.path_motion import motion_along
+from guidefield.planner.path_so_far import motion_along
 from guidefield.planner.plan import Plan
-from guidefield.planner.sequence.straight_certificate import certify_straight
-from guidefield.planner.sequence.straight_stop import STRAIGHT, StraightStop, bring, floored, stop_ending
-from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.ending import Ending, refusal
+from guidefield.planner.sequence.straight_way import (
+    STRAIGHT,
+    StraightStop,
+    StraightWay,
+    bring,
+    certify_straight,
+    floored,
+    stop_ending,
+)
 from guidefield.planner.task.problem import Problem
-from guidefield.planner.task.stages import StageFailed, Stages
+from guidefield.planner.task.stages import Ending, StageFailed, Stages, refusal
 from guidefield.prove.certificate import certify
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints

@@ -1,13 +1,31 @@
-"""The straight way of a tip from one pose to another: along a line, evenly turning about one axis."""
+"""Straight ways of a tip from pose to pose: where and why the robot can't follow one, and the proof that it does."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import pinocchio as pin
+
+from guidefield.deadline import UNLIMITED, Deadline
+from guidefield.errors import Status
+from guidefield.planner.task.problem import Problem
+from guidefield.planner.task.stages import Ending
+from guidefield.prove.curve import halved
+from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
+from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.ik.inverse_kinematics import solve
+from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.model.chart import TRANSLATION
+from guidefield.robot.model.frames import frame_index
+from guidefield.robot.model.model import Joint
+from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
 POINT = 1e-9
 """A way that is no longer than this is turned on the spot [m]."""
@@ -86,3 +104,267 @@ class StraightWay:
     def turned(self, placement: Any) -> float:
         """How far a placement (pinocchio.SE3) is turned away from the way's at its share [rad]."""
         return float(np.linalg.norm(pin.log3(placement.rotation @ self.at(self.share(placement)).rotation.T)))
+
+
+@dataclass(frozen=True)
+class StraightSettings:
+    """Numbers of straight motions.
+
+    Attributes:
+        spacing: Length of the way between two places that are solved for [m].
+        turning: Angle between them [rad].
+        finest: Where a place is not reached, nearer ones are tried, up to this share of the way.
+        denser: How often the places are taken twice as close where the certificate refuses.
+        most: Places at most.
+        reached: How far off a place may be that counts as reached [m or rad].
+        closely: The same where the exact end of the way is looked for.
+        steps: Newton steps to a place, from the one before.
+        jump: Largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over.
+        damping: Of the steps, times the largest singular value.
+        ahead: Shares of the step that failed at which the cause is looked for.
+    """
+
+    spacing: float = 0.01
+    turning: float = 0.05
+    finest: float = 1e-9
+    denser: int = 3
+    most: int = 4000
+    reached: float = 1e-7
+    closely: float = 1e-10
+    steps: int = 20
+    jump: float = 0.35
+    damping: float = 1e-6
+    ahead: tuple[float, ...] = (1.0, 0.1, 0.01)
+
+
+STRAIGHT = StraightSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class StraightStop(ReadOnly):
+    """The last place of a straight way that the robot can follow.
+
+    Attributes:
+        z: Chart point at the last place, shape (nv,).
+    """
+
+    share: float
+    unreached: float
+    z: ChartPoint
+
+
+def stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
+    """The ending of a plan whose straight way can't be followed: the place, the cause, the joint with its limits."""
+    cause, sentence, details = _cause(problem, way, stop)
+    message = f"the tip can't go straight: {_place(way, stop.share)} {sentence}"
+    return Ending(Status.NO_IK_SOLUTION, message, {"stage": "connect", "share": stop.share, "cause": cause, **details})
+
+
+def floored(value: float, unit: float) -> str:
+    """A value in words, rounded down to whole multiples of a unit."""
+    digits = max(0, round(-math.log10(unit)))
+    return f"{math.floor(value / unit + 1e-6) * unit:.{digits}f}"
+
+
+def bring(
+    problem: Problem, z: ChartPoint, target: Any, reached: float = STRAIGHT.reached, *, limited: bool = True
+) -> ChartPoint | None:
+    """The chart point (nv,) next to another that brings the tip to a placement; None if none does.
+
+    Newton's method with the least motion; a joint that a step would push beyond its limit stays there.
+
+    Args:
+        z: Chart point, shape (nv,).
+        target: The placement, pinocchio.SE3 [m, world].
+        reached: How far off it may be [m or rad].
+    """
+    group, kinematics = problem.group, problem.kinematics
+    unlimited = np.full(group.nv, np.inf)
+    lower, upper = (group.lower, group.upper) if limited else (-unlimited, unlimited)
+    z = z.copy()
+    for _ in range(STRAIGHT.steps):
+        q = group.expand_from_chart(z)
+        placed = kinematics.frame_placement(q, group.tip_id)
+        error = np.concatenate([target.translation - placed.translation, pin.log3(target.rotation @ placed.rotation.T)])
+        if np.abs(error).max() <= reached:
+            return z
+        z = _step(z, kinematics.tip_jacobian(q), error, lower, upper)
+    return None
+
+
+def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ChartPoint:
+    """One step towards the placement, shape (nv,)."""
+    free = np.ones(len(z), bool)
+    step = np.zeros(len(z))
+    for _ in range(len(z)):
+        step = np.zeros(len(z))
+        U, sizes, V = np.linalg.svd(jacobian[:, free], full_matrices=False)
+        damping = STRAIGHT.damping * float(sizes[0]) if len(sizes) else 0.0
+        step[free] = V.T @ (sizes / np.maximum(sizes**2 + damping**2, 1e-300) * (U.T @ error))
+        pushed = free & ((z + step > upper) & (z >= upper) | (z + step < lower) & (z <= lower))
+        if not pushed.any():
+            break
+        free &= ~pushed
+    return cast(ChartPoint, np.clip(z + step, lower, upper))
+
+
+def _cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
+    """Cause, sentence and values of a stop."""
+    places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in STRAIGHT.ahead]
+    for place in places:
+        beyond = bring(problem, stop.z, place, limited=False)
+        if beyond is None or np.abs(beyond - stop.z).max() > STRAIGHT.jump:
+            continue
+        if (found := _limit(problem, beyond)) is not None:
+            joint, limit, lower, upper, unit = found
+            sentence = f"{joint.name} reaches its limit of {limit:.6g} {unit}"
+            return "joint limit", sentence, {"joint": joint.name, "value": limit, "limits": [lower, upper]}
+    for place in places:
+        target = PoseTarget(place, np.zeros(3), np.zeros(3))
+        found_there = solve(problem.group, target, [stop.z], 1, rng=np.random.default_rng([problem.seed, 6]))
+        if not found_there.solutions:
+            return "reach", f"the way leaves the robot's reach: {found_there.reason}", {}
+    return "singular", "the arm is at a singular configuration: it would have to fold over to go on", {}
+
+
+def _limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, float, str] | None:
+    """The joint that would have to go farthest beyond a limit, that limit, both limits and unit; None if none."""
+    group = problem.group
+    excess = np.maximum(group.lower - beyond, beyond - group.upper) / group.units
+    worst = int(np.argmax(excess))
+    if excess[worst] <= 0.0:
+        return None
+    joint = next(joint for joint in group.joints if joint.idx_v <= worst < joint.idx_v + joint.nv)
+    lower, upper = float(group.lower[worst]), float(group.upper[worst])
+    limit = upper if beyond[worst] > upper else lower
+    slides = worst - joint.idx_v in range(joint.nv)[TRANSLATION.get(joint.kind, slice(0, 0))]
+    return joint, limit, lower, upper, "m" if slides else "rad"
+
+
+def _place(way: StraightWay, share: float) -> str:
+    """A share of a way in words, rounded down."""
+    percent = f"{floored(100.0 * share, 0.1)} %"
+    if way.is_point:
+        return f"after {floored(share * way.angle, 0.001)} rad of a turn of {way.angle:.3f} rad ({percent})"
+    length = 1000.0 * way.length
+    return f"{floored(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
+
+
+AT_ONCE = 64
+"""So many pieces of a motion are judged together."""
+
+
+class Deviation(NamedTuple):
+    """How far a frame may be off its way.
+
+    Attributes:
+        aside: From the line [m].
+        beyond: Beyond an end of it [m].
+        turned: From the orientation of the way there [rad].
+    """
+
+    aside: float
+    beyond: float
+    turned: float
+
+    def within(self, way: StraightWay) -> bool:
+        """Return whether that is within the tolerances."""
+        return max(self.aside, self.beyond) <= way.line_tolerance and self.turned <= way.turn_tolerance
+
+
+def certify_straight(
+    way: StraightWay,
+    group: PlanningGroup,
+    turns: np.ndarray,
+    pieces: ChartCurves,
+    deadline: Deadline = UNLIMITED,
+) -> Verdict:
+    """Judge whether a frame keeps to its straight way along a motion.
+
+    Args:
+        turns: Whether a joint turns rather than slides, shape (nv of the model,).
+        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
+    """
+    frame = _Frame(way, group, turns)
+    waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
+    evaluations = 0
+    while waiting:
+        batch = [waiting.popleft() for _ in range(min(AT_ONCE, len(waiting)))]
+        if deadline.expired():
+            index, start, _, control = batch[0]
+            return Verdict(Reason.STOPPED, evaluations, index, start, (index, start), None, control[0])
+        evaluations += len(batch)
+        halves = []
+        for (index, start, end, control), bound in zip(batch, frame.bounds([one[-1] for one in batch]), strict=True):
+            if bound.within(way):
+                continue
+            narrow = np.ptp(control, axis=0).max() <= CONSTRAINT_RESOLUTION
+            if narrow or not frame.off(control[0]).within(way):
+                return Verdict(Reason.PATH_CONSTRAINT, evaluations, index, start, (index, start), None, control[0])
+            (one, other), half = halved(control[None]), 0.5 * (start + end)
+            halves += [(index, start, half, one), (index, half, end, other)]
+        waiting.extendleft(reversed(halves))
+    return Verdict(Reason.FREE, evaluations)
+
+
+class _Frame:
+    """A frame that is to keep to its way; owns scratch data (one per thread)."""
+
+    def __init__(self, way: StraightWay, group: PlanningGroup, turns: np.ndarray) -> None:
+        frame = frame_index(group.model, way.frame)
+        assert frame is not None, "the way's frame is the robot's"
+        self._way, self._group, self._turns, self._frame = way, group, turns, frame
+        self._data = group.model.createData()
+        self._widths = np.abs(group.expand_velocity)
+
+    def place_frame(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
+        """Where the frame is at a chart point (nv,), a pinocchio.SE3, and its Jacobian (6, nv of the model) there."""
+        model, q = self._group.model, self._group.expand_from_chart(z)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pin.computeFrameJacobian(model, self._data, q, self._frame, axes).reshape(6, -1)
+        return pin.updateFramePlacement(model, self._data, self._frame).copy(), jacobian
+
+    def off(self, z: ChartPoint) -> Deviation:
+        """How far the frame is off its way at a chart point (nv,)."""
+        return self._off(self.place_frame(z)[0])
+
+    def _off(self, placement: Any) -> Deviation:
+        way = self._way
+        share = 0.0 if way.is_point else way.share(placement)
+        beyond = max(-share, share - 1.0, 0.0) * way.length
+        return Deviation(float(np.linalg.norm(way.aside(placement))), beyond, way.turned(placement))
+
+    def bounds(self, controls: Sequence[ChartPoints]) -> list[Deviation]:
+        """How far the frame can be off its way on each of some Bezier curves, control points (k, nv)."""
+        way, curves = self._way, np.array(controls)
+        low, high = curves.min(axis=1), curves.max(axis=1)
+        middles, e = 0.5 * (low + high), 0.5 * (high - low) @ self._widths.T
+        placements, each = zip(*(self.place_frame(cast(ChartPoint, z)) for z in middles), strict=True)
+        jacobians = np.array(each)
+        moves = (curves - middles[:, None]) @ (jacobians @ self._group.expand_velocity).swapaxes(1, 2)
+        shifts, rotations = np.split(moves, 2, axis=2)
+        place_rest, turn_rest = self._rests(jacobians, e)
+        off = np.array([self._off(placement) for placement in placements])
+        along = shifts @ way.direction
+        aside = np.linalg.norm(shifts - along[..., None] * way.direction, axis=2).max(axis=1)
+        share = np.array([0.0 if way.is_point else way.share(placement) for placement in placements])
+        ahead = share[:, None] * way.length + along
+        beyond = np.maximum(np.maximum(-ahead.min(axis=1), ahead.max(axis=1) - way.length), 0.0)
+        if way.is_point:
+            axis = way.turn / way.angle if way.angle > 0.0 else np.zeros(3)
+            even, even_rest = (rotations @ axis)[..., None] * axis, np.zeros(len(curves))
+        else:
+            even, even_rest = along[..., None] / way.length * way.turn, place_rest * way.angle / way.length
+            beyond += place_rest
+        uneven = np.linalg.norm(rotations - even, axis=2).max(axis=1)
+        found = np.column_stack([off[:, 0] + aside + place_rest, beyond, off[:, 2] + uneven + turn_rest + even_rest])
+        return [Deviation(*row) for row in found.tolist()]
+
+    def _rests(self, jacobians: np.ndarray, e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far places [m] and orientations [rad] can be from their linear terms within half widths e (n, nv)."""
+        from_axes = np.linalg.norm(jacobians[:, :3], axis=1)
+        sweep = np.where(self._turns, 2.0 * np.sin(0.5 * np.minimum(e, np.pi)), e)
+        swept = (sweep * from_axes).sum(axis=1, keepdims=True)
+        distances = np.where(self._turns, from_axes + swept, from_axes > 0.0)
+        turning = (e * (self._turns & (np.linalg.norm(jacobians[:, 3:], axis=1) > 0.0))).sum(axis=1)
+        return turning * (distances * e).sum(axis=1), 0.25 * turning**2

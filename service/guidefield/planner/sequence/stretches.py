@@ -1,26 +1,147 @@
-"""The certificate of a sequence: each stretch of its trajectory judged in the world that holds then.
-
-A stretch is a step, or a part of one, on which the same objects are held and the same pairs may touch. In each, all
-joints of the sequence count as moving, those that wait, too: their links are judged against what was put down.
-"""
+"""Motions one after the other as one trajectory of all joints, and the certificate of each stretch of it."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import cast
+
+import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion_certificate import certify_from_start
-from guidefield.planner.sequence.composed import part
-from guidefield.planner.sequence.permissions import Allowed
-from guidefield.planner.sequence.straight_certificate import certify_straight
-from guidefield.planner.sequence.straight_way import StraightWay
-from guidefield.planner.task.conditions import Conditions
+from guidefield.planner.sequence.course import Allowed
+from guidefield.planner.sequence.straight_way import StraightWay, certify_straight
+from guidefield.planner.task.problem import Conditions
 from guidefield.prove.verdict import Verdict
+from guidefield.read_only import ReadOnly
+from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.model.followers import follow
+from guidefield.robot.model.spaces import (
+    ChartPoint,
+    ChartPoints,
+    ChartRate,
+    ChartRates,
+    Configuration,
+    RobotConfiguration,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Embedding(ReadOnly):
+    """The chart of some joints within that of more of them, while the others stand still.
+
+    Attributes:
+        base: Where all joints are when the step begins, shape (n,) [rad or m].
+        columns: Where the step's coordinates stand among all, shape (k,).
+        shift: Whole turns by which all joints' angles are beyond the step's, shape (k,) [rad].
+    """
+
+    base: ChartPoint
+    columns: np.ndarray
+    shift: np.ndarray
+
+    @classmethod
+    def of(cls, part: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint) -> Embedding:
+        """The embedding of a group that begins at a chart point (k,), where all joints are at another (n,)."""
+        at = {joint.name: joint for joint in whole.joints}
+        columns = np.concatenate(
+            [np.arange(at[joint.name].idx_v, at[joint.name].idx_v + joint.nv) for joint in part.joints]
+        )
+        turns = np.where(part.periods > 0.0, np.round((base[columns] - z_start) / np.maximum(part.periods, 1.0)), 0.0)
+        return cls(base, columns, turns * part.periods)
+
+    def points(self, zs: ChartPoints) -> ChartPoints:
+        """Chart points of all joints, shape (m, n), of the step's, shape (m, k)."""
+        points = np.repeat(self.base[None], len(zs), axis=0)
+        points[:, self.columns] = zs + self.shift
+        return cast(ChartPoints, points)
+
+    def rates(self, rates: ChartRates) -> ChartRates:
+        """Rates of all joints, shape (m, n), of the step's, shape (m, k)."""
+        embedded = np.zeros((len(rates), len(self.base)))
+        embedded[:, self.columns] = rates
+        return cast(ChartRates, embedded)
+
+
+def whole_configuration(group: PlanningGroup, q: Configuration) -> RobotConfiguration:
+    """Configuration of the whole robot, shape (nq of the robot,), with a group's joints at q (nq,), others unmoved."""
+    whole = np.array(group.q_reference, float)
+    for joint in group.joints:
+        among = group.robot.joint(joint.name)
+        assert among is not None, "a group's joints are the robot's"
+        whole[among.idx_q : among.idx_q + among.nq] = q[joint.idx_q : joint.idx_q + joint.nq]
+    follow(group.robot.joints, whole)
+    return cast(RobotConfiguration, whole)
+
+
+class Composition:
+    """A trajectory of all joints that grows at its end.
+
+    Args:
+        z: Where it begins, a chart point, shape (n,).
+    """
+
+    def __init__(self, z: ChartPoint) -> None:
+        self._times = [0.0]
+        self._positions: list[ChartPoint] = [z]
+        self._velocities: list[ChartRate] = [cast(ChartRate, np.zeros(len(z)))]
+
+    @property
+    def end(self) -> float:
+        """When it ends [s]."""
+        return self._times[-1]
+
+    @property
+    def z(self) -> ChartPoint:
+        """Where it ends, a chart point, shape (n,)."""
+        return self._positions[-1]
+
+    def move(self, motion: Trajectory, embedding: Embedding) -> list[float]:
+        """Go on along a motion that begins where this ends; returns when it is at each of its knots [s]."""
+        first, since = len(self._times) - 1, self.end - float(motion.times[0])
+        self._times += (since + motion.times[1:]).tolist()
+        self._positions += list(embedding.points(motion.positions)[1:])
+        self._velocities += list(embedding.rates(motion.velocities)[1:])
+        return self._times[first:]
+
+    def wait(self, seconds: float) -> None:
+        """Stay for some time."""
+        if seconds > 0.0:
+            self._times.append(self.end + seconds)
+            self._positions.append(self.z)
+            self._velocities.append(cast(ChartRate, np.zeros(len(self.z))))
+
+    def trajectory(self) -> Trajectory:
+        """As it is by now."""
+        return Trajectory(np.array(self._times), np.array(self._positions), np.array(self._velocities))
+
+
+def with_knots_at(trajectory: Trajectory, times: Iterable[float]) -> Trajectory:
+    """The same curve with knots at some more times [s]."""
+    inner = [time for time in times if trajectory.times[0] < time < trajectory.times[-1]]
+    more = np.setdiff1d(np.array(inner, float), trajectory.times)
+    if not len(more):
+        return trajectory
+    positions, velocities, _ = trajectory.evaluate(more)
+    order = np.argsort(np.concatenate([trajectory.times, more]), kind="stable")
+    return Trajectory(
+        np.concatenate([trajectory.times, more])[order],
+        np.concatenate([trajectory.positions, positions])[order],
+        np.concatenate([trajectory.velocities, velocities])[order],
+        trajectory.stretch,
+    )
+
+
+def part(trajectory: Trajectory, begin: float, end: float) -> Trajectory:
+    """The part of a trajectory between two of its knots [s]; its times stay what they are."""
+    first, last = np.searchsorted(trajectory.times, [begin, end])
+    rows = slice(first, last + 1)
+    return Trajectory(trajectory.times[rows], trajectory.positions[rows], trajectory.velocities[rows])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
