@@ -148,12 +148,10 @@ class _Seen(ReadOnly):
     margin: float
 
     def guided(self, path: ScheduledPath, index: int) -> GuidedPath:
-        """A guided path from where a path ends, on the way to the guide plane of an index."""
         return GuidedPath(self.problem, self.problem.group.from_chart(path.z), self.margin, index)
 
 
 def _look_ahead(problem: Problem, path: ScheduledPath, ahead: Sequence[float]) -> Iterator[_Seen]:
-    """The obstacles at each look ahead [s]; one look only once all rest."""
     q = problem.group.from_chart(path.z)
     for more in ahead if path.time < problem.scene.end else (0.0,):
         held = problem.at(path.time + more)
@@ -175,7 +173,6 @@ def _extend_in_comfort(problem: Problem, path: ScheduledPath, guided: GuidedPath
 
 
 def _extend(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: float = MARGIN) -> ScheduledPath | None:
-    """The path with a guided path's way after it, if that keeps a margin [m] from what moves."""
     points = problem.group.chart_path(guided.path, path.z)[1:]
     times, before = [], path.z
     time, limits = path.time, limits_of(problem)
@@ -191,7 +188,6 @@ def _extend(problem: Problem, path: ScheduledPath, guided: GuidedPath, margin: f
 
 
 def _judge(problem: Problem, way: Trajectory, margin: float) -> Verdict:
-    """Return whether a way keeps a margin [m] from what moves, beyond what is asked for."""
     verdict = certify_moving(problem.world, way.bezier(), way.piece_times(), problem.min_clearance + margin)
     problem.counters.collision_checks += verdict.evaluations
     return verdict
@@ -204,7 +200,6 @@ def _tip(problem: Problem, path: ScheduledPath) -> np.ndarray:
 def _give_up(
     status: Status, message: str, problem: Problem, path: ScheduledPath, aim: Aim, index: int, **more: object
 ) -> ScheduledPath:
-    """The path, failed before a guide plane."""
     details = {
         **more,
         "stage": "guide",
@@ -257,7 +252,6 @@ def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], 
 def _approach(
     problem: Problem, found: PathSoFar, plane: GuidePlane, index: int, attempts: Sequence[Attempt], stage: Stage
 ) -> PathSoFar:
-    """The motion onto a guide plane, by the field alone; failed as far as it came where it didn't arrive."""
     if isinstance(found, ScheduledPath):
         along = approach_in_time(problem, found, plane, index, attempts)
         waited = along.waited - found.waited

@@ -173,12 +173,10 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
 
 
 def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
-    """Return whether a difference (nv,) is nearly one of some others (k, nv)."""
     return bool((np.abs(ways - way).max(axis=1) < LEAST_DIFFERENCE).any())
 
 
 def _all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
-    """Every goal (m, nv)."""
     return zs
 
 
@@ -296,7 +294,6 @@ class _Tip:
         self.blocked: BlockingPairs | None = None
 
     def keeps_some_distance(self, problem: Problem, zs: ChartPoints) -> np.ndarray:
-        """Which chart points (n, nv) that reach the target are as `_keep_some_distance` has them: (n,), bool."""
         free = _keep_some_distance(problem, zs)
         if not (self._asked or free.any()):
             self._asked = True
@@ -314,7 +311,6 @@ def are_free(problem: Problem, zs: ChartPoints) -> np.ndarray:
 
 
 def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    """Which chart points (n, nv) surely touch nothing and are inside of nothing: (n,), bool."""
     free = _touch_nothing(problem, zs)
     free[free] = _are_in_the_open(problem, zs[free])
     return free
@@ -336,12 +332,10 @@ def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np
 
 
 def _coal_frees(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    """Which chart points (n, nv) `_keep_off` has: (n,), bool."""
     return _keep_off(problem, zs, problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]))
 
 
 def _keep_off(problem: Problem, zs: Sequence[ChartPoint] | ChartPoints, touch: list[bool]) -> np.ndarray:
-    """Which chart points touch nothing and are inside of nothing by Coal's judgement, and keep the clearance."""
     free = ~np.array(touch, bool)
     free[free] = _are_in_the_open(problem, [z for z, one in zip(zs, free, strict=True) if one])
     free[free] = [_keeps_clearance(problem, z) for z, one in zip(zs, free, strict=True) if one]
@@ -416,7 +410,6 @@ def _while_time(problem: Problem, zs: ChartPoints, free: Callable[[Problem, Char
 
 
 def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
-    """The goals that keep the path constraints."""
     faults = [_find_violation(problem, goal) for goal in goals]
     kept = [goal for goal, fault in zip(goals, faults, strict=True) if fault is None]
     if kept:
@@ -428,7 +421,6 @@ def _kept_goals(problem: Problem, goals: ChartPoints) -> ChartPoints:
 
 
 def _find_violation(problem: Problem, z: ChartPoint) -> tuple[str, dict[str, Any]] | None:
-    """Which path constraint a chart point violates most, as a sentence and values; None if it keeps them all."""
     if not problem.path_constraints:
         return None
     frames = problem.constrained_frames

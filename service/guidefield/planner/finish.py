@@ -90,7 +90,6 @@ def found_motion(problem: Problem, found: PathSoFar, stages: Stages) -> Finished
 
 
 def _optimize_schedule(problem: Problem, found: ScheduledPath, stages: Stages) -> Finished | None:
-    """The optimised motion across guide planes among obstacles that move; None where none is better and certified."""
     motion = found.trajectory()
     crossed = Crossed.of(problem, found.path, found.crossings)
     waits, end = bool((found.path[0] == found.path[1]).all()), found.z
@@ -122,7 +121,6 @@ def _optimize_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finish
 
 
 def _follow_path(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """The certified motion round the corners of a path, drawn closer to it where it is refused; else with stops."""
     crossed, finished = Crossed.of(problem, found.path, found.crossings), None
     for repair in range(REPAIRS + 1):
         with stages.entered("parameterize", "as fast as the limits allow, round the corners") as stage:
@@ -167,7 +165,6 @@ def _blend(problem: Problem, refused: Finished, certified: Finished, stages: Sta
 def _round_corners(
     problem: Problem, path: ChartPoints, crossed: Crossed, finer: int
 ) -> tuple[Trajectory, dict[int, int]] | None:
-    """The motion round the corners of a path, and its knot on each guide plane; None where it misses one."""
     if not crossed.passages:
         trajectory = motion_along(problem, path, finer)
         return trajectory, crossed.knots(trajectory, ())
@@ -183,12 +180,10 @@ def _round_corners(
 
 
 def _warn(finished: Finished, warning: str) -> Finished:
-    """The same with one more warning, the first."""
     return replace(finished, warnings=(warning, *finished.warnings))
 
 
 def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> bool:
-    """Return whether a motion was refused where the path (n, nv) itself is: drawn closer to it, it would be, too."""
     verdict = finished.verdict
     if verdict.piece is None or len(path) < 2:
         return True
@@ -198,7 +193,6 @@ def _is_hopeless(problem: Problem, path: ChartPoints, finished: Finished) -> boo
 
 
 def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
-    """Whether a chart point (nv,) itself is refused for a reason: contact, less than the clearance, beyond limits."""
     match reason:
         case Reason.BEYOND_LIMITS:
             lower, upper = problem.group.lower - LIMITS.tolerance, problem.group.upper + LIMITS.tolerance
@@ -214,7 +208,6 @@ def _refused_at(problem: Problem, z: ChartPoint, reason: Reason) -> bool:
 
 
 def _nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
-    """The point (nv,) of a path (n, nv) that is nearest to a place (nv,)."""
     along = np.diff(path, axis=0)
     share = np.einsum("ij,ij->i", place - path[:-1], along) / np.maximum(np.einsum("ij,ij->i", along, along), 1e-30)
     nearest = path[:-1] + np.clip(share, 0.0, 1.0)[:, None] * along

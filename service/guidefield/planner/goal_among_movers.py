@@ -127,7 +127,6 @@ class _Search:
         return self._first(estimates)
 
     def _first(self, estimates: Sequence[_Estimate]) -> Finished | None:
-        """The motion along the first of some ways that has one; that may be arrived on first is tried first."""
         for estimate in sorted(estimates, key=lambda one: one.arrival):
             if self._problem.deadline.expired():
                 return None
@@ -150,7 +149,6 @@ class _Search:
         return None
 
     def why(self) -> Ending:
-        """Why there is no motion."""
         problem, (leave_by, refusal) = self._problem, self.leave_by
         if (status := problem.deadline.status()) is not None:
             last = f"; once they rest: {self._ending.message}" if self._ending else ""
@@ -173,7 +171,6 @@ class _Search:
         return self._blocked(*self._farthest)
 
     def _blocked(self, _: float, z: ChartPoint) -> Ending:
-        """What is in the way where the schedule that came farthest ended."""
         problem = self._problem
         resting = problem.at(problem.scene.end)
         found = clearance_at(resting.world, problem.group.expand_from_chart(z))
@@ -199,7 +196,6 @@ class _Search:
                 return
 
     def _along(self, way: HeldPath) -> Finished | None:
-        """The certified motion along a way, optimised or else as it was found; None where there is none."""
         made, soonest = None, -np.inf
         if not way.detour:
             optimised = finish(way.problem, way.found, self._stages)
@@ -222,7 +218,6 @@ class _Search:
         return replace(better, warnings=(*made.warnings, *better.warnings))
 
     def _judge(self, problem: Problem, motion: Trajectory) -> Verdict:
-        """Judge whether a motion is free, and keeps what else it has to."""
         verdict = judge(problem, motion)
         if not verdict.free or self._also is None:
             return verdict
@@ -254,13 +249,11 @@ class _Search:
         return None
 
     def _staying(self, finished: Finished) -> Finished | None:
-        """The motion that goes nowhere, as the goal is where the robot starts; None if that is not free for good."""
         assert finished.trajectory is not None, "it was found"
         made = self._certified(finished, finished.trajectory)
         return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
 
     def _occupancy(self, motion: Trajectory, *, at_rest: bool) -> Occupancy:
-        """Where a motion may be when."""
         return Occupancy(
             self._problem.group,
             motion,
@@ -271,14 +264,12 @@ class _Search:
         )
 
     def _from(self, goal: ChartPoint) -> float:
-        """From when on a goal stays free [s]."""
         key = goal.tobytes()
         if key not in self._free_from:
             self._free_from[key] = find_free_from(self._problem, goal)
         return self._free_from[key]
 
     def _earliest(self, motion: Trajectory, occupancy: Occupancy, rooms: Sequence[float]) -> list[Schedule]:
-        """Schedules along a motion, the one that arrives first in front; at any rate, with some rooms for changes."""
         problem, even = self._problem, at_one_rate(self._problem, motion, occupancy)
         found, by = [even], even.arrival if isinstance(even, Schedule) else np.inf
         found += [at_any_rate(problem, motion, room, occupancy, by) for room in rooms if motion.duration / room < by]
@@ -293,7 +284,6 @@ class _Search:
         return schedules
 
     def _certified(self, finished: Finished, motion: Trajectory) -> Finished:
-        """A motion among the obstacles, judged."""
         judged = certify_motion(self._problem, motion, {}, self._stages, self._judge)
         return replace(finished, verdict=judged.verdict, trajectory=motion)
 
@@ -312,5 +302,4 @@ class _Search:
 
 
 def _at_the_start(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    """A plan that failed: nothing but the start, at time 0."""
     return found_motion(problem.at(0.0), found, stages)

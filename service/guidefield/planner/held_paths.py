@@ -53,7 +53,6 @@ def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index
 
 
 def _points_on(problem: Problem, plane: GuidePlane, stuck: ChartPoint) -> ChartPoints:
-    """Chart points (m, nv) with the tip on a plane: where the approach got stuck, else in its middle."""
     tip = problem.kinematics.tip_position(problem.group.expand_from_chart(stuck))
     place = plane.closest_point(tip, inset_of(problem, plane))
     try:
@@ -102,7 +101,6 @@ def connect_to_goal(
 
 
 def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prove: bool) -> Connection:
-    """A connection from the end of the motion so far, along path constraints if there are any."""
     rng = np.random.default_rng([problem.seed, 2])
     if problem.path_constraints:
         keeper = Keeper(problem, problem.constrained_frames)
@@ -113,7 +111,6 @@ def _try_connection(problem: Problem, found: PathSoFar, goals: ChartPoints, prov
 def _connect_with_clearance(
     problem: Problem, found: PathSoFar, goals: ChartPoints, rng: np.random.Generator, prove: bool
 ) -> Connection:
-    """With the clearance asked for if there is such a connection, else any that is free."""
     part = _in_part_of_the_time(problem) if problem.min_clearance > 0.0 else problem
     connection = connect(part, found.path[-1], goals, rng, prove=prove)
     if connection.status is not Status.SUCCESS and problem.min_clearance > 0.0 and not problem.deadline.expired():
@@ -192,7 +189,6 @@ def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) 
 
 
 def _places(among: Problem, rng: np.random.Generator) -> ChartPoints:
-    """Random chart points (n, nv) that are free among what rests, half of them about the start."""
     group, half = among.group, WAYS.places // 2
     aside = rng.normal(scale=WAYS.aside, size=(half, group.nv)) * group.units
     anywhere = np.array([group.chart(group.random(rng)) for _ in range(half)])
@@ -240,7 +236,6 @@ def _movers(problem: Problem) -> list[int]:
 
 
 def _among(problem: Problem, moments: dict[int, Sequence[float]]) -> Problem:
-    """The problem among what rests, and some of the others, held at times."""
     at_rest = {index: (0.0,) for index, one in enumerate(problem.scene.obstacles) if one.motion is None}
     world = build_held_world(problem, {**at_rest, **moments})
     return dataclasses.replace(

@@ -116,7 +116,6 @@ def led_to(first: Trajectory, then: Trajectory) -> Trajectory:
 
 
 def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found: PathSoFar, stages: Stages) -> Finished:
-    """One motion that doesn't stop; else the one that was found, with the ends about it."""
     if problem.optimization_iterations != 0:
         first, *others = (_soonest(resting, ends, path) for path in (found.path, *found.others))
         optimized = optimize_motion(problem, first, others, stages)
@@ -132,7 +131,6 @@ def _finish_between(problem: Problem, resting: Problem, ends: MovingEnds, found:
 
 
 def _soonest(resting: Problem, ends: MovingEnds, path: ChartPoints) -> Trajectory:
-    """The fastest motion along a path from rest to rest, with the ends about it."""
     return ends.around(soonest_along(resting, path))
 
 

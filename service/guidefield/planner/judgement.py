@@ -71,7 +71,6 @@ def judge_leaving(conditions: Conditions, pieces: ChartCurves) -> Leaving | None
 def _way_out(
     conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves
 ) -> tuple[int, float, int | None]:
-    """Piece and share of it where what touches has been left; or where, and which pair, comes closer before that."""
     world = conditions.world
     pairs = touching_pairs(world, contacts)
     distances, enough = distances_of(world, pairs), max(LEFT_DISTANCE, conditions.min_clearance)
@@ -92,7 +91,6 @@ def _way_out(
 def _judge_parts(
     conditions: Conditions, contacts: tuple[Contact, ...], pieces: ChartCurves, piece: int, share: float
 ) -> Verdict:
-    """The verdict about a motion that has left its contacts at a share of a piece."""
     deadline = conditions.deadline
     allowed = (*conditions.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(conditions.group, conditions.scene, allowed)
@@ -109,7 +107,6 @@ def _judge_parts(
 
 
 def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: float) -> Verdict:
-    """A verdict about a part of a motion as one about all of it."""
     if verdict.piece is None or verdict.parameter is None or verdict.free_until is None:
         return verdict
     places = [
@@ -120,7 +117,6 @@ def _on_the_whole(verdict: Verdict, first: int, cut: int, begin: float, end: flo
 
 
 def _part(controls: ChartPoints, low: float, high: float) -> ChartPoints:
-    """Control points (k, nv) of a part of a Bezier curve (k, nv)."""
     part: ChartPoints = restricted(controls[None], np.array([low]), np.array([high]))[0]
     return part
 
@@ -182,7 +178,6 @@ def judge(problem: GivenProblem, uses: Uses) -> Judgement:
 
 
 def _constraints(problem: GivenProblem) -> Verdict:
-    """Return whether frames keep what they have to."""
     if not problem.path_constraints:
         return Verdict(Reason.FREE, 0)
     turns = problem.world.bodies.turns
@@ -190,7 +185,6 @@ def _constraints(problem: GivenProblem) -> Verdict:
 
 
 def _freedom(problem: GivenProblem, kept: Verdict) -> Verdict:
-    """Whether nothing touches or comes too close, as far as the path constraints are kept."""
     motion, deadline = problem.motion, problem.deadline
     count = len(motion.pieces) if kept.piece is None else kept.piece + 1
     if count == len(motion.pieces) and motion.velocities is not None:  # it is measured by the very same pieces

@@ -110,14 +110,12 @@ def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
 
 
 def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
-    """A trajectory with the motion out of contact before it, and how long that takes [s]."""
     end = after.positions[0]  # whole turns may have been added
     first = motion_along(problem, np.array([left.start + (end - left.end), end]))
     return one_after_another([first, after]), first.duration
 
 
 def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -> Callable[[ChartPoint], bool]:
-    """Judges the straight motions from the start."""
     world, group = problem.world, problem.group
     allowed = (*problem.allowed_collisions, *(one.pair for one in contacts))
     others = World.build(group, problem.scene, allowed)

@@ -102,7 +102,6 @@ def certify_from_start(conditions: Conditions, motion: Trajectory, deadline: Dea
 
 
 def _with_constraints(conditions: Conditions, verdict: Verdict, pieces: ChartCurves, deadline: Deadline) -> Verdict:
-    """A verdict about a motion, and if it is free about the path constraints."""
     if not (verdict.free and conditions.path_constraints):
         return verdict
     kept = certify_constraints(conditions.constrained_frames, conditions.world.bodies.turns, pieces, deadline)

@@ -149,7 +149,6 @@ def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettin
 
 
 def _usual_settings_of(problem: Problem, passes: bool) -> OptimizationSettings:
-    """The same at size 1."""
     settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
     if problem.path_constraints:
         return constrained(of_many(settings) if many else settings)
@@ -187,7 +186,6 @@ def _of_optimized(
 
 
 def _moving_part(motion: Trajectory) -> Trajectory:
-    """A motion without the wait at its start."""
     stands = (motion.positions == motion.positions[0]).all(axis=1) & (motion.velocities == 0.0).all(axis=1)
     begin = int(np.argmin(stands)) - 1
     return Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])

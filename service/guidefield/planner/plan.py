@@ -76,7 +76,6 @@ def make_refused_plan(problem: Problem, status: Status, message: str, details: d
 
 
 def _leave_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
-    """A contact at the start is left first, if that is asked for; the rest is planned from there."""
     if not problem.leave_start_contact:
         return _plan_from_start(problem, planner, attempts, stages)
     try:
@@ -89,7 +88,6 @@ def _leave_contact(problem: Problem, planner: Planner, attempts: Sequence[Attemp
 
 
 def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
-    """The stages in order: each goes on from the path of those before; what the last one leaves is finished."""
     try:
         goals = _find_ends(problem, planner, stages)
     except StageFailed as failed:
@@ -123,7 +121,6 @@ def _plan_in_motion(problem: Problem, goals: ChartPoints, stages: Stages) -> Fin
 
 
 def _go_on_to_goal(problem: Problem, found: ScheduledPath, goals: ChartPoints, stages: Stages) -> Finished:
-    """From the last guide plane to a goal, among obstacles that move or by now have come to rest."""
     crossed = finish(problem, found, stages)
     begun = crossed.trajectory
     assert begun is not None, "all planes were crossed"
@@ -199,12 +196,10 @@ def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: 
 
 
 def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished:
-    """Nothing but the start."""
     return finish(problem, PathSoFar.at_start(problem).failed(failure), stages)
 
 
 def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
-    """The plan: how it ended, with what."""
     ended = finished.failure or _make_ending(problem, finished.verdict)
     return Plan(
         status=ended.status,
@@ -222,7 +217,6 @@ def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
 
 
 def _make_ending(problem: Problem, verdict: Verdict) -> Ending:
-    """How a plan ended that has a trajectory, by the verdict about that."""
     if not verdict.free:
         return refusal(problem, verdict)
     if problem.deadline.is_cancelled():

@@ -319,13 +319,11 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
 
 
 def _coarse(times: np.ndarray) -> np.ndarray:
-    """Every third of some times (k,) [s], the last of them among these."""
     coarse = times[::COARSE_STRIDE].copy()
     return coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
 
 
 def _closest(found: Smallest, world: World) -> Closest:
-    """An answer in the words of the scene."""
     pair = None if found.pair < 0 else world.pair_names(found.pair)
     return Closest(found.distance, found.bound, found.time, pair, found.tolerance)
 
@@ -404,7 +402,6 @@ def travelled_way(trajectory: MotionInTime) -> TravelledWay:
 
 
 def _ascending(times: np.ndarray) -> np.ndarray:
-    """Times (k,) in order, each once; those that are so already are given back."""
     return times if (times[1:] > times[:-1]).all() else np.unique(times)
 
 

@@ -125,14 +125,12 @@ class ClosestPairs:
         return free
 
     def _tables(self, *, in_time: bool) -> MovingRobot | None:
-        """The tables of the kernels; None where there are too many pairs."""
         if len(self.world.pairs) > MAX_PAIRS:
             return None
         robot, obstacles, movers, pairs, _ = world_tables(self.world, in_time=in_time)
         return MovingRobot(robot, obstacles, movers, pairs, _NO_MOTION)
 
     def _measure_candidates(self, q: np.ndarray, candidates: list[list[int]], time: float | None) -> ClearanceAt:
-        """Coal's measure of the closest pairs at a configuration of the model, shape (model.nq,), and a time [s]."""
         world = self.world
         world.place(q)
         own, obstacle = (

@@ -143,7 +143,6 @@ class _Writer:
         self._ends = ends
 
     def proof(self, claims: np.ndarray, segments: np.ndarray) -> Proof:
-        """The proof."""
         names, listed = self._world.body_names, self._list_bodies()
         place = {body: index for index, body in enumerate(listed)}
         numbers = [names[: body if body < self._links else self._links].count(names[body]) for body in listed]
@@ -257,12 +256,10 @@ class _Nodes:
         self.order: dict[int, int] = {}
 
     def use(self, nodes: np.ndarray, by_spheres: np.ndarray) -> None:
-        """Note that nodes (k,) are in slabs, by their spheres or by their parts, (k,)."""
         self.spheres |= set(nodes[by_spheres].tolist())
         self.hulls |= set(nodes[~by_spheres].tolist())
 
     def close(self) -> None:
-        """Number the nodes that are used and those above them, with what is below these, from the root on."""
         used, links = self.spheres | self.hulls, self.parts.links.reshape(-1, LINK)
         needed: set[int] = set()
         if used - {self.root}:
@@ -303,7 +300,6 @@ class _Nodes:
 
 
 def _write_tree(nodes: _Nodes, frame: Any) -> tuple[np.ndarray, list[_Shape], np.ndarray, np.ndarray]:
-    """Children of a body's nodes, its shapes in another frame, those of each node, and the origin of them all."""
     links, shapes, origin = nodes.parts.links.reshape(-1, LINK), list[_Shape](), None
     children, of_node = np.full((len(nodes.order), 2), -1), np.full((len(nodes.order), 2), -1)
     for node, at in nodes.order.items():

@@ -280,7 +280,6 @@ class _Search:
         return time if layout.times is layout.clock else float(np.interp(time, layout.clock, layout.times))
 
     def _time_at(self, parameter: float) -> float:
-        """The time at a parameter [s]."""
         layout = self._layout
         return parameter if layout.times is layout.clock else float(np.interp(parameter, layout.times, layout.clock))
 
@@ -290,12 +289,10 @@ class _Search:
         return Smallest(float(row[DISTANCE]), float(row[BOUND]), self._time_at(float(row[TIME])), pair, self._tolerance)
 
     def _find_piece(self, parameter: float) -> tuple[int, float]:
-        """Index of a piece and the parameter on it."""
         pieces, shares = find_pieces(self._layout.times, np.array([parameter]))
         return int(pieces[0]), float(shares[0])
 
     def _name_verdict(self) -> Verdict:
-        """The verdict in the words of the scene, confirmed by Coal."""
         verdict, segments = self._verdict, int(self._verdict[SEGMENTS]) + 2
         if self._stopped:
             at = self._find_piece(float(verdict[END]))
@@ -328,7 +325,6 @@ class _Search:
         return found if found is not Reason.UNDECIDED else reason
 
     def _distance_to_keep(self, pair: int) -> float:
-        """The distance that a pair has to keep [m]."""
         return 0.0 if pair < self._world.pairs.n_self else float(self._verdict[MARGIN])
 
     def _ask_coal(self, pair: int, parameter: float) -> Reason | None:
@@ -343,7 +339,6 @@ class _Search:
         return None if world.penetration(pair, allowed) is None else Reason.UNDECIDED
 
     def _place_pair(self, pair: int, parameter: float) -> None:
-        """Put the robot, and the obstacle of a pair that moves, where they are at a parameter."""
         world = self._world
         world.place(world.group.expand_from_chart(self._curve.point(*self._find_piece(parameter))))
         if self._in_time:

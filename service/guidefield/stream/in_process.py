@@ -55,7 +55,6 @@ class Stream(CertifiedStream):
 
 
 def _declared(request: StreamOpen) -> SceneMessage:
-    """The scene that a request means."""
     reference = request.scene
     if isinstance(reference, str):
         return PackagedScenes().read(reference)[0]

@@ -350,7 +350,6 @@ def _row(placement: pin.SE3) -> np.ndarray:
 
 
 def _placed_at(boxes: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Boxes (k, 16) of frames in the world, given where each one's frame is, shape (k, 12)."""
     placed = boxes.copy()
     outer, inner = poses.reshape(-1, 3, 4), boxes[:, :12].reshape(-1, 3, 4)
     there = np.einsum("kij,kjn->kin", outer[:, :, :3], inner)

@@ -141,6 +141,5 @@ def _require_known(request: StreamOpen, robot: RobotModel, scene: Scene, declare
 
 
 def _touching(world: World, q: ModelConfiguration) -> tuple[str, ...]:
-    """What touches where the robot stands, shape (model.nq,): a sentence for each pair."""
     pairs = dict.fromkeys(contact.pair for contact in contacts_at(world, q))
     return tuple(f"at the start {one!r} touches {other!r}" for one, other in pairs)

@@ -80,7 +80,6 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
 
 
 def _named(files: Sequence[Path]) -> str:
-    """The files in short, by the first and the last one."""
     return files[0].stem if len(files) == 1 else f"{files[0].stem}-{files[-1].stem}"
 
 
@@ -144,7 +143,6 @@ class _Motions:
         self._last = max(self._commits)
 
     def add(self, piece: Piece | None) -> None:
-        """Know a piece."""
         if piece is not None:
             self._pieces[piece.number] = piece
             self._last = piece.number
@@ -176,7 +174,6 @@ class _Motions:
         return piece.stops if piece is not None else self._commits.get(number, self._commits[max(self._commits)]).stops
 
     def _find_begun(self, now: float) -> int:
-        """The last piece that has begun."""
         begun = [number for number, piece in self._pieces.items() if piece.begins <= now]
         return max(begun, default=max(self._commits))
 
@@ -213,13 +210,11 @@ class _Seen:
     gone: list[float] = field(default_factory=list)
 
     def lose(self, now: float) -> None:
-        """It is gone from a time on [s]."""
         if self.there:
             self.gone.append(now)
         self.there = False
 
     def see(self, seen: Observation, now: float) -> None:
-        """It is seen, as is told at a time [s]."""
         self.observations.append(seen)
         if self.there:
             return
@@ -237,7 +232,6 @@ class _Moved:
         self._known: dict[str, _Seen] = {}
 
     def take(self, begun: Begun, entries: Sequence[Entry]) -> None:
-        """Take what a file goes on from, and what was seen since."""
         self._go_on(begun)
         for entry in entries:
             if isinstance(entry, Updated) and entry.refused is None:
@@ -250,7 +244,6 @@ class _Moved:
                     self._known[observation.name].see(observation, update.time)
 
     def bodies(self, origin: Vector3) -> list[MovingBody]:
-        """They, as a recording shows them from a point of the world (3,) [m]."""
         return [_body(one, origin) for one in self._known.values() if one.observations]
 
     def _declare(self, shape: StreamObstacle) -> _Seen:

@@ -160,7 +160,6 @@ class CertifiedStream:
         self.close()
 
     def __iter__(self) -> Iterator[Piece]:
-        """The pieces that were sent since they were asked for last."""
         while self._pieces:
             yield self._pieces.popleft()
 
@@ -250,7 +249,6 @@ class CertifiedStream:
         return answer
 
     def _answer_update(self, update: StreamUpdate) -> Piece | StreamState:
-        """The answer to an update."""
         state = self._state
         if update.time <= state.now:
             return self._tell_state(update.time, "late")
@@ -365,7 +363,6 @@ class CertifiedStream:
         return fresh or bool(update.declare)
 
     def _read_joints(self, update: StreamUpdate) -> ChartPoint:
-        """Where an update has the robot, shape (nv,)."""
         assert update.joints is not None, "it has"
         group = self.group
         with at_path("$.joints"):
@@ -402,7 +399,6 @@ class CertifiedStream:
         return stood
 
     def _find_piece(self, cycle: _Cycle) -> Piece | StreamState:
-        """The answer to an update."""
         if self._state.phase is Phase.HALTED:
             return self._tell_none(cycle.now, "stopped", cycle.broken, cycle.base)
         state = np.ascontiguousarray(cycle.base.state(cycle.begins)[:, :3])
@@ -422,7 +418,6 @@ class CertifiedStream:
         return self._tell_none(cycle.now, cycle.reason, cycle.broken, cycle.base, told)
 
     def _make_commit(self, cycle: _Cycle, state: np.ndarray, velocities: np.ndarray, last: ChartPoint | None) -> Commit:
-        """The commit of a piece in this cycle; see `towards`."""
         goals = np.full(self.group.nv, np.inf) if last is None else last
         return towards(state, velocities, goals, self._opened.bounds, cycle.begins, self.request.piece, WITHIN)
 
@@ -589,7 +584,6 @@ class CertifiedStream:
         return nearest
 
     def _is_free(self, way: Way, stand: ChartPoint) -> bool:
-        """Return whether the near part of the way is free of what rests."""
         place = self._state.place
         points = way.rest(stand, place, place + STREAM.looked_at)
         clearance = self._room.clearance(STREAM.resting_looked_at, [stand, way.goal])

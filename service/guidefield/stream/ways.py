@@ -254,7 +254,6 @@ class Planner:
         samples: np.ndarray,
         cuts: np.ndarray,
     ) -> Found:
-        """The way that costs least, of the straight one and planned ones."""
         room = self._room
         straight = np.array([z0, z1])
         found: list[ChartPoints] = []

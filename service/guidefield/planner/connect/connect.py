@@ -85,7 +85,6 @@ class _Search:
 
     @property
     def least(self) -> float:
-        """The best score [s]; infinite where no way was found."""
         return min((score for score, _ in self.found), default=np.inf)
 
     def score(self, way: ChartPoints) -> float:
@@ -97,7 +96,6 @@ class _Search:
         return score
 
     def straight_scores(self) -> np.ndarray:
-        """What the straight way to each goal counts, (m,) [s]."""
         ways = (self._goals - self._start) / self._problem.group.velocity_limits
         scores: np.ndarray = np.abs(ways).max(axis=1)
         if self._problem.objective is not Objective.TIME:
@@ -358,7 +356,6 @@ def _quickest(
 def _make_unconnected(
     problem: Problem, z_start: ChartPoint, found: tree_search.FoundPath, goals: int, refused: int
 ) -> Connection:
-    """A connection that was not found, and why; how many paths the certificate refused before."""
     status = problem.deadline.status()
     if found.path is None:
         message = why_not(found, goals, in_time=status is not None)
@@ -371,7 +368,6 @@ def _make_unconnected(
 
 
 def _certify_path(problem: Problem, path: ChartPoints) -> bool:
-    """Return whether the straight motions along a path (n, nv) are proven to be free."""
     for z0, z1 in pairwise(path):
         verdict = motion_free(problem.world, z0, z1, problem.min_clearance)
         problem.counters.collision_checks += verdict.evaluations

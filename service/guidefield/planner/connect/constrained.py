@@ -71,7 +71,6 @@ def connect_constrained(
 
 
 def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random.Generator) -> ChartPoints:
-    """The path with detours between random waypoints left out where a walk leads straight across."""
     units = problem.group.units
     for _ in range(CONSTRAINED.shortcuts):
         if len(path) < 4 or problem.deadline.expired():
@@ -107,7 +106,7 @@ class PoseKeeper:
         self._tries = TRIES
 
     def __call__(self, zs: ChartPoints) -> ChartPoints:
-        """Chart points (n, nv) that reach the pose, some moved; those that aren't helped stay as they are."""
+        """Chart points (n, nv) that reach the pose, some moved; those that aren't helped stay."""
         if not self._problem.path_constraints:
             return zs
         moved: ChartPoints = zs.copy()
@@ -121,7 +120,6 @@ class PoseKeeper:
 
 
 def _move_within(problem: Problem, target: PoseTarget, z: ChartPoint) -> ChartPoint | None:
-    """A chart point (nv,) that reaches the pose and keeps the constraints, next to another; None if none is found."""
     frames, group = problem.constrained_frames, problem.group
     there = z.copy()
     for _ in range(STEPS):

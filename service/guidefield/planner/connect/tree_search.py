@@ -278,7 +278,6 @@ class _Room:
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:
-        """Room for so many nodes in each tree."""
         ends_of = np.cumsum((nv, nv, nv, nv, 1, 1)) * LANES
         samples, origins, ends, judged, squares, nearest, longest = np.split(
             _from_a_line((4 * nv + 3) * LANES), ends_of
@@ -316,11 +315,9 @@ class _Room:
 
     @classmethod
     def of(cls, search: lane_nodes.TreeSearch) -> _Room:
-        """The memory of some trees."""
         return cls(search, packed(search), cast(ChartPoints, search.path.reshape(-1, search.nv)))
 
     def roomier(self) -> _Room:
-        """The same trees with room for twice as many nodes."""
         larger = _Room.build(self.search.nv, 2 * self.search.capacity).search
         for old, new in zip(held_by(self.search), held_by(larger), strict=True):
             new[..., : self.search.capacity] = old
@@ -347,7 +344,6 @@ _PLACES = _Places()
 
 
 def _place(group: PlanningGroup, nv: int) -> _Place:
-    """This thread's place for searches of a group with so many coordinates."""
     place = _PLACES.kept.get((nv, TREE.first_capacity))
     if place is None or place.group() is not group:
         room = _Room.build(nv, TREE.first_capacity) if place is None else place.room

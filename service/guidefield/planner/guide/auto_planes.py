@@ -123,7 +123,6 @@ def clearances(tables: DistanceTables, points: np.ndarray, size: float = 1.0) ->
 def _box(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, centre: np.ndarray, reach: float, around: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of a box about obstacles and both ends, with some space around, and no larger than the reach."""
     low, high = np.minimum(start, goal) - around, np.maximum(start, goal) + around
     if len(tables.nodes):
         low, high = np.minimum(low, tables.nodes[0, :3] - around), np.maximum(high, tables.nodes[0, 3:] + around)
@@ -194,7 +193,6 @@ def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: fl
 
 
 def _places(tables: DistanceTables, way: TipWay) -> list[int]:
-    """Indices on the way where planes belong, in order."""
     chosen: list[int] = []
     for place in sorted(_bottlenecks(way) | _mouths(way)):
         chosen = _with(way, chosen, _smallest_nearby(tables, way, place))
@@ -202,7 +200,6 @@ def _places(tables: DistanceTables, way: TipWay) -> list[int]:
 
 
 def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
-    """The places and one more, unless it is next to one of them or to an end."""
     others = [0, len(way.points) - 1, *chosen]
     if (
         min(float(np.linalg.norm(way.points[place] - way.points[other])) for other in others)
@@ -274,7 +271,6 @@ def _smallest_nearby(tables: DistanceTables, way: TipWay, place: int, within: tu
 
 
 def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> GuidePlane | None:
-    """The free section at a place, about its own middle; None where it is no polygon."""
     across = axes_across(way.tangents[place])
     centre = way.points[place].copy()
     for _ in range(AUTO_PLANES.centrings):
@@ -291,7 +287,6 @@ def _plane(tables: DistanceTables, way: TipWay, place: int, number: int) -> Guid
 
 
 def _distinct(corners: np.ndarray) -> np.ndarray:
-    """Corners (k, 2) without those on top of the one before."""
     size = float(np.ptp(corners, axis=0).max())
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
     distinct: np.ndarray = corners[sides > AUTO_PLANES.distinct * size]

@@ -96,7 +96,6 @@ class Univariate:
                 return
 
     def _swept(self, guided: GuidedPath, normal: np.ndarray, guard: TipGuard) -> Configurations:
-        """One round: configurations (n, nq) after every step that was taken."""
         problem, chain, mover = guided.problem, self.chain, mover_of(self.chain.group)
         swept = swept_world(problem.world)
         searching = Searching(
@@ -119,7 +118,6 @@ class Univariate:
         return path[:taken]
 
     def _configuration(self, q: Configuration, rotations: np.ndarray, joints: np.ndarray) -> Configuration | None:
-        """Configuration (nq,) near q within the limits whose joints stand at places; None if there is none."""
         found, turned = np.empty_like(q), np.empty_like(rotations)
         if not chain_configuration(self.chain.table, joints, q, rotations, found, turned):
             return None
@@ -183,7 +181,6 @@ def cross(
 
 
 def _attempt(problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempt: Attempt) -> Crossing:
-    """Rounds until the tip is on the plane or a reason to give up turns up."""
     aim = Aim(plane, inset_of(problem, plane))
     guided = GuidedPath(problem, q, margin_at(problem, q), index)
     problem.tell(Step(StepKind.START, q, f"towards guide plane {plane.name}", problem.robot_field.potential(q), index))

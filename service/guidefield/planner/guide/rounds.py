@@ -192,7 +192,6 @@ _ENDED = {kernel.NEARER: Round.NEARER, kernel.ARRIVED: Round.ARRIVED, kernel.BLO
 
 
 def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) -> Iterator[Made]:
-    """Up to `APPROACH.at_once` rounds of `approach` in one kernel."""
     problem, group = guided.problem, guided.problem.group
     field, swept, q = problem.robot_field, swept_world(problem.world), group.expand(guided.q)
     at_once = APPROACH.at_once
@@ -224,7 +223,6 @@ def _in_kernel(guided: GuidedPath, aim: Aim, minimizer: Projected, step: float) 
 
 
 def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first: int, past: int) -> None:
-    """Have the guided path take the steps of a round."""
     rows = slice(first, past)
     steps = record.steps[rows].take(planned, axis=1)
     for q, value, kind, kept in zip(
@@ -237,7 +235,6 @@ def _take(guided: GuidedPath, record: kernel.Record, planned: np.ndarray, first:
 
 
 def _going(aim: Aim, step: float, size: float) -> kernel.Rounds:
-    """How rounds of a robot of a size go, for the kernel."""
     return kernel.Rounds(
         step=step,
         smallest=APPROACH.smallest_step * size,

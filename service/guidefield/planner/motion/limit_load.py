@@ -209,7 +209,6 @@ def _largest(
     inner: np.ndarray | None = None,
     places: np.ndarray | None = None,
 ) -> Use:
-    """The largest of shares of a limit."""
     counts = np.ones(at_end.shape[1], bool) if counts is None else counts
     if not counts.any():
         return Use()

@@ -195,7 +195,6 @@ def backwards(motion: Trajectory) -> Trajectory:
 
 
 def _phases(velocity: float, acceleration: float, limit: float, jerk: float) -> tuple[tuple[float, float], ...]:
-    """Three spans with their jerks, one after the other."""
     rest = velocity + acceleration * abs(acceleration) / (2.0 * jerk)
     sign = -math.copysign(1.0, rest)
     v, a = sign * velocity, sign * acceleration
@@ -210,7 +209,6 @@ def _phases(velocity: float, acceleration: float, limit: float, jerk: float) -> 
 def _states(
     times: np.ndarray, x: float, v: float, a: float, phases: tuple[tuple[float, float], ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of a joint at times, (n,) each."""
     positions, velocities = np.empty_like(times), np.empty_like(times)
     begin, done = 0.0, times < 0.0
     for span, jerk in (*phases, (math.inf, 0.0)):

@@ -179,7 +179,6 @@ class _Speeds(NamedTuple):
 
 
 def _speeds(first: ChartRates, second: ChartRates, steps: np.ndarray, limits: Limits) -> _Speeds:
-    """The largest speeds dr/dt on a grid."""
     # where the curve all but stands still in r no speed is too large for the velocities; the accelerations decide
     slowness = np.maximum((np.abs(first) / limits.velocity).max(axis=1), 1e-30)
     accelerations = np.empty((len(steps), len(limits.acceleration)))

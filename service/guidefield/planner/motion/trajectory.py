@@ -100,7 +100,6 @@ class Trajectory(ReadOnly):
 
     @cached_property
     def _bezier(self) -> ChartCurves:
-        """See `bezier`."""
         if len(self.times) == 1:
             curves = np.repeat(self.positions[None], 4, axis=1)
         else:

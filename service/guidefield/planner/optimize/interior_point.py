@@ -95,7 +95,6 @@ class _Memory(NamedTuple):
 
     @classmethod
     def of(cls, places: int, nv: int) -> _Memory:
-        """For so many places on a motion of nv coordinates."""
         hessians = np.empty((places, nv, nv))
         seen = hessians.view()
         read_only(seen)
@@ -219,16 +218,13 @@ class Descent(ReadOnly):
         return self._but_clearance(look.spline, limit_weight) + self._of_samples(look)
 
     def _of_samples(self, look: Look) -> float:
-        """The part of the objective that samples tell."""
         constrained = len(look.constrained.frames.kinds) > 0
         return look.model.value + (constraint_penalty(look.constrained, look.spline.points) if constrained else 0.0)
 
     def _but_clearance(self, spline: BSpline, limit_weight: float) -> float:
-        """The objective without what samples tell."""
         return self._arrival(spline) + limit_weight * self._barrier(spline)
 
     def _arrival(self, spline: BSpline) -> float:
-        """When it arrives, in the unit of time."""
         return (spline.step + spline.begin / spline.pieces) / self.unit
 
     def _barrier(self, spline: BSpline) -> float:

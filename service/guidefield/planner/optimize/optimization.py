@@ -125,13 +125,11 @@ def _stretched(motion: Trajectory, pieces: int, limits: MotionLimits, settings: 
 
 
 def _pieces(motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings) -> int:
-    """How many pieces a motion has."""
     length = length_of(motion.positions, limits.sizes)
     return int(np.clip(np.ceil(length / settings.piece), settings.least_pieces, settings.most_pieces))
 
 
 def _with_room(points: ChartPoints, limits: MotionLimits, settings: OptimizationSettings) -> ChartPoints:
-    """Control points (n, nv) brought strictly within the range of positions."""
     room = np.where(np.isfinite(limits.upper - limits.lower), settings.inside * (limits.upper - limits.lower), 0.0)
     within = points.copy()
     np.clip(points, limits.lower + room, limits.upper - room, out=within)
@@ -355,7 +353,6 @@ class _Descending:
         return look, cost
 
     def _ended(self) -> Outcome | None:
-        """Why no further step is taken; None where one may be."""
         if (status := self._problem.deadline.status()) is not None:
             return _ENDINGS[status]
         most = self._problem.optimization_iterations
@@ -368,7 +365,6 @@ def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
 
 
 def _is_soon(problem: Problem, spline: BSpline, settings: OptimizationSettings) -> bool:
-    """Return whether a motion takes hardly more than the least time."""
     return spline.duration <= settings.enough * least_time(problem, spline)
 
 
@@ -393,7 +389,6 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
 
 
 def _loosened(limits: MotionLimits, by: float) -> MotionLimits:
-    """Limits of rates multiplied by a factor."""
     rows = (by * limits.velocity, by * limits.acceleration, by * limits.jerk)
     read_only(*rows)
     return limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])

@@ -125,7 +125,6 @@ def few_points(robot: SampledRobot) -> SampledRobot:
 
 @memoized_for_alike
 def _of_group(group: PlanningGroup) -> SampledRobot:
-    """The robot without where it starts, obstacles that it ignores, and pairs."""
     moving = _moving(group)
     points = [in_blocks(some, -(-len(some) // SAMPLED_ROBOT.coarser)) for some in _points(group, moving)]
     counts = np.array([len(some) for some in points], np.int64)
@@ -171,12 +170,10 @@ def _by_place(points: np.ndarray) -> np.ndarray:
 
 @memoized_for_alike
 def _moving(group: PlanningGroup) -> tuple[int, ...]:
-    """The group's bodies that move."""
     return tuple(body for body, shape in enumerate(group.geometry.geometryObjects) if shape.parentJoint > 0)
 
 
 def _indices(group: PlanningGroup) -> list[int]:
-    """Index in the whole robot's geometry of every body of the group's."""
     indices = {shape.name: index for index, shape in enumerate(group.robot.geometry.geometryObjects)}
     return [indices[shape.name] for shape in group.geometry.geometryObjects]
 
@@ -207,7 +204,6 @@ def _balls_about(points: np.ndarray, every: int) -> np.ndarray:
 
 
 def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
-    """Which obstacles don't count for which moving bodies: those that the world doesn't test against them."""
     pairs = problem.world.pairs
     ignored = np.ones((pairs.links, pairs.obstacles), bool)
     ignored[pairs.moving] = False
@@ -226,7 +222,6 @@ def _pairs(problem: Problem) -> np.ndarray:
 
 
 def _links(group: PlanningGroup) -> DistanceTables:
-    """The group's bodies in the frames of their joints."""
     shapes, indices = link_bodies(group.robot), _indices(group)
     placements = [shape.placement.homogeneous[:3] for shape in group.geometry.geometryObjects]
     of_group = {

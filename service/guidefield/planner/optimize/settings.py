@@ -311,7 +311,6 @@ def guided_of_many(settings: OptimizationSettings) -> OptimizationSettings:
 
 
 def _kept_from(settings: OptimizationSettings, floor: float) -> OptimizationSettings:
-    """With a floor that is as high at least, far from the ends [m]."""
     floor = max(settings.floor, floor)
     return dataclasses.replace(settings, floor=floor, farthest_floor=max(settings.farthest_floor, floor))
 

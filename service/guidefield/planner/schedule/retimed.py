@@ -157,7 +157,6 @@ def retime(problem: Problem, schedule: Schedule) -> Trajectory | None:
 
 
 def _sample(schedule: Schedule, times: np.ndarray) -> tuple[ChartPoints, ChartRates]:
-    """Chart points and velocities at times since the departure, shape (n, nv) each."""
     motion = schedule.motion
     own, rates = schedule.at(times, schedule.step)
     own = np.clip(own * (motion.duration / own[-1]), 0.0, motion.duration) + motion.times[0]

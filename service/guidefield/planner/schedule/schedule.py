@@ -88,7 +88,6 @@ class Occupancy:
         return slice(max(1, cell - 1), min(self.count - 1, cell + 2))
 
     def _row(self, index: int) -> np.ndarray:
-        """Which cells are free in a slice, shape (cells,)."""
         if self.free_at_rest and index >= self.slices.resting_from:
             row = np.ones(self.count, np.uint8)
         else:
@@ -248,7 +247,6 @@ def _search(
     room: float = 1.0,
     by: float = np.inf,
 ) -> Schedule | Stuck:
-    """The earliest schedule whose rates change by no more than they may."""
     step = step_of(problem.group)
     spacing, per_step = _spacing(step), slices_in(step)
     cells = occupancy.cells(spacing * room * np.arange(len(lowest)))
@@ -288,7 +286,6 @@ def _search(
 
 
 def _trace(motion: Trajectory, step: float, steps: int, place: int, rate: int, parents: np.ndarray) -> Schedule:
-    """The schedule that arrives in a step from a place at a rate, traced back to where it departs."""
     last = (motion.duration / _spacing(step) - place) / (2.0 * rate)
     rates = [rate, rate]
     at = steps

@@ -42,7 +42,6 @@ def build_held_world(problem: Problem, moments: Moments) -> World:
 
 
 def _world(problem: Problem, moments: Moments, own: np.ndarray) -> World:
-    """The same, with some of the robot's own pairs (k, 2)."""
     standing, of = [], []
     for index, times in moments.items():
         one = problem.scene.obstacles[index]
@@ -76,7 +75,6 @@ def _distinct(names: list[str]) -> list[str]:
 
 
 def _pairs(pairs: Pairs, of: np.ndarray, own: np.ndarray) -> Pairs:
-    """The pairs with obstacles that stand for some of those that `pairs` knows, shape (n,)."""
     rows, left_out = np.divmod(pairs.left_out, max(1, pairs.obstacles))
     found = [
         int(row) * len(of) + int(at)
@@ -148,7 +146,6 @@ class Slices:
         return lanes.touching(zs, clearance)
 
     def _slice(self, index: int) -> tuple[BatchCollision, float]:
-        """The robot among what moves in a slice, and what it has to keep [m]."""
         kept, begin, end = self._problem.min_clearance, index * self.length, (index + 1) * self.length
         size = self._problem.group.size
         moments, moves = {}, 0.0
@@ -239,7 +236,6 @@ def stays_free(problem: Problem, z: ChartPoint, since: float) -> bool:
 
 
 def _stands(problem: Problem, z: ChartPoint, begin: float, end: float) -> Verdict:
-    """Return whether a robot may stand at a chart point from one time to another [s]."""
     verdict = certify_moving(
         problem.world,
         np.repeat(z[None, None], 4, axis=1),

@@ -65,7 +65,6 @@ class _Search:
     refused: Refused | None = None
 
     def refuse(self, index: int, ending: Ending) -> None:
-        """Keep what is farther ahead than anything before."""
         if self.refused is None or index > self.refused.index:
             self.refused = Refused(index, ending)
 
@@ -98,7 +97,6 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
 
 
 def _is_choice(problem: Problem) -> bool:
-    """Return whether several configurations may be the goal, and are known before the way there is."""
     if problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
         return False
     return isinstance(problem.goal, TipGoal) or len(problem.goal.configurations) > 1
@@ -107,7 +105,6 @@ def _is_choice(problem: Problem) -> bool:
 def _keep_possible(
     course: Course[S], index: int, at: S, problem: Problem, goals: ChartPoints, search: _Search
 ) -> list[ChartPoint]:
-    """Those of some goals that leave the later steps possible, the nearest first."""
     kept: list[ChartPoint] = []
     for z in _nearest_first(problem, goals):
         after = course.after(index, at, whole_configuration(problem.group, problem.group.from_chart(z)))
@@ -120,14 +117,12 @@ def _keep_possible(
 
 
 def _nearest_first(problem: Problem, zs: ChartPoints) -> list[ChartPoint]:
-    """Chart points (m, nv) in the order of their distance from the start."""
     away = [problem.group.unwrapped(z, problem.z_start) - problem.z_start for z in zs]
     order = np.argsort(np.linalg.norm(np.array(away) / problem.group.units, axis=1), kind="stable")
     return [cast(ChartPoint, zs[index]) for index in order]
 
 
 def _possible(course: Course[S], index: int, at: S, search: _Search) -> bool:
-    """Return whether nothing speaks against the steps from one on, as far as is looked."""
     if index == len(course):
         return True
     motion = course.motion(index, at, math.inf)
@@ -166,7 +161,6 @@ def _ends(motion: StepMotion, index: int, search: _Search) -> list[ChartPoint] |
 
 
 def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Ending:
-    """Where a straight way leads, if the robot can follow it and touches nothing at its places."""
     path, stop = follow_way(problem, way)
     if stop is not None:
         return stop_ending(problem, way, stop)
@@ -179,7 +173,6 @@ def _straight_end(problem: Problem, way: StraightWay) -> list[ChartPoint] | Endi
 
 
 def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | Ending:
-    """A few free configurations at a pose, found with less trouble than where the step itself is planned."""
     found = solve(
         problem.group,
         target,
@@ -197,7 +190,6 @@ def _find_reached(problem: Problem, target: PoseTarget) -> list[ChartPoint] | En
 
 
 def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | Ending:
-    """Those of a goal's configurations that touch nothing, the nearest first."""
     zs = _nearest_first(problem, np.array([problem.group.chart(q) for q in goal.configurations]))
     free = [z for z, touches in zip(zs, _touch(problem, zs), strict=True) if not touches]
     if free:
@@ -208,5 +200,4 @@ def _free_of(problem: Problem, goal: ConfigurationGoal) -> list[ChartPoint] | En
 
 
 def _touch(problem: Problem, zs: Iterable[ChartPoint]) -> np.ndarray:
-    """Return whether anything touches at each of some chart points, each of shape (nv,)."""
     return np.array(problem.world.in_collision_each([problem.group.expand_from_chart(z) for z in zs]), bool)

@@ -57,9 +57,7 @@ S = TypeVar("S", bound=Situation)
 class Course(Protocol[S]):
     """The steps of a sequence."""
 
-    def __len__(self) -> int:
-        """How many there are."""
-        ...
+    def __len__(self) -> int: ...
 
     def moves(self, index: int) -> bool:
         """Return whether anything moves in a step."""
@@ -192,7 +190,6 @@ def _gaps(holding: Holding, trajectory: Trajectory) -> Iterator[tuple[float, flo
 
 
 def _pairs(world: World, touch: Touch) -> list[int]:
-    """The pairs of a held object and an obstacle in a world."""
     held, obstacle = (np.flatnonzero([body == name for body in world.body_names]) for name in touch)
     bodies = world.pairs.bodies(np.arange(len(world.pairs)))
     found: list[int] = np.flatnonzero(np.isin(bodies[:, 0], held) & np.isin(bodies[:, 1], obstacle)).tolist()

@@ -92,12 +92,10 @@ class PassedGoal(ReadOnly):
 
 
 def _apart(one: pin.SE3, other: pin.SE3) -> float:
-    """How far a placement is from another: away [m] or turned [rad], whichever is more."""
     return max(_differences(one, other))
 
 
 def _differences(one: pin.SE3, other: pin.SE3) -> tuple[float, float]:
-    """How far a placement is away from another [m], and how far it is turned [rad]."""
     away = float(np.linalg.norm(other.translation - one.translation))
     return away, float(np.linalg.norm(pin.log3(one.rotation.T @ other.rotation)))
 
@@ -195,5 +193,4 @@ def _judge_part(one: Part, motion: Trajectory, all_of: tuple[int, int], straight
 
 
 def _between(motion: Trajectory, first: int, last: int) -> Trajectory:
-    """The part of a motion from one knot to another."""
     return part(motion, cast(float, motion.times[first]), cast(float, motion.times[last]))

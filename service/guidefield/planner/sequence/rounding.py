@@ -157,14 +157,12 @@ def _sections(problem: Problem, parts: Sequence[Part]) -> Sections:
 
 
 def _at(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:
-    """That the tip is at a goal, place and turn, as far as its constraints cost nothing."""
     frame, here = goal.problem.group.tip, goal.placement
     limit = PASSING.inside / BALANCED.constraint_room * goal.radius
     return point(frame, here.translation, limit), EvenTurn(frame, here, np.zeros(3), np.zeros(3), limit)
 
 
 def _along(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
-    """That a frame stays near the line of a way, and turns evenly along it."""
     begin = way.begin
     return (
         line(way.frame, begin.translation, way.direction, way.line_tolerance),
@@ -173,7 +171,6 @@ def _along(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
 
 
 def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> OptimizationSettings:
-    """With pieces that are short against the radii, and enough of them for each step."""
     radius = min(one.goal.radius for one in parts if one.goal is not None)
     wanted = math.ceil(length_of(motion.positions) / (PASSING.piece * radius))
     least = min(max(wanted, PASSING.least_pieces * len(parts)), PASSING.most_pieces)
@@ -184,7 +181,6 @@ def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> Op
 
 
 def _join(optimized: Optimized, parts: Sequence[Part]) -> Joined:
-    """An optimised motion, and where it passes the goals."""
     motion = optimized.trajectory
     bounds = [0, *optimized.passed, len(motion.times) - 1]
     goals = [one.goal for one in parts if one.goal is not None]
@@ -295,7 +291,6 @@ def _until(distances: np.ndarray, lengths: np.ndarray, within: float) -> float:
 
 
 def _evenly(curve: Curve, begin: float, end: float, spacing: float) -> ChartPoints:
-    """Places of a curve from one length to another, both among them."""
     count = max(2, math.ceil((end - begin) / spacing) + 1)
     return curve.at(np.linspace(begin, end, count))
 
@@ -397,13 +392,11 @@ def join(parts: Sequence[Part], stages: Stages) -> Joined:
 
 
 def _stopping(parts: Sequence[Part]) -> Joined:
-    """The motions as they were planned, at rest at every goal."""
     knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
     passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
     return Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
 
 
 def _soonest(parts: Sequence[Part], path: Rounded) -> Joined:
-    """The time-optimal motion along rounded corners, whatever its jerk."""
     motion = soonest_along(slowest(parts), path.path)
     return Joined(motion, passages_of(motion, path, [one.goal for one in parts if one.goal is not None]))

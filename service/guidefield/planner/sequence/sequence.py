@@ -137,7 +137,6 @@ class _Planning(Generic[S]):
         self._warnings: list[str] = []
 
     def plan(self) -> SequencePlan[S]:
-        """Plan all steps and judge what came of them."""
         for index in range(len(self._course)):
             self._observer.observe(Note(f"step {index} begins"))
             try:
@@ -149,7 +148,6 @@ class _Planning(Generic[S]):
         return self._certified()
 
     def _step(self, index: int) -> SequencePlan[S] | None:
-        """Plan a step; the end of it all where it fails."""
         course, at = self._course, self._at
         if index and (status := self._deadline.status()) is not None:
             ending = Ending(status, f"{end_reason(status)} before it was planned", {"stage": "ends"})
@@ -182,7 +180,6 @@ class _Planning(Generic[S]):
         return None
 
     def _composed(self, index: int) -> None:
-        """Put the motions up to the end of a step together, and its pause."""
         begin, moved = self._composition.end, self._moved
         if len(moved) > 1:
             self._join_motions(index + 1 - len(moved))
@@ -197,7 +194,6 @@ class _Planning(Generic[S]):
         self._moved = []
 
     def _join_motions(self, first: int) -> None:
-        """Join the motions of steps, all but the last of which are passed."""
         moved, legs = self._moved, self._legs[first:]
         parts = [self._part(first + k, one) for k, one in enumerate(moved)]
         stages = Stages(dataclasses.replace(legs[0].conditions, observer=self._observer))
@@ -222,7 +218,6 @@ class _Planning(Generic[S]):
         return Part(problem, turned, moved.motion.way, goal)
 
     def _planned(self, index: int, motion: StepMotion, embedding: Embedding) -> Plan | Refused:
-        """The plan of a step's motion, to an end that leaves the later steps possible."""
         watched = Translated(self._observer, motion.problem.group, self._whole, embedding)
         began = time.perf_counter()
         problem = with_future(self._course, index, self._at, motion)
@@ -232,7 +227,6 @@ class _Planning(Generic[S]):
         return motion.plan(dataclasses.replace(problem, observer=watched))
 
     def _certified(self) -> SequencePlan[S]:
-        """The sequence with its trajectory judged stretch by stretch."""
         verdicts: list[Verdict] = []
         ended = Ending(Status.SUCCESS, "found a motion through all steps and certified it free over its whole length")
         stages = Stages(self._legs[0].conditions)
@@ -260,7 +254,6 @@ class _Planning(Generic[S]):
         )
 
     def _parts(self) -> tuple[Trajectory, list[Stretch], list[Allowed]]:
-        """The trajectory with knots wherever what is judged changes, its stretches, and what may touch when."""
         trajectory, legs = self._composition.trajectory(), self._legs
         permissions = []
         for holding in holdings(
@@ -287,7 +280,6 @@ class _Planning(Generic[S]):
         return trajectory, stretches, permissions
 
     def _make_refusal(self, refused: Refused, step: int, at: S) -> SequencePlan[S]:
-        """The end where a step has no end that it could be done by."""
         base = self._z
         verdict = certify_stretch(_standing(self._course.conditions(step, at), step, base, self._composition.end))
         ending = refused.ending
@@ -297,7 +289,6 @@ class _Planning(Generic[S]):
         return self._failed(refused.index, ending, at, base[None], verdict)
 
     def _failed(self, index: int, ending: Ending, at: S, path: ChartPoints, verdict: Verdict) -> SequencePlan[S]:
-        """The end where a step was not planned: its path, as far as it went."""
         told = _in_step(index, ending)
         return SequencePlan(
             told.status,
@@ -313,7 +304,6 @@ class _Planning(Generic[S]):
     def _add(
         self, stages: Sequence[StageLeft], seconds: dict[str, float], warnings: Sequence[str], index: int | None
     ) -> None:
-        """Count what was done for a step, or for all."""
         where = "" if index is None else f"step {index}: "
         self._stages += [dataclasses.replace(one, outcome=f"{where}{one.outcome}", plane=None) for one in stages]
         for name, spent in seconds.items():
@@ -325,7 +315,6 @@ class _Planning(Generic[S]):
         self._seconds[stage] = self._seconds.get(stage, 0.0) + time.perf_counter() - began
 
     def _describe(self) -> dict[str, Any]:
-        """What is told of every sequence."""
         return {
             "stages": tuple(self._stages),
             "seconds": self._seconds,
@@ -334,25 +323,21 @@ class _Planning(Generic[S]):
 
 
 def _late(index: int, late: DeadlineExpired) -> Refused:
-    """The refusal of a step that the deadline passed before, or while it was prepared."""
     message = f"{end_reason(late.status)} before {late.step}; what is prepared is kept"
     return Refused(index, Ending(late.status, message, {"stage": "load", "preparing": late.step}))
 
 
 def _in_step(index: int, ending: Ending) -> Ending:
-    """How a step ended, as the end of the sequence."""
     details = {**ending.details, "step": index, "path": f"$.steps[{index}]"}
     return Ending(ending.status, f"`steps[{index}]`: {ending.message}", details)
 
 
 def _snapped(time: float, knots: np.ndarray) -> float:
-    """The knot that a time is next to, or the time [s]."""
     nearest = float(knots[np.argmin(np.abs(knots - time))])
     return nearest if abs(nearest - time) <= SNAPPED else time
 
 
 def _standing(conditions: Conditions, index: int, z: ChartPoint, time: float) -> Stretch:
-    """Nothing but a configuration (nv,) at a time [s], to be judged."""
     still = Trajectory(np.array([time]), z[None], cast(ChartRates, np.zeros((1, len(z)))))
     (stretch,) = stretches_of(index, conditions, still, (time, time), (), None, (time, time))
     return stretch

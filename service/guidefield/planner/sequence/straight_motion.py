@@ -116,18 +116,15 @@ def follow_way(
 
 
 def _places(way: StraightWay) -> int:
-    """Places beyond the start that are solved for."""
     wanted = max(way.length / STRAIGHT.spacing, way.angle / STRAIGHT.turning, 2.0)
     return min(math.ceil(wanted), STRAIGHT.most)
 
 
 def _kept_straight(problem: Problem, way: StraightWay, pieces: ChartCurves) -> Verdict:
-    """Return whether a motion, pieces (m, 4, nv), keeps to the way."""
     return certify_straight(way, problem.group, problem.world.bodies.turns, pieces, problem.deadline)
 
 
 def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
-    """The ending of a way along which time was up, or the run was cancelled; None where there is time."""
     status = problem.deadline.status()
     if status is None:
         return None
@@ -135,7 +132,6 @@ def _find_stop_ending(problem: Problem, where: str) -> Ending | None:
 
 
 def _make_failed_plan(problem: Problem, path: ChartPoints, ending: Ending, stages: Stages) -> Plan:
-    """The plan of a way that was not followed to its end, its path judged as far as it goes."""
     pieces = np.stack([path[:-1], path[1:]], axis=1) if len(path) > 1 else np.repeat(path[None], 2, axis=1)
     verdict = enclosed_start(problem, path[0]) or certify(problem.world, pieces, problem.min_clearance)
     return Plan(

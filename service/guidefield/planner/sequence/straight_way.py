@@ -193,7 +193,6 @@ def bring(
 
 
 def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ChartPoint:
-    """One step towards the placement, shape (nv,)."""
     free = np.ones(len(z), bool)
     step = np.zeros(len(z))
     for _ in range(len(z)):
@@ -209,7 +208,6 @@ def _step(z: ChartPoint, jacobian: np.ndarray, error: np.ndarray, lower: np.ndar
 
 
 def _cause(problem: Problem, way: StraightWay, stop: StraightStop) -> tuple[str, str, dict[str, Any]]:
-    """Cause, sentence and values of a stop."""
     places = [way.at(stop.share + part * (stop.unreached - stop.share)) for part in STRAIGHT.ahead]
     for place in places:
         beyond = bring(problem, stop.z, place, limited=False)
@@ -242,7 +240,6 @@ def _limit(problem: Problem, beyond: ChartPoint) -> tuple[Joint, float, float, f
 
 
 def _place(way: StraightWay, share: float) -> str:
-    """A share of a way in words, rounded down."""
     percent = f"{floored(100.0 * share, 0.1)} %"
     if way.is_point:
         return f"after {floored(share * way.angle, 0.001)} rad of a turn of {way.angle:.3f} rad ({percent})"
@@ -318,14 +315,12 @@ class _Frame:
         self._widths = np.abs(group.expand_velocity)
 
     def place_frame(self, z: ChartPoint) -> tuple[Any, np.ndarray]:
-        """Where the frame is at a chart point (nv,), a pinocchio.SE3, and its Jacobian (6, nv of the model) there."""
         model, q = self._group.model, self._group.expand_from_chart(z)
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         jacobian = pin.computeFrameJacobian(model, self._data, q, self._frame, axes).reshape(6, -1)
         return pin.updateFramePlacement(model, self._data, self._frame).copy(), jacobian
 
     def off(self, z: ChartPoint) -> Deviation:
-        """How far the frame is off its way at a chart point (nv,)."""
         return self._off(self.place_frame(z)[0])
 
     def _off(self, placement: Any) -> Deviation:
