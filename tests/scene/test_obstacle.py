@@ -253,7 +253,7 @@ def test_odd_meshes_are_kept_with_a_warning_that_names_them():
     obstacle = build(mesh_message(vertices, triangles[1:], name="crate"), 0)
     assert "crate" in obstacle.warnings[0]
     assert "open" in obstacle.warnings[0]
-    assert len(obstacle.charges.triangles) == 11
+    assert 2 * len(obstacle.charges.quads) + len(obstacle.charges.triangles) == 11
 
 
 def test_the_first_fault_of_a_scene_is_told_whatever_is_judged_together():

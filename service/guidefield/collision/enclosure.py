@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from guidefield.collision.pairs import PairNames
-from guidefield.collision.solids import Solid, is_around, solid_of_obstacle, solids_of_group, winds_around
+from guidefield.collision.solids import Solid, is_around, solid_of_obstacle, solids_of_group
 from guidefield.collision.world import World
 from guidefield.memo import MISSING, Answers
 from guidefield.robot.group.alike import memoized_for_alike
@@ -65,7 +65,7 @@ def _is_one_around_the_other(world: World, first: int, second: int) -> bool:
 
 def _is_around(world: World, outer: int, inner: int) -> bool:
     """Whether a body where the robot stands is a closed mesh around another, or around one of a cloud's points."""
-    if not world.is_surface(outer) or (solid := _solid_of(world, outer)).surface is None:
+    if not world.is_surface(outer) or not (solid := _solid_of(world, outer)).surfaces:
         return False
     cloud = None if inner < world.pairs.links else world.scene.obstacles[inner - world.pairs.links].cloud
     if cloud is not None:
@@ -76,14 +76,11 @@ def _is_around(world: World, outer: int, inner: int) -> bool:
 def _around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) -> bool:
     """Return whether a robot body where the world's data stand is around one of some points (n, 3) [m, world]."""
     there = world.placement(outer)
-    low, high = solid.box
+    low, high = solid.boxes[:, 0].min(axis=0), solid.boxes[:, 1].max(axis=0)
     middle, reach, near = there.act(0.5 * (low + high)), 0.5 * float(np.linalg.norm(high - low)), points
     for axis in range(3):  # one after another: few are left after the first
         near = near[np.abs(near[:, axis] - middle[axis]) < reach]
-    local = (near - there.translation) @ there.rotation
-    within = local[((local > low) & (local < high)).all(axis=1)]
-    assert solid.surface is not None, "only closed meshes are asked for"
-    return any(winds_around(solid.surface, point) for point in within)
+    return solid.contains_any((near - there.translation) @ there.rotation)
 
 
 def _solid_of(world: World, body: int) -> Solid:
@@ -96,4 +93,4 @@ def _solid_of(world: World, body: int) -> Solid:
 @memoized_for_alike
 def closed_bodies(group: PlanningGroup) -> np.ndarray:
     """Which of a group's bodies are closed meshes that Coal judges as surfaces, shape (r,): no other is around any."""
-    return np.array([solid.surface is not None for solid in solids_of_group(group)], bool)
+    return np.array([bool(solid.surfaces) for solid in solids_of_group(group)], bool)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import coal
 import numpy as np
@@ -19,33 +20,8 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import triangulation
+from guidefield.scene.mesh import solids_of
 from guidefield.scene.obstacle import Obstacle
-
-
-class _Surface(NamedTuple):
-    """A closed surface in its own frame.
-
-    Attributes:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-        boxes: About runs of them, see `find_run_boxes`, shape (k, 4) [m].
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    boxes: np.ndarray
-
-
-def winds_around(surface: _Surface, point: np.ndarray) -> bool:
-    """Whether a closed surface winds around a point, shape (3,) [m]: crossings tell, where they don't solid angles."""
-    x, y, z = point.tolist()
-    turns = winding_by_crossings(x, y, z, *surface)
-    if turns == UNSURE:
-        return abs(winding_by_angles(x, y, z, surface.vertices, surface.triangles)) > 0.5
-    return turns != 0
-
-
-_NOWHERE = np.array([np.full(3, np.inf), np.full(3, -np.inf)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,23 +29,40 @@ class Solid:
     """What tells whether a body is inside another, in the body's own frame [m].
 
     Attributes:
-        surface: That of a closed mesh that is judged as a surface; None for all others.
-        box: Lower and upper corner about them, shape (2, 3).
+        vertices: Those of a closed mesh that is judged as a surface, shape (v, 3).
+        surfaces: Triangles of each of its solids, shape (t, 3), and boxes about runs of them, see `find_run_boxes`,
+            shape (k, 4); none of all others.
+        boxes: Lower and upper corners about the solids, shape (n, 2, 3).
         points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
     """
 
-    surface: _Surface | None
-    box: np.ndarray
+    vertices: np.ndarray
+    surfaces: tuple[tuple[np.ndarray, np.ndarray], ...]
+    boxes: np.ndarray
     points: np.ndarray
+
+    def contains_any(self, points: np.ndarray) -> bool:
+        """Return whether one of some points (n, 3) is inside."""
+        low, high = self.boxes.swapaxes(0, 1)
+        within = np.ones((len(low), len(points)), bool)
+        for axis in range(3):  # sooner than all together
+            within &= (points[:, axis] > low[:, axis, None]) & (points[:, axis] < high[:, axis, None])
+        return any(self._winds_around(points[i], *self.surfaces[k]) for k, i in np.argwhere(within).tolist())
+
+    def _winds_around(self, point: np.ndarray, triangles: np.ndarray, runs: np.ndarray) -> bool:
+        """Tell if a solid winds around a point (3,): crossings tell, where they don't solid angles."""
+        x, y, z = point.tolist()
+        turns = winding_by_crossings(x, y, z, self.vertices, triangles, runs)
+        if turns == UNSURE:
+            return abs(winding_by_angles(x, y, z, self.vertices, triangles)) > 0.5
+        return turns != 0
 
 
 def is_around(outer: Solid, inner: Solid, there: pin.SE3, at: pin.SE3) -> bool:
     """Return whether a solid is a closed mesh around a piece of another, given where both are."""
-    if outer.surface is None:
+    if not outer.surfaces:
         return False
-    local = np.array([there.actInv(at.act(point)) for point in inner.points]).reshape(-1, 3)
-    within = ((local > outer.box[0]) & (local < outer.box[1])).all(axis=1)
-    return any(winds_around(outer.surface, point) for point in local[within])
+    return outer.contains_any(np.array([there.actInv(at.act(point)) for point in inner.points]).reshape(-1, 3))
 
 
 @memoized_for_alike
@@ -92,29 +85,35 @@ def solid_of_obstacle(obstacle: Obstacle) -> Solid:
         return _NOTHING
     if obstacle.facets is None:
         return _solid(obstacle.shape)
-    return _of_surface(*obstacle.whole_surface, solid=obstacle.solid)
+    vertices, triangles = obstacle.whole_surface
+    return _of_surface(vertices, triangles, solids_of(vertices, triangles) if obstacle.solid else [])
 
 
-_NOTHING = Solid(None, _NOWHERE, np.empty((0, 3)))
+def _around_nothing(points: np.ndarray) -> Solid:
+    return Solid(np.empty((0, 3)), (), np.empty((0, 2, 3)), points)
+
+
+_NOTHING = _around_nothing(np.empty((0, 3)))
 
 
 def _solid(shape: Any) -> Solid:
     if isinstance(shape, coal.Halfspace):
         return _NOTHING
     if isinstance(shape, coal.Convex):
-        return Solid(None, _NOWHERE, np.mean(shape.points(), axis=0, keepdims=True))
+        return _around_nothing(np.mean(shape.points(), axis=0, keepdims=True))
     if not isinstance(shape, coal.BVHModelBase):
-        return Solid(None, _NOWHERE, np.zeros((1, 3)))
+        return _around_nothing(np.zeros((1, 3)))
     mesh = mesh_surface(*triangulation(shape))
-    return _NOTHING if mesh is None else _of_surface(mesh.vertices, mesh.triangles, solid=mesh.solid)
+    return _NOTHING if mesh is None else _of_surface(mesh.vertices, mesh.triangles, [mesh.triangles][: mesh.solid])
 
 
-def _of_surface(vertices: np.ndarray, triangles: np.ndarray, *, solid: bool) -> Solid:
-    """Of a mesh, vertices (v, 3) [m] and triangles (t, 3)."""
+def _of_surface(vertices: np.ndarray, triangles: np.ndarray, solids: Sequence[np.ndarray]) -> Solid:
+    """Of a mesh, vertices (v, 3) [m] and triangles (t, 3), and those of its solids."""
     first_of_each = vertices[np.unique(connected_pieces(len(vertices), triangles))]
-    if not solid:
-        return Solid(None, _NOWHERE, first_of_each)
-    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
-    boxes = np.empty((-(-len(triangles) // RUN), 4))
-    find_run_boxes(vertices, triangles, boxes)
-    return Solid(_Surface(vertices, triangles, boxes), box_about(vertices), first_of_each)
+    vertices, surfaces = np.ascontiguousarray(vertices, float), list[tuple[np.ndarray, np.ndarray]]()
+    for some in solids:
+        triangles, runs = np.ascontiguousarray(some, np.int64), np.empty((-(-len(some) // RUN), 4))
+        find_run_boxes(vertices, triangles, runs)
+        surfaces.append((triangles, runs))
+    boxes = np.array([box_about(vertices[triangles.ravel()]) for triangles, _ in surfaces]).reshape(-1, 2, 3)
+    return Solid(vertices, tuple(surfaces), boxes, first_of_each)

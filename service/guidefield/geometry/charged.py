@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from guidefield.geometry.charge_tree import LEAST_FACES, Opening, clusters, expansion, never
+from guidefield.geometry.edges import numbered_edges
 from guidefield.geometry.surfaces import Integers
 from guidefield.kernels.field.box import FAR
 from guidefield.kernels.field.faces import (
@@ -53,7 +54,7 @@ from guidefield.kernels.field.field_tables import (
 from guidefield.kernels.field.solid_angle import FLAT
 from guidefield.kernels.jit.signatures import Floats
 
-__all__ = ["FieldTables", "convex_quads", "field_tables"]
+__all__ = ["FieldTables", "convex_quads", "field_tables", "pair_faces"]
 
 
 def field_tables(
@@ -155,6 +156,51 @@ def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
     quads = np.array([(0, i, i + 1, i + 2) for i in range(1, last - 1, 2)], np.int64).reshape(-1, 4)
     rest = np.array([(0, last - 1, last)] * (last % 2 == 0), np.int64).reshape(-1, 3)
     return vertices[..., quads, :], vertices[..., rest, :]
+
+
+_FLAT_PAIR = 1e-7
+"""Two triangles are one quadrilateral if one's far corner is at most this share of their edge off the other's plane."""
+
+_MOST_ROUNDS = 16
+"""So often triangles are paired with a neighbour that isn't yet: all but a few are after two or three."""
+
+
+def pair_faces(vertices: Floats, triangles: Integers) -> tuple[Floats, Floats]:
+    """Join neighbours in one plane across their longest edges to convex quads, which cost what one triangle does.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        triangles: Shape (t, 3).
+
+    Returns:
+        Corners of the quads, shape (q, 4, 3), and of the other triangles, shape (t - 2 q, 3, 3) [m].
+    """
+    numbers, count = numbered_edges(triangles)
+    order = np.argsort(numbers, kind="stable")
+    starts = np.cumsum(np.bincount(numbers, minlength=count))[np.bincount(numbers, minlength=count) == 2] - 2
+    first, second = order[starts], order[starts + 1]
+    corners = [triangles[side // 3, (side + k) % 3] for side in (first, second) for k in range(3)]
+    opposed = corners[0] == corners[4]
+    first, second = first[opposed] // 3, second[opposed] // 3
+    a, b, c, d = (vertices[corners[k][opposed]] for k in (0, 1, 2, 5))
+    normal, other, length = np.cross(b - a, c - a), np.cross(d - a, b - a), np.linalg.norm(b - a, axis=1)
+    height = np.abs(np.einsum("ij,ij->i", normal, d - a))
+    turns = [np.einsum("ij,ij->i", normal, np.cross(x, y)) for x, y in ((a - c, d - a), (b - d, c - b))]
+    joins = height <= _FLAT_PAIR * length * np.linalg.norm(normal, axis=1)
+    joins &= (np.einsum("ij,ij->i", normal, other) > 0.0) & (turns[0] > 0.0) & (turns[1] > 0.0)
+    waiting = np.flatnonzero(joins)
+    waiting = waiting[np.argsort(length[waiting], kind="stable")]
+    free, chosen = np.ones(len(triangles), bool), list[Integers]()
+    for _ in range(_MOST_ROUNDS):
+        longest, places = np.full(len(triangles), -1), np.arange(len(waiting))
+        longest[first[waiting]] = places
+        np.maximum.at(longest, second[waiting], places)
+        taken = waiting[(longest[first[waiting]] == places) & (longest[second[waiting]] == places)]
+        chosen.append(taken)
+        free[first[taken]] = free[second[taken]] = False
+        waiting = waiting[free[first[waiting]] & free[second[waiting]]]
+    pairs = np.concatenate(chosen)
+    return np.stack([a[pairs], d[pairs], b[pairs], c[pairs]], axis=1), vertices[triangles[free]]
 
 
 def _faces(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from guidefield.geometry.axes import across
 from guidefield.geometry.extents import box_about
+from guidefield.geometry.mesh_surface import SolidBox
 from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, few_surfaces, surface_rows
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, SHEET, DistanceTables
 from guidefield.kernels.distance.ray_winding import ANCHOR
@@ -70,6 +71,12 @@ def primitive(shape: Any) -> Body | None:
     """The body of a Coal box, sphere, cylinder, capsule or half-space in its own frame; None for other shapes."""
     build = _PRIMITIVES.get(type(shape))
     return None if build is None else build(shape)
+
+
+def box_body(box: SolidBox) -> Body:
+    """The body of a solid that is a box."""
+    x, y, z = box.halves.tolist()
+    return _about_origin(BOX, (x, y, z), (x, y, z)).place(box.rotation, box.centre)
 
 
 def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -289,3 +290,63 @@ def _is_dented(vertices: np.ndarray, triangles: np.ndarray, deepest: float) -> b
     first, second = pairs.T
     heights = np.einsum("ij,ij->i", normals[first % count], vertices[opposite[second]] - vertices[edges[first, 0]])
     return bool(heights.max(initial=-np.inf) > deepest)
+
+
+class SolidBox(NamedTuple):
+    """A solid that is a box within the arithmetic: a box that contains it.
+
+    Attributes:
+        rotation: Its axes as columns, shape (3, 3).
+        centre: Shape (3,) [m].
+        halves: Half extents along them, shape (3,) [m].
+    """
+
+    rotation: np.ndarray
+    centre: np.ndarray
+    halves: np.ndarray
+
+
+def find_boxes(vertices: np.ndarray, solids: Sequence[np.ndarray]) -> list[SolidBox | None]:
+    """Find the solids that are boxes of 12 triangles.
+
+    Args:
+        vertices: Shape (v, 3) [m].
+        solids: The triangles of each, counter-clockwise from outside, shape (t, 3).
+    """
+    found: list[SolidBox | None] = [None] * len(solids)
+    some = [k for k, one in enumerate(solids) if len(one) == 12 and len(np.unique(one)) == 8]
+    if not some:
+        return found
+    triangles = vertices[np.array([solids[k] for k in some])]
+    corners = vertices[np.array([np.unique(solids[k]) for k in some])]
+    rows, centres = np.arange(len(some)), corners.mean(axis=1)
+    edges = corners[:, 1:] - corners[:, :1]
+    lengths, square = np.linalg.norm(edges, axis=2), np.ones(edges.shape[:2], bool)
+    sides = np.empty((len(some), 3, 3))
+    for side in range(3):  # from a corner, the shortest edge that is across those before
+        sides[:, side] = edges[rows, np.where(square, lengths, np.inf).argmin(axis=1)]
+        along = np.abs(np.einsum("nek,nk->ne", edges, sides[:, side])) / np.linalg.norm(sides[:, side], axis=1)[:, None]
+        square &= along < _SQUARE * lengths
+    x = sides[:, 2] / np.linalg.norm(sides[:, 2], axis=1)[:, None]
+    y = sides[:, 1] - np.einsum("nk,nk->n", sides[:, 1], x)[:, None] * x
+    with np.errstate(invalid="ignore", divide="ignore"):
+        y /= np.linalg.norm(y, axis=1)[:, None]
+    rotations = np.stack([x, y, np.cross(x, y)], axis=2)
+    own = np.einsum("nvk,nkj->nvj", corners - centres[:, None], rotations)
+    halves = np.abs(own).max(axis=1)
+    off = np.abs(np.abs(own) - halves[:, None]).max(axis=(1, 2))
+    is_box = off <= _CONVEX * np.maximum(2.0 * np.linalg.norm(halves, axis=1), np.abs(corners).max(axis=(1, 2)))
+    is_box &= (np.sort((own > 0.0) @ [1, 2, 4], axis=1) == np.arange(8)).all(axis=1)
+    about = triangles - centres[:, None, None]
+    enclosed = np.einsum("ntk,ntk->n", about[:, :, 0], np.cross(about[:, :, 1], about[:, :, 2])) / 6.0
+    is_box &= np.abs(enclosed - 8.0 * halves.prod(axis=1)) <= _FULL * enclosed
+    for row in np.flatnonzero(is_box).tolist():
+        found[some[row]] = SolidBox(rotations[row], centres[row], halves[row])
+    return found
+
+
+_SQUARE = 1e-2
+"""Edges of a box are across each other if the cosine of their angle is less: corners tell how much exactly."""
+
+_FULL = 1e-3
+"""By which share what a solid with a box's corners encloses may differ from the box."""

@@ -25,6 +25,9 @@ Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 _GOOD_ANCHOR = 0.05
 """The ball's centre serves as anchor if so large a share of its radius about it is free. Unrecorded."""
 
+ROUNDING = 1e-9
+"""Share by which the ball is larger where it is asked which solids come into it."""
+
 _WINDING_TOLERANCE = 0.01
 """Distance of a winding number from a whole one."""
 
@@ -34,8 +37,8 @@ class CroppedSurface:
     """A part of a surface.
 
     Attributes:
-        parts: The kept triangles of each of its solids, or of the thin surface, with their neighbours; all of the same
-            vertices.
+        parts: The kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all
+            of the same vertices.
         anchors: Places outside or inside of each solid, see `anchor_of`; zeros of one that is whole.
         box: Lower and upper corner about all of the surface, shape (2, 3) [m].
         whole: Makes all of the surface.
@@ -72,7 +75,7 @@ def crop_surface(
     solid: bool,
     most: float,
 ) -> CroppedSurface | None:
-    """Crop a surface to a ball: from everywhere in the ball each solid is as far as its part. Small ones stay whole.
+    """Crop a surface to a ball: from everywhere in the ball it is as far as its part. Small solids stay whole or go.
 
     Args:
         whole: Makes the surface; kept with the part.
@@ -104,6 +107,8 @@ def _find_parts(
 ) -> Arrays:
     """Return the part as arrays, numbers of vertices in four bytes; of too much, no counts alone."""
     vertices, triangles = surface
+    if len(solids) > 1:
+        solids = _near_solids(vertices, solids, centre, radius)
     parts = [_part(vertices, one, centre, radius) for one in solids]
     if sum(len(kept) for kept, _ in parts) > most * len(triangles):
         return {"counts": np.empty((0, 2), np.int64)}
@@ -119,6 +124,19 @@ def _find_parts(
         "vertices": alone,
         "triangles": numbers.astype(np.int32),
     }
+
+
+def _near_solids(vertices: np.ndarray, solids: list[np.ndarray], centre: np.ndarray, radius: float) -> list[np.ndarray]:
+    """Return the solids that may be nearest to some place in a ball, or around one: whose boxes come into the ball."""
+    triangles = np.concatenate(solids)
+    ends = np.cumsum([len(one) for one in solids])
+    starts = np.concatenate([[0], ends[:-1]])
+    near = np.logical_or.reduceat(nearest_parts(vertices, triangles, centre, radius), starts)
+    corners = vertices[triangles]
+    low, high = (np.minimum.reduceat(corners.min(axis=1), starts), np.maximum.reduceat(corners.max(axis=1), starts))
+    apart = np.linalg.norm(np.maximum(np.maximum(low - centre, centre - high), 0.0), axis=1)
+    near |= apart <= radius * (1.0 + ROUNDING)
+    return [one for one, kept in zip(solids, near.tolist(), strict=True) if kept]
 
 
 def _restored(found: Arrays, whole: Whole, content: bytes) -> CroppedSurface | None:

@@ -21,6 +21,7 @@ from guidefield.geometry.distance_bodies import (
     bodies_in,
     body_rows,
     body_tables,
+    box_body,
     joined_rows,
     of_surface,
     primitive,
@@ -165,7 +166,10 @@ def bodies_of(obstacle: Obstacle) -> list[Body]:
     if obstacle.recipe.content and is_large(obstacle.faces):
         return [body.place(rotation, translation) for body in _large_bodies(obstacle)]
     if obstacle.solid:
-        solids = [triangulated(part[0], part[1], SOLID, part[2]) for part in obstacle.surfaces]
+        solids = [
+            box_body(box) if box is not None else triangulated(*part[:2], SOLID, part[2])
+            for part, box in zip(obstacle.surfaces, obstacle.boxes, strict=True)
+        ]
         return [body.place(rotation, translation) for body in _as_cropped(obstacle, solids)]
     if _is_small_sheet(obstacle):
         return bodies_in(_small_sheets([obstacle]))
@@ -195,8 +199,13 @@ def _large_bodies(obstacle: Obstacle) -> list[Body]:
         write_surfaces(obstacle.surfaces, room)
 
     made = made_in_place("bodies", {"content": np.frombuffer(obstacle.recipe.content, np.uint8)}, write)
-    bodies = [of_surface(rows, SOLID if obstacle.solid else SHEET) for rows in surfaces_in(made)]
-    return _as_cropped(obstacle, bodies) if obstacle.solid else bodies
+    if not obstacle.solid:
+        return [of_surface(rows, SHEET) for rows in surfaces_in(made)]
+    bodies = [
+        of_surface(rows, SOLID) if box is None else box_body(box)
+        for rows, box in zip(surfaces_in(made), obstacle.boxes, strict=True)
+    ]
+    return _as_cropped(obstacle, bodies)
 
 
 def _as_cropped(obstacle: Obstacle, solids: list[Body]) -> list[Body]:

@@ -14,8 +14,12 @@ import pinocchio as pin
 from guidefield.bounded_map import BYTES_PER_FACE, OBSTACLES, BoundedMap
 from guidefield.errors import SceneInvalid
 from guidefield.geometry.cache import is_large
+from guidefield.geometry.charged import pair_faces
+from guidefield.geometry.mesh_surface import SolidBox, find_boxes
 from guidefield.geometry.placements import se3, transform_points
 from guidefield.geometry.surface_rows import NO_TRIANGLES, Triangulated
+from guidefield.kernels.collide.primitive import BOX
+from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
 from guidefield.scene.content import Content, content_of
@@ -36,7 +40,7 @@ class Obstacle:
     Attributes:
         message: Its declaration.
         recipe: Makes the rest of it.
-        placed: Its row `PLACED` for the kernels of SIMD batches, if it is a primitive; else empty.
+        placed: Its row `PLACED` for kernels, if it is a primitive, or a mesh that is a box; else empty.
         warnings: Harmless oddities of it.
         motion: Its motion; None at rest.
         cloud: Its points and their radius, if it is a cloud.
@@ -157,6 +161,15 @@ class Obstacle:
         vertices, triangles = self.recipe.surface(self.message)
         parts = solids_of(vertices, triangles) if self.solid else [triangles]
         return tuple((vertices, part, NO_TRIANGLES) for part in parts)
+
+    @cached_property
+    def boxes(self) -> list[SolidBox | None]:
+        """Those of `surfaces` that are boxes, in its own frame."""
+        if not self.solid:
+            return [None] * len(self.surfaces)
+        return find_boxes(
+            self.surfaces[0][0], [part if not len(beside) else beside[:0] for _, part, beside in self.surfaces]
+        )
 
     @property
     def whole_surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -311,10 +324,16 @@ BUILDERS: dict[type[messages.Obstacle], Callable[[Any, Content], Obstacle]] = {
 
 def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Obstacle:
     facets = Facets(mesh.count, mesh.surface, mesh.content) if mesh.hull is None else None
+    placed = b""
+    if mesh.hull is not None and (box := find_boxes(mesh.surface()[0], [mesh.surface()[1]])[0]) is not None:
+        there = placement * pin.SE3(box.rotation, box.centre)
+        x, y, z = box.halves.tolist()
+        placed = PLACED.pack(BOX, *pin.SE3ToXYZQUAT(there)[3:], *there.translation, x, y, z, 0.0)
 
     def charged(*_: Any) -> Charges:
         vertices, triangles = mesh.surface()
-        return Charges(triangles=transform_points(placement, vertices)[triangles])
+        quads, rest = pair_faces(transform_points(placement, vertices), triangles)
+        return Charges(triangles=rest, quads=quads)
 
     recipe = Recipe(
         body=lambda _: (mesh.hull if facets is None else facets.whole, placement),
@@ -328,7 +347,7 @@ def _surface(message: messages.Obstacle, mesh: JudgedMesh, placement: Any) -> Ob
         content=mesh.content,
     )
     warnings = tuple(f"obstacle {message.name!r}: {warning}" for warning in mesh.warnings)
-    return Obstacle(message, recipe, warnings=warnings)
+    return Obstacle(message, recipe, placed, warnings)
 
 
 HARDLY_METRES = 100.0

@@ -269,7 +269,7 @@ def _stand_ins(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.nd
     if obstacle.cloud is not None:
         return _cloud(obstacle.cloud, table)
     if obstacle.facets is not None:
-        if obstacle.solid and obstacle.cropped is None and 1 < len(obstacle.surfaces) <= MOST_SOLIDS:
+        if obstacle.solid and 1 < len(obstacle.surfaces) <= MOST_SOLIDS:
             return _solids(obstacle, table)
         return _clusters(np.take(obstacle.vertices, obstacle.triangles, axis=0), table)
     placement = obstacle.placement
@@ -289,14 +289,17 @@ def _cloud(cloud: Cloud, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
 
 def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarray]:
     """Stand for each solid of a mesh: a convex one is a part with a box about it, another one a tree of triangles."""
-    corners = [np.take(obstacle.vertices, part, axis=0) for _, part, _ in obstacle.surfaces]
-    hulls = [_hull_of(*np.unique(part, return_inverse=True), vertices) for vertices, part, _ in obstacle.surfaces]
+    corners, boxes = [np.take(obstacle.vertices, part, axis=0) for _, part, _ in obstacle.surfaces], obstacle.boxes
+    hulls = [
+        vertices[np.unique(part)] if box is not None else _hull_of(*np.unique(part, return_inverse=True), vertices)
+        for (vertices, part, _), box in zip(obstacle.surfaces, boxes, strict=True)
+    ]
     trees = [mesh_tree(some) if hull is None else None for some, hull in zip(corners, hulls, strict=True)]
     sizes = [1 if tree is None else len(tree.balls) for tree in trees]
     roots = len(corners) - 1 + np.cumsum([0, *sizes[:-1]])
     table.add_above(*_tree_above(corners, roots))
     places, rows = list[np.ndarray](), list[np.ndarray]()
-    for some, hull, tree, root in zip(corners, hulls, trees, roots.tolist(), strict=True):
+    for some, hull, tree, box, root in zip(corners, hulls, trees, boxes, roots.tolist(), strict=True):
         if tree is not None:
             table.add_tree(tree)
             nodes, members = tree.clusters[CLUSTER]
@@ -304,7 +307,12 @@ def _solids(obstacle: Obstacle, table: PartsTable) -> tuple[np.ndarray, np.ndarr
             table.add_hull(transform_points(obstacle.placement, hull))
             nodes, members = np.zeros(1, np.int64), np.arange(len(some))[None]
         places.append(_places_of(root + nodes)[:, :3])
-        rows.append(cluster_rows(some, members))
+        if box is None:
+            rows.append(cluster_rows(some, members))
+        else:
+            there = obstacle.placement * pin.SE3(box.rotation, box.centre)
+            places[-1][:, 1] = True
+            rows.append(_row(there.rotation.T, there.translation, box.halves)[None])
     return np.concatenate(places), np.concatenate(rows)
 
 
