@@ -63,7 +63,7 @@ from guidefield.stores.scenes import PackagedScenes, Scenes
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
     from guidefield.robot.catalog.catalog import Catalog
-    from guidefield.robot.catalog.sent import SentRobot
+    from guidefield.robot.catalog.library import SentRobot
     from guidefield.robot.model.model import RobotModel
     from guidefield.run_log import RobotOrigin
     from guidefield.scene.anchor import Anchor

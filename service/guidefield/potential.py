@@ -16,7 +16,7 @@ from guidefield.kernels.kinematics.forward_kinematics import JointTable, joint_p
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.field_in_time import Origin, coarse_tables, field_of_movers, single_tables
 from guidefield.scene.scene import Scene

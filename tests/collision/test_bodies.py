@@ -10,7 +10,7 @@ from hypothesis import example, given, settings, strategies as st
 
 from guidefield.collision.bodies import bounding_ball, joint_placements, parts_of
 from guidefield.collision.clearance import separations
-from guidefield.geometry.bvh import bvh
+from guidefield.geometry.convex import bvh
 from tests.collision.listed import are_signed, part_separations
 from tests.collision.scenery import panda_in, scattered, world_of
 from tests.collision.test_world import SCENES, pair_distances

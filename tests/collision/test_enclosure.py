@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.geometry import cache
-from guidefield.geometry.bvh import bvh
+from guidefield.geometry.convex import bvh
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages import scene as messages

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.collision.clearance import clearance_at
-from guidefield.geometry.bvh import bvh
+from guidefield.geometry.convex import bvh
 from guidefield.messages import scene as messages
 from guidefield.robot.group.alike import Alike
 from tests.collision.scenery import box, panda_in, world_of

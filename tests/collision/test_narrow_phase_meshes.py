@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.collision.coal_transforms import transform
 from guidefield.collision.narrow_phase import NarrowPhase
-from guidefield.geometry.bvh import bvh
+from guidefield.geometry.convex import bvh
 from guidefield.messages.scene import Mesh
 from guidefield.planner.guide.tip_reach import obstacle_touched
 from tests.planner.problems import scene_of

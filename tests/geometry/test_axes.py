@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from guidefield.geometry.axes import across
+from guidefield.geometry.directions import across
 from tests.kernels.evaluation import vectors
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.capsule_fit import Capsule, _enclosing_circle, fit_capsule
+from guidefield.geometry.charges import Capsule, _enclosing_circle, fit_capsule
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment
 

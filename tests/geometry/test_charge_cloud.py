@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from guidefield.geometry.charge_cloud import cloud_rows, leak_limit
 from guidefield.geometry.charged import field_tables
 from guidefield.kernels.field.field import field_at_points
+from guidefield.scene.cloud import cloud_rows, leak_limit
 from tests.kernels.evaluation import gradient_by_differences
 
 SPACING = 0.02

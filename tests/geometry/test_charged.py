@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charge_tree import at_angle
-from guidefield.geometry.charged import convex_quads, field_tables
+from guidefield.geometry.charged import at_angle, convex_quads, field_tables
 from guidefield.kernels.field.box import BOX_COLUMNS, FAR
 from guidefield.kernels.field.faces import ORDINARY
 from guidefield.kernels.field.field_tables import (

@@ -8,7 +8,7 @@ import scipy.spatial
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.clipping import clipped, corners_of_cell
+from guidefield.geometry.decomposition import clipped, corners_of_cell
 from guidefield.geometry.elements import Pieces
 from guidefield.geometry.solid import solid
 from tests.geometry import solids

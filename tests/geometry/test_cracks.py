@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from guidefield.geometry.closed import boundary, compact, volume
-from guidefield.geometry.cracks import WIDEST_CRACK, crack_lids, seams
+from guidefield.geometry.closed import WIDEST_CRACK, boundary, compact, crack_lids, seams, volume
 from guidefield.geometry.solid import solid
 from tests.geometry import solids
 

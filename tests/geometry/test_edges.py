@@ -7,7 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from guidefield.geometry.edges import edge_counts, numbered_edges
+from guidefield.geometry.closed import edge_counts, numbered_edges
 
 
 def random_triangles(rng: np.random.Generator, count: int, vertices: int) -> np.ndarray:

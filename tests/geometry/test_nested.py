@@ -8,8 +8,8 @@ import pytest
 from guidefield.geometry.convex import hull_planes
 from guidefield.geometry.cover import cover
 from guidefield.geometry.decomposition import decompose
-from guidefield.geometry.nested import filled, nested
 from guidefield.geometry.solid import solid
+from guidefield.geometry.solid_cache import filled, nested
 from tests.geometry import solids
 from tests.scene.solids import prism
 

@@ -7,8 +7,16 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry.cover import Cover
-from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
-from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
+from guidefield.geometry.primitive_covers import (
+    cover_box,
+    cover_capsule,
+    cover_cylinder,
+    cover_sphere,
+    inner_box,
+    inner_capsule,
+    inner_cylinder,
+    inner_sphere,
+)
 from tests.geometry import solids
 
 Depth = Callable[[np.ndarray], np.ndarray]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.geometry.surface_rows import pseudonormals
 
 
 def test_a_cube_has_axes_half_diagonals_and_diagonals() -> None:

@@ -5,8 +5,7 @@ import pytest
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.convex import convex_hull
-from guidefield.geometry.solid import solid
-from guidefield.geometry.stand_off import TOLERANCE, stand_off
+from guidefield.geometry.solid import TOLERANCE, solid, stand_off
 from guidefield.geometry.surfaces import Surface
 from tests.geometry import solids
 

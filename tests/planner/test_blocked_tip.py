@@ -10,7 +10,7 @@ from guidefield.collision.world import World
 from guidefield.messages import scene as messages
 from guidefield.planner.ends import blocked_tip
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from tests.planner.problems import scene_of
 from tests.robots import group, random_configuration
 

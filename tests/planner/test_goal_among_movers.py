@@ -25,7 +25,7 @@ from guidefield.planner.plan import Plan, plan
 from guidefield.planner.schedule.settings import SCHEDULE
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.scene.guide_plane import build
 from tests.planner.problems import problem, scene_of, to_configuration
 from tests.planner.schedule.test_schedule import flight, require_within

@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from guidefield.robot.urdf.native_stderr import captured_stderr
+from guidefield.robot.model.neutral_names import captured_stderr
 
 ARM = """<robot name="arm">
   <link name="base"/>

@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charge_cloud import leak_limit, spacings
 from guidefield.geometry.charges import surface_points
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages import scene as messages
 from guidefield.messages.values import Float32Array
-from guidefield.scene.cloud import CORNERS, Cloud, cloud_surface, covering
+from guidefield.scene.cloud import CORNERS, Cloud, cloud_surface, covering, leak_limit, spacings
 from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
 from guidefield.scene.scene import build as build_scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.box_tree import box_tree
+from guidefield.geometry.surface_rows import box_tree
 from guidefield.kernels.cover.anchors import distance_to_triangles
 from guidefield.kernels.distance.ray_winding import BALL, PLACE, REACH, ROOM, TURNS, surely_outside_seen
 from guidefield.kernels.distance.triangle_distance import SurfaceTables

@@ -13,8 +13,7 @@ import pinocchio as pin
 
 from benchmarks.timing import best, multiply_add_peak
 from guidefield.geometry import surfaces
-from guidefield.geometry.charge_tree import at_angle, within
-from guidefield.geometry.charged import FieldTables, field_tables
+from guidefield.geometry.charged import FieldTables, at_angle, field_tables, within
 from guidefield.kernels.field.energy import energy, potentials
 from guidefield.kernels.field.field import add_field, add_potential
 from guidefield.kernels.field.field_tables import exact as exact_tables, single_precision

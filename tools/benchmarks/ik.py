@@ -21,7 +21,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.model import JointKind
 
 ROBOTS = ("panda", "ur5", "xarm7", "kinova")

@@ -8,7 +8,7 @@ import numpy as np
 
 from guidefield.geometry.surfaces import area_of
 from guidefield.referee.meshes import UnreadableMesh, read
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import read_mesh
 
 SAME = 1e-5

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 
 from guidefield.collision.penetration_depth import ClosestPoints, closest_points, measure_capsules
-from guidefield.geometry.met import as_met
+from guidefield.geometry.convex import as_met
 from guidefield.scene.facets import Patches
 
 _Meeting = tuple[int, int, int]

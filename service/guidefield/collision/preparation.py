@@ -19,10 +19,9 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid_cache import clear_solids
 from guidefield.memo import MemoSet
 from guidefield.robot.bodies.by_shape import ShapeTask, find_in_parallel
+from guidefield.robot.bodies.charges import link_bodies, surface_samples
 from guidefield.robot.bodies.convex_parts import MOST, PARTS
-from guidefield.robot.bodies.link_bodies import link_bodies
 from guidefield.robot.bodies.sphere_cover import COVERS, DELTA
-from guidefield.robot.bodies.surface_samples import surface_samples
 from guidefield.robot.model.model import RobotModel
 
 _log = logging.getLogger(__name__)

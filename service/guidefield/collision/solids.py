@@ -11,8 +11,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.geometry.closed import connected_pieces
-from guidefield.geometry.extents import box_about
 from guidefield.geometry.mesh_surface import mesh_surface
+from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.cover.crossings import RUN, UNSURE, find_run_boxes, winding_by_crossings
 from guidefield.kernels.cover.winding import winding_by_angles
 from guidefield.memo import memoized

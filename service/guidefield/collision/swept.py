@@ -19,7 +19,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.bodies.charges import robot_charges
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 from guidefield.scene.distance_tables import distance_tables
 

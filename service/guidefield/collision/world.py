@@ -25,7 +25,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.kernels.collide.near_pairs import find_near_pairs
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.lent_data import lent_data
+from guidefield.robot.group.kinematics import lent_data
 from guidefield.robot.model.spaces import ModelConfiguration
 from guidefield.scene.scene import Scene
 

@@ -11,6 +11,54 @@ from guidefield.geometry.closed import merged_points
 from guidefield.geometry.directions import furthest, heights_along, spread_and_axes
 from guidefield.geometry.surfaces import Floats, Integers, Surface, surface
 
+
+def as_met(first: Any, second: Any) -> tuple[Any, Any]:
+    """Two Coal shapes as they are to meet: a ball meets a mesh as a capsule without length.
+
+    Coal (3.0.3) finds balls in contact with triangles without area at one place in ten, however far they are.
+    """
+    if isinstance(first, coal.Sphere) and isinstance(second, coal.BVHModelBase):
+        return _capsule(first), second
+    if isinstance(second, coal.Sphere) and isinstance(first, coal.BVHModelBase):
+        return first, _capsule(second)
+    return first, second
+
+
+def all_as_met(geometry: Any) -> Any:
+    """A pinocchio.GeometryModel with the same pairs, whose balls are such capsules if there is a mesh among its shapes.
+
+    Where there is none, it is the model itself.
+    """
+    shapes = [shape.geometry for shape in geometry.geometryObjects]
+    if not any(isinstance(shape, coal.BVHModelBase) for shape in shapes):
+        return geometry
+    made = geometry.copy()
+    for shape in made.geometryObjects:
+        if isinstance(shape.geometry, coal.Sphere):
+            shape.geometry = _capsule(shape.geometry)
+    return made
+
+
+def _capsule(ball: Any) -> Any:
+    return coal.Capsule(ball.radius, 0.0)
+
+
+def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
+    """Build a Coal tree of oriented boxes over triangles: surfaces only, no inside.
+
+    Args:
+        vertices: Shape (v, 3) [m], in the shape's frame.
+        triangles: Indices of vertices, shape (t, 3).
+    """
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(triangles), len(vertices))
+    tree.addVertices(np.ascontiguousarray(vertices, float))
+    tree.addTriangles(np.ascontiguousarray(triangles, np.int64))
+    tree.endModel()
+    tree.computeLocalAABB()
+    return tree
+
+
 _FLAT = 1e-11
 """Spread across over spread along, below which points count as lying in a plane."""
 

@@ -6,10 +6,18 @@ NumPy hands tall products and decompositions to BLAS, whose threads cost more th
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from guidefield.geometry.surfaces import Floats, Integers
 from guidefield.kernels.cover.cut_halves import furthest_along
 from guidefield.kernels.linalg.small_systems import principal_axes
+
+
+def across(direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two unit vectors, shape (2, 3), that make a right-handed frame with a unit vector, shape (3,)."""
+    first = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
 
 
 def spread_directions(count: int) -> Floats:

@@ -10,10 +10,10 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from guidefield.geometry.axes import across
-from guidefield.geometry.extents import box_about
+from guidefield.geometry.directions import across
 from guidefield.geometry.mesh_surface import SolidBox
 from guidefield.geometry.surface_rows import NO_TRIANGLES, SurfaceRows, few_surfaces, surface_rows
+from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.distance import BOX, CAPSULE, CLOUD, CYLINDER, HALF_SPACE, SHEET, DistanceTables
 from guidefield.kernels.distance.ray_winding import ANCHOR
 from guidefield.kernels.distance.triangle_distance import SurfaceTables

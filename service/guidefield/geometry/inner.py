@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
+from guidefield.geometry.cover import medial_balls
 from guidefield.geometry.elements import Pieces, bisected, gathered
-from guidefield.geometry.medial import medial_balls
 from guidefield.geometry.solid import Solid
 from guidefield.geometry.surfaces import Floats
 from guidefield.kernels.cover.filling import count_missing, held_points

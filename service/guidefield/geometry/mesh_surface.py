@@ -9,13 +9,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.geometry.closed import compact, connected_pieces, volume
+from guidefield.geometry.closed import (
+    are_proper,
+    compact,
+    connected_pieces,
+    crack_lids,
+    edge_counts,
+    numbered_edges,
+    seams,
+    volume,
+)
 from guidefield.geometry.convex import convex, convex_hull
-from guidefield.geometry.cracks import are_proper, crack_lids, seams
 from guidefield.geometry.crossings import crossings
-from guidefield.geometry.edges import edge_counts, numbered_edges
-from guidefield.geometry.extents import extents
-from guidefield.geometry.surfaces import Surface
+from guidefield.geometry.surfaces import Surface, extents
 
 _FLAT = 1e-9
 """A closed mesh with less volume than this fraction of its size cubed has no inside."""

@@ -4,14 +4,102 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from guidefield.bounded_map import BYTES_PER_SOLID_FACE, SOLIDS, BoundedMap, content_key
-from guidefield.geometry.closed import boundary, compact, merged_points
-from guidefield.geometry.nested import filled
-from guidefield.geometry.solid import Solid, solid
+from guidefield.geometry.closed import boundary, compact, connected_pieces, merged_points, volumes
+from guidefield.geometry.crossings import crossings
+from guidefield.geometry.solid import Solid, solid, surface_tables
 from guidefield.geometry.surfaces import Floats, Integers
+
+
+@dataclass(frozen=True)
+class Nested:
+    """The pieces of a surface that lie within the rest.
+
+    Attributes:
+        outer: The triangles of no such piece, by their place among those given, ascending, shape (k,).
+        pieces: How many there are.
+        volume: What these enclose together, whichever way they face [m^3].
+    """
+
+    outer: Integers
+    pieces: int
+    volume: float
+
+
+def nested(vertices: Floats, triangles: Integers) -> Nested:
+    """The connected pieces of a surface that lie within a closed piece of it, for certain.
+
+    One does if all of its vertices are inside and no two triangles cross. What is open by the least crack has no
+    inside here.
+
+    Args:
+        vertices: Shape (v, 3) [m]; those at the same place become one.
+        triangles: Shape (t, 3).
+    """
+    distinct, corners, given = compact(vertices, triangles)
+    _, piece = np.unique(connected_pieces(len(distinct), corners)[corners[:, 0]], return_inverse=True)
+    members = np.split(np.argsort(piece, kind="stable"), np.cumsum(np.bincount(piece))[:-1]) if len(piece) else []
+    within = _Within(distinct, [corners[own] for own in members])
+    inner = [k for k in range(len(members)) if within(k)]
+    kept = np.ones(len(triangles), bool)
+    for k in inner:
+        kept[given[members[k]]] = False
+    enclosed = sum(map(abs, volumes(distinct, [corners[members[k]] for k in inner])))
+    return Nested(np.flatnonzero(kept), len(inner), float(enclosed))
+
+
+class _Within:
+    """Whether a piece lies within another one."""
+
+    def __init__(self, vertices: Floats, pieces: list[Integers]) -> None:
+        self._vertices, self._pieces = vertices, pieces
+        corners = [vertices[piece].reshape(-1, 3) for piece in pieces]
+        self._low = np.array([own.min(axis=0) for own in corners]).reshape(-1, 3)
+        self._high = np.array([own.max(axis=0) for own in corners]).reshape(-1, 3)
+
+    def __call__(self, piece: int) -> bool:
+        about = ((self._low < self._low[piece]) & (self._high > self._high[piece])).all(axis=1)
+        return any(self._is_around(k, piece) for k in np.flatnonzero(about).tolist())
+
+    def _is_around(self, outer: int, inner: int) -> bool:
+        around, within = self._pieces[outer], self._pieces[inner]
+        if len(boundary(around)):
+            return False
+        try:
+            body = solid(self._vertices, around)
+        except ValueError:  # no triangle of it has an area
+            return False
+        if not (body.depths(self._vertices[np.unique(within)]) > 0.0).all():
+            return False
+        corners = self._vertices[around]
+        near = (corners.min(axis=1) <= self._high[inner]) & (corners.max(axis=1) >= self._low[inner])
+        found = crossings(*compact(self._vertices, np.concatenate([within, around[near.all(axis=1)]]))[:2])
+        across = (found.pairs[:, 0] < len(within)) & (found.pairs[:, 1] >= len(within))
+        return found.complete and not across.any()
+
+
+def filled(body: Solid) -> Solid:
+    """A body without its sealed hollows: the same surface, inner walls too, but depths and distances as of the outside.
+
+    What contains it contains the body, and takes less of it, for walls may be thin.
+    """
+    if not body.closed:
+        return body
+    outer = nested(body.surface.vertices, body.surface.triangles)
+    if not outer.pieces:
+        return body
+    left = np.unique(body.owners[outer.outer])
+    place = np.zeros(body.owners.max() + 1, np.int64)  # what lies within is the first's: any but its own, which is gone
+    place[left] = np.arange(len(left))
+    owners = place[body.owners]
+    owners.setflags(write=False)
+    tables, spans = surface_tables(body.surface.vertices, body.surface.triangles[outer.outer], owners[outer.outer])
+    return dataclasses.replace(body, owners=owners, tables=tables, spans=spans)
+
 
 CELL = 1e-3
 """Vertices within a cell of a grid of this width are merged [m]."""

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.errors import MalformedRequest, SceneInvalid, UnknownFrame, UnknownObject
-from guidefield.geometry.bvh import bvh
+from guidefield.geometry.convex import bvh
 from guidefield.geometry.placements import se3
 from guidefield.memo import memoized
 from guidefield.messages.requests import AttachedObject

@@ -48,7 +48,7 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration, RobotConfiguration, RobotConfigurations

@@ -26,7 +26,7 @@ from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.reduced_model import select
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import Configuration

@@ -15,7 +15,7 @@ from guidefield.messages.robot_replies import CoverInfo, PartsInfo
 from guidefield.robot.bodies.convex_parts import known_parts
 from guidefield.robot.bodies.sphere_cover import ShapeCoverage, known_coverage
 from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.model.configuration import configuration_to_wire
 from guidefield.robot.model.mimic_limits import bind_rates
 from guidefield.robot.model.model import Joint, RobotModel

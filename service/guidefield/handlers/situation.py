@@ -12,7 +12,7 @@ import msgspec
 import pinocchio as pin
 
 from guidefield.errors import MalformedRequest, UnknownFrame, UnknownObject
-from guidefield.geometry.met import as_met
+from guidefield.geometry.convex import as_met
 from guidefield.geometry.placements import se3
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import Attach, AttachedObject

@@ -25,8 +25,7 @@ from guidefield.planner.leaving import SLIGHT_DEPTH
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import StageFailed
 from guidefield.robot.ik.inverse_kinematics import IkResult, solve
-from guidefield.robot.ik.pose_target import EXACT, PoseTarget
-from guidefield.robot.ik.settings import SEARCH
+from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 

@@ -15,7 +15,7 @@ from guidefield.geometry.closed import connected_pieces
 from guidefield.geometry.convex import FlatError, convex_hull
 from guidefield.geometry.surfaces import area_of
 from guidefield.robot.mesh_files import reading as mesh_files
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.model.shapes import triangulation
 
 CREASE = np.radians(40.0)

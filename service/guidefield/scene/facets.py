@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from guidefield.geometry.bvh import bvh
 from guidefield.geometry.cache import made_in_place
+from guidefield.geometry.convex import bvh
 from guidefield.geometry.curve_order import curve_order
 from guidefield.geometry.entries import Arrays, Room, in_memory
-from guidefield.geometry.extents import box_about
+from guidefield.geometry.surfaces import box_about
 from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
 from guidefield.memo import memoized
 

@@ -11,11 +11,9 @@ import numpy as np
 
 from guidefield.geometry.cache import is_large, remembered
 from guidefield.geometry.charged import field_tables
-from guidefield.geometry.closed import connected_pieces, volumes
+from guidefield.geometry.closed import connected_pieces, numbered_edges, volumes
 from guidefield.geometry.convex import convex_hull
-from guidefield.geometry.edges import numbered_edges
 from guidefield.geometry.entries import Arrays
-from guidefield.geometry.extents import extents
 from guidefield.geometry.mesh_surface import (
     MeshSurface,
     crossing_warnings,
@@ -24,6 +22,7 @@ from guidefield.geometry.mesh_surface import (
     joined_mesh,
     surface_of,
 )
+from guidefield.geometry.surfaces import extents
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages.triples import Points, Triangles
 from guidefield.parallel import run_parallel

@@ -12,8 +12,7 @@ from types import MappingProxyType
 import msgspec
 import numpy as np
 
-from guidefield.geometry.charge_tree import at_angle
-from guidefield.geometry.charged import field_tables
+from guidefield.geometry.charged import at_angle, field_tables
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.kernels.field.field_tables import FieldTables
 from guidefield.memo import SharedAnswer, memoized_by

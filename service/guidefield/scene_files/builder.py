@@ -17,7 +17,7 @@ from guidefield.messages.faults import list_choices, suggest
 from guidefield.messages.scene import MOST_OBSTACLES, HalfSpace, Mesh, Obstacle, PointCloud, Scene, Sphere
 from guidefield.messages.triples import MAX_VERTICES, Points
 from guidefield.messages.values import LARGEST, Float32Array, Uint32Array
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mjcf.conversion import circumscribed_ball
 
 TO_Z_UP = {

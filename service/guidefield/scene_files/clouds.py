@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from guidefield.messages.triples import MAX_VERTICES
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.ply import read_ply
 from guidefield.robot.mesh_files.reading import content_of
 

@@ -14,9 +14,8 @@ from guidefield.messages.requests import UrdfFile
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
 from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.mesh_files.reading import read_mesh
-from guidefield.robot.mjcf.compilation import compile_file, import_mujoco
+from guidefield.robot.mjcf.compilation import body_names, compile_file, import_mujoco, named
 from guidefield.robot.mjcf.conversion import colliding, rest_configuration
-from guidefield.robot.mjcf.names import body_names, named
 from guidefield.robot.urdf.xacro_files import ArgumentValue
 from guidefield.scene_files.builder import SceneBuilder, ellipsoid
 

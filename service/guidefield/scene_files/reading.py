@@ -17,10 +17,9 @@ from guidefield.messages.scene import Mesh, PointCloud, Scene
 from guidefield.robot.mesh_files.reading import content_of, ignored_unit, read_objects, up_axis
 from guidefield.robot.mesh_files.three_mf import UNITS
 from guidefield.robot.mjcf.compilation import is_mjcf
-from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES
 from guidefield.robot.urdf.xacro_files import ArgumentValue, is_xacro
-from guidefield.robot.urdf.xml import fault, root_of
+from guidefield.robot.urdf.xml import fault, read_xml, root_of
 from guidefield.scene_files import clouds, sdf
 from guidefield.scene_files.builder import TO_Z_UP, SceneBuilder, located
 from guidefield.scene_files.models import read_mjcf, read_urdf

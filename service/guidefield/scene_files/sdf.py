@@ -21,12 +21,11 @@ from guidefield.errors import RobotInvalid, SceneInvalid
 from guidefield.geometry.placements import se3
 from guidefield.messages.faults import list_choices
 from guidefield.messages.scene import Box, Capsule, Cylinder, HalfSpace, Mesh, Sphere
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import read_mesh, read_objects
-from guidefield.robot.urdf.encoding import read_xml
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES, MeshResolver
 from guidefield.robot.urdf.nearby_files import enclosing_folders
-from guidefield.robot.urdf.xml import Element, fault, name_of, root_of, warning
+from guidefield.robot.urdf.xml import Element, fault, name_of, read_xml, root_of, warning
 from guidefield.scene_files.builder import Kind, SceneBuilder, cone, ellipsoid, located
 
 SUFFIXES = (".sdf", ".world")

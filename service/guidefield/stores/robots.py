@@ -22,7 +22,7 @@ from guidefield.messages import codec
 from guidefield.messages.requests import RobotFiles
 from guidefield.messages.values import RootJoint
 from guidefield.robot.catalog import library
-from guidefield.robot.catalog.sent import SentRobot
+from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.catalog.sent_meshes import named_by_content
 from guidefield.stores.files import alone, checked_name, decoded, read_if_any
 from guidefield.whole_file import DRAFT, flush_folder, write_whole

@@ -21,7 +21,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.bodies.convex_parts import convex_parts
 from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import group_joints
+from guidefield.robot.group.kinematics import group_joints
 from guidefield.scene.obstacle import Obstacle
 from guidefield.stream.views import read_only_views
 

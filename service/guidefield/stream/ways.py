@@ -22,7 +22,7 @@ from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal
 from guidefield.messages.streams import StreamGoal
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, limit_faults
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.commit import JointBounds

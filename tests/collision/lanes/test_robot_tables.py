@@ -12,8 +12,7 @@ from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.lanes.robot_tables import SPREAD_POINTS, _add_hulls, _surface_of
 from guidefield.collision.world import World
 from guidefield.geometry import surfaces
-from guidefield.geometry.bvh import bvh
-from guidefield.geometry.convex import convex_hull, hull_planes
+from guidefield.geometry.convex import bvh, convex_hull, hull_planes
 from guidefield.geometry.decomposition import Part, decompose
 from guidefield.geometry.solid import solid
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, POLYTOPE, SHAPE, SURFACE, Parts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.clipping import clipped
+from guidefield.geometry.decomposition import clipped
 from guidefield.geometry.directions import heights_along
 from guidefield.geometry.elements import Pieces, bisected
 from guidefield.kernels.cover.cut_halves import count_cut, cut_halves, furthest_out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from guidefield.geometry.pseudonormals import pseudonormals
+from guidefield.geometry.surface_rows import pseudonormals
 
 
 def unit(vector: np.ndarray) -> np.ndarray:

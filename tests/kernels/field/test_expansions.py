@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.geometry import surfaces
-from guidefield.geometry.charge_tree import at_angle, never, within
-from guidefield.geometry.charged import field_tables
+from guidefield.geometry.charged import at_angle, field_tables, never, within
 from guidefield.kernels.field.field import field_at_points
 from guidefield.kernels.field.field_tables import single_precision
 from tests.kernels.evaluation import potential_at_points

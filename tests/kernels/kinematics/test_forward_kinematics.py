@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from guidefield.kernels.kinematics.forward_kinematics import joint_placements, motion_subspaces
-from guidefield.robot.model.joint_tables import joint_table
+from guidefield.robot.model.frames import joint_table
 from tests import robots
 
 

@@ -9,8 +9,7 @@ import pytest
 from guidefield.kernels.kinematics.integrate import clamp, integrate, reach
 from guidefield.planner.guide.projected import evaluated, reorienting
 from guidefield.planner.guide.rounds import Aim
-from guidefield.robot.group.kinematics import Kinematics
-from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.group.kinematics import Kinematics, mover_of, planned_values
 from guidefield.scene.guide_plane import build
 from tests.planner.guide.test_guide import plane_at
 from tests.robots import box_arm, group, grouped, rest

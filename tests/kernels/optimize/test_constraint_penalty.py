@@ -10,8 +10,7 @@ from guidefield.kernels.optimize.constraint_penalty import KeptSamples, add_cons
 from guidefield.planner.motion.bspline import BSpline, End
 from guidefield.planner.optimize.clearance_samples import Sections, constraint_samples
 from guidefield.planner.optimize.settings import BALANCED
-from guidefield.robot.group.kept_frames import kept_frames
-from guidefield.robot.group.path_constraints import ConstrainedFrames
+from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
 from tests.kernels.tree.test_path_constraints import random_frames
 
 PIECES, SAMPLES = 7, 2

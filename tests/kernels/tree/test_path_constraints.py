@@ -8,8 +8,7 @@ import pytest
 
 from guidefield.kernels.tree.path_constraints import bring_back, largest_share
 from guidefield.robot.group import path_constraints
-from guidefield.robot.group.kept_frames import kept_frames
-from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, line, plane
+from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, EvenTurn, kept_frames, line, plane
 from tests.robots import ARMS, box_arm, group, grouped
 
 ROOM, CORRECTIONS = 0.6, 15

@@ -9,7 +9,7 @@ from tests.robots import group
 
 from guidefield.planner.sequence.joined import INSIDE, PassedGoal
 from guidefield.planner.task.problem import Goal, TipGoal
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 
 
 def goal(of_tip: bool, radius: float) -> PassedGoal:

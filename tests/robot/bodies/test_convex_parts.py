@@ -8,8 +8,8 @@ import pytest
 
 from guidefield.geometry.convex import convex
 from guidefield.geometry.decomposition import TOLERANCE, decompose
-from guidefield.geometry.nested import filled
 from guidefield.geometry.solid import solid
+from guidefield.geometry.solid_cache import filled
 from guidefield.robot.bodies.convex_parts import MOST, TIGHT, convex_parts
 from guidefield.robot.model.shapes import HULL_STAND_OFF, WIDEST_GAP, triangulation
 from tests.geometry import solids

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from guidefield.kernels.distance.distance import SHEET, DistanceTables, distance_at_points
-from guidefield.robot.bodies.link_bodies import link_bodies
+from guidefield.robot.bodies.charges import link_bodies
 from tests.robots import ARMS, robot
 
 

@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from guidefield.robot.bodies import surface_samples as module
-from guidefield.robot.bodies.charges import robot_charges, surface
-from guidefield.robot.bodies.surface_samples import SMALLEST_SPACING, SPACING, SPACING_OF_RADIUS, surface_samples
+from guidefield.robot.bodies.charges import (
+    SMALLEST_SPACING,
+    SPACING,
+    SPACING_OF_RADIUS,
+    robot_charges,
+    surface,
+    surface_samples,
+)
 from tests.robots import ARMS, box_arm, load, robot
 
 

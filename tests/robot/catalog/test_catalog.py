@@ -13,10 +13,8 @@ import pytest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import UrdfFile
 from guidefield.robot.catalog import catalog as catalogs
-from guidefield.robot.catalog.catalog import Catalog
-from guidefield.robot.catalog.library import Entry, entries
-from guidefield.robot.catalog.sent import SentRobot
-from guidefield.robot.catalog.summary import summarize
+from guidefield.robot.catalog.catalog import Catalog, summarize
+from guidefield.robot.catalog.library import Entry, SentRobot, entries
 from tests.robots import box_arm
 
 

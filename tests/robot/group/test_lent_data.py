@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from guidefield.robot.group.lent_data import MOST, lent_data
+from guidefield.robot.group.kinematics import MOST, lent_data
 from tests.robots import group
 
 

@@ -16,7 +16,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.group.tip_chain import DISTINCT, chain_to_tip
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import EXACT, PoseTarget
+from guidefield.robot.ik.pose_search import EXACT, PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from tests.robot.random_chains import chain
 from tests.robots import ARMS, box_arm, group, grouped, random_configuration, rest, robot

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from guidefield.referee import meshes
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FARTHEST_VERTEX, READERS, companions, read_mesh
 from guidefield.robot.urdf.meshes import MESH_SUFFIXES
 from tests.robot.mesh_files import written

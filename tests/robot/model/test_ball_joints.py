@@ -10,9 +10,9 @@ import pinocchio as pin
 import pytest
 
 from guidefield.errors import RobotInvalid
-from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.configuration import configuration_from_wire
 from guidefield.robot.model.model import JointKind
+from guidefield.robot.model.replaced_joints import with_ball_joints
 from tests.robots import box_arm, load, robot
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -18,13 +18,13 @@ from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import GuidePlaneGoal, JointsGoal, PlanRequest, PoseGoal, TargetPose, UrdfText
 from guidefield.messages.scene import GuidePlane, Scene, Sphere
 from guidefield.planner.guide.tip_reach import arm_reach
-from guidefield.robot.catalog.sent import SentRobot
-from guidefield.robot.catalog.summary import summarize_sent
+from guidefield.robot.catalog.catalog import summarize_sent
+from guidefield.robot.catalog.library import SentRobot
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.group.tip_chain import chain_to_tip
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
-from guidefield.robot.model.joint_tables import joint_table
+from guidefield.robot.model.frames import joint_table
 from guidefield.robot.model.model import JointKind
 from guidefield.scene.scene import build
 from tests.robot.by_formula import ByFormula, given_by

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.self_contacts import scratch_space
 
 
 def separation(first: pin.SE3, second: pin.SE3, half: np.ndarray) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfFile, UrdfText
-from guidefield.robot.urdf.encoding import read_xml
+from guidefield.robot.urdf.xml import read_xml
 from tests.robots import load
 
 BODY = '<collision><geometry><box size="0.2 0.02 0.02"/></geometry></collision>'

@@ -10,7 +10,7 @@ from pathlib import Path
 import pinocchio as pin
 import pytest
 
-from guidefield.robot.urdf.native_stderr import MAX_CAUGHT_BYTES, captured_stderr
+from guidefield.robot.model.neutral_names import MAX_CAUGHT_BYTES, captured_stderr
 
 NAMELESS = "<robot><link name='a'/></robot>"
 
@@ -86,7 +86,7 @@ def test_only_the_beginning_is_kept_and_no_descriptor_leaks():
 def test_a_process_without_stderr_has_none_afterwards_either():
     script = f"""
 import os, pinocchio as pin
-from guidefield.robot.urdf.native_stderr import captured_stderr
+from guidefield.robot.model.neutral_names import captured_stderr
 for closed in ((2,), (0, 2)):
     for descriptor in closed:
         try: os.close(descriptor)

@@ -28,7 +28,7 @@ from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.reduced_model import select
 from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.scratch_space import scratch_space
+from guidefield.robot.model.self_contacts import scratch_space
 from guidefield.scene.scene import build
 
 BOXES = 8

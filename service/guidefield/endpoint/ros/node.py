@@ -37,7 +37,7 @@ from guidefield.errors import convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.urdf.encoding import read_xml
+from guidefield.robot.urdf.xml import read_xml
 
 _log = logging.getLogger(__name__)
 

@@ -15,10 +15,8 @@ from guidefield.planner.connect.settings import CONSTRAINED, TREE
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import Step, StepKind, TreeGrown
-from guidefield.robot.group.kept_frames import kept_frames
-from guidefield.robot.group.path_constraints import ConstrainedFrames
-from guidefield.robot.ik.pose_target import EXACT, PoseTarget
-from guidefield.robot.ik.settings import SEARCH
+from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
+from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 

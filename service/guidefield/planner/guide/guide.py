@@ -29,8 +29,8 @@ from guidefield.planner.task.stages import stopped_before
 from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
+from guidefield.robot.group.kinematics import mover_of
 from guidefield.robot.group.link_chain import SerialChain, link_chain
-from guidefield.robot.group.mover import mover_of
 from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import Configuration, Configurations
 from guidefield.scene.guide_plane import GuidePlane

@@ -19,7 +19,7 @@ from guidefield.planner.task.trace import Note, Step, StepKind
 from guidefield.prove.certificate import motion_free
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly
-from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.group.kinematics import mover_of, planned_values
 from guidefield.robot.model.spaces import ChartPoint, Configuration
 
 Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]

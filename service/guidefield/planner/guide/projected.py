@@ -36,7 +36,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.group.kinematics import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
 
 

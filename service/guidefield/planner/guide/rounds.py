@@ -33,7 +33,7 @@ from guidefield.planner.guide.projected import Blocks, Projected, settings_of
 from guidefield.planner.guide.settings import APPROACH, WAYS
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.trace import StepKind
-from guidefield.robot.group.mover import mover_of, planned_values
+from guidefield.robot.group.kinematics import mover_of, planned_values
 from guidefield.robot.model.spaces import Configuration
 from guidefield.scene.guide_plane import SLACK, GuidePlane
 

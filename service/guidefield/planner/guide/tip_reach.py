@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from guidefield.collision.swept import swept_world
-from guidefield.geometry.met import as_met
+from guidefield.geometry.convex import as_met
 from guidefield.kernels.distance.distance import distance_at_points
 from guidefield.kernels.field.field_tables import frozen
 from guidefield.planner.task.problem import Problem

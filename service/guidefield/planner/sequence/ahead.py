@@ -25,7 +25,7 @@ from guidefield.planner.sequence.stretches import whole_configuration
 from guidefield.planner.task.problem import ConfigurationGoal, LastPlaneGoal, Problem, TipGoal
 from guidefield.planner.task.stages import Ending, StageFailed
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 

@@ -21,7 +21,7 @@ from guidefield.prove.verdict import CONSTRAINT_RESOLUTION, Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.ik.inverse_kinematics import solve
-from guidefield.robot.ik.pose_target import PoseTarget
+from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.chart import TRANSLATION
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.model import Joint

@@ -12,12 +12,14 @@ import pinocchio as pin
 
 from guidefield.geometry import surfaces
 from guidefield.geometry.cache import remembered
-from guidefield.geometry.capsule_fit import Capsule, fit_capsule
-from guidefield.geometry.charges import SurfacePoints, surface_points
+from guidefield.geometry.charges import Capsule, SurfacePoints, fit_capsule, surface_points
+from guidefield.geometry.closed import edge_counts
+from guidefield.geometry.distance_bodies import Body, body_rows, body_tables, primitive, triangulated
 from guidefield.geometry.entries import Arrays
+from guidefield.kernels.distance.distance import SHEET, SOLID, DistanceTables
 from guidefield.memo import memoized
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.scratch_space import collision_pairs, scratch_space
+from guidefield.robot.model.self_contacts import collision_pairs, scratch_space
 from guidefield.robot.model.shapes import triangulation
 
 POINTS = 200
@@ -181,3 +183,64 @@ def _gap(T_points: Any, points: np.ndarray, T_capsule: Any, capsule: Capsule) ->
     along = np.clip((local - capsule.p0) @ axis / max(float(axis @ axis), 1e-30), 0.0, 1.0)
     nearest = capsule.p0 + along[:, None] * axis
     return float(np.linalg.norm(local - nearest, axis=1).min() - capsule.radius)
+
+
+@memoized
+def link_bodies(robot: RobotModel) -> DistanceTables:
+    """A body for every collision shape, in the geometry's order, each in the shape's own frame; without a tree.
+
+    A mesh is solid if its triangles close around a volume, else a sheet. Computed once for each robot.
+    """
+    bodies = [_body(shape.geometry) for shape in robot.geometry.geometryObjects]
+    return body_tables(body_rows(bodies), range(len(bodies)), np.empty((0, 6)))
+
+
+def _body(shape: object) -> Body:
+    body = primitive(shape)
+    if body is not None:
+        return body
+    vertices, triangles = surface(shape)
+    return triangulated(vertices, triangles, SOLID if _closes(vertices, triangles) else SHEET)
+
+
+def _closes(vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether every edge is run through once in each direction, around a positive volume."""
+    up, down = edge_counts(triangles)
+    if not ((up == 1) & (down == 1)).all():
+        return False
+    a, b, c = np.moveaxis(vertices[triangles] - vertices.mean(axis=0), 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c))) > 0.0
+
+
+SPACING = 0.036
+"""Largest spacing of the points [m], at size 1."""
+
+SPACING_OF_RADIUS = 0.3
+"""Largest spacing as a share of the radius of the capsule about a shape: what is slim goes where it is narrow."""
+
+SMALLEST_SPACING = 0.008
+"""No finer than this [m], at size 1."""
+
+MOST = 1500
+"""About how many points a robot gets at most; beyond, all spacings grow alike."""
+
+_POINTS_PER_SQUARE = 0.6
+"""About how many points of a spacing there are on an area of its square."""
+
+
+@memoized
+def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
+    """Points of every collision shape, in the geometry's order, each (n, 3) in the shape's own frame [m].
+
+    Computed once for each robot; read-only.
+    """
+    meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
+    spacings = np.array(
+        [
+            np.clip(SPACING_OF_RADIUS * charged.capsule.radius, SMALLEST_SPACING * robot.size, SPACING * robot.size)
+            for charged in robot_charges(robot).shapes
+        ]
+    )
+    squares = sum(area / spacing**2 for area, spacing in zip(surface_areas(robot), spacings, strict=True))
+    spacings *= np.sqrt(max(1.0, _POINTS_PER_SQUARE * squares / MOST))
+    return tuple(surface_points(*mesh, float(spacing)).points for mesh, spacing in zip(meshes, spacings, strict=True))

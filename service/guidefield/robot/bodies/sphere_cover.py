@@ -12,10 +12,17 @@ import numpy as np
 from guidefield.geometry.cover import LEAST_REACHES, Cover, cover
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.inner import inner_balls
-from guidefield.geometry.nested import filled
-from guidefield.geometry.primitive_covers import cover_box, cover_capsule, cover_cylinder, cover_sphere
-from guidefield.geometry.primitive_inner import inner_box, inner_capsule, inner_cylinder, inner_sphere
-from guidefield.geometry.solid_cache import filled_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
+from guidefield.geometry.primitive_covers import (
+    cover_box,
+    cover_capsule,
+    cover_cylinder,
+    cover_sphere,
+    inner_box,
+    inner_capsule,
+    inner_cylinder,
+    inner_sphere,
+)
+from guidefield.geometry.solid_cache import filled, filled_solid_of_mesh, near_solid_of_mesh, solid_of_mesh
 from guidefield.geometry.surfaces import Floats
 from guidefield.memo import memoized
 from guidefield.robot.bodies.by_shape import ByShape, Progress, Question, logged

@@ -8,6 +8,7 @@ import functools
 import hashlib
 import logging
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,22 +23,90 @@ from guidefield.geometry.cache import folder
 from guidefield.messages.faults import find_nearest
 from guidefield.messages.replies import RobotSummary
 from guidefield.messages.requests import RobotReference, UrdfFile, UrdfText
-from guidefield.robot.catalog.library import Entry, entries
+from guidefield.robot.catalog.library import Entry, SentRobot, entries
 from guidefield.robot.catalog.mjcf_robots import load_mjcf_file, load_mjcf_text
 from guidefield.robot.catalog.robot_descriptions import find_description, is_description
-from guidefield.robot.catalog.sent import SentRobot
-from guidefield.robot.catalog.summary import summarize, summarize_sent
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import companions
-from guidefield.robot.mjcf.compilation import is_mjcf
+from guidefield.robot.mjcf.compilation import compile_text, is_mjcf
+from guidefield.robot.mjcf.conversion import convert, root_is_fixed
 from guidefield.robot.model import card as cards
-from guidefield.robot.model.loading import load
+from guidefield.robot.model.card import RobotCard
+from guidefield.robot.model.followers import unwrapped
+from guidefield.robot.model.loading import default_tip, load
 from guidefield.robot.model.model import RobotModel, RobotSource
+from guidefield.robot.model.neutral_names import captured_stderr, neutral_names
+from guidefield.robot.model.replaced_joints import with_ball_joints
 from guidefield.robot.model.yourdfpy_crosscheck import crosschecked
-from guidefield.robot.urdf.encoding import read_xml
+from guidefield.robot.urdf import srdf
+from guidefield.robot.urdf.facts import JOINT_DOF
 from guidefield.robot.urdf.meshes import MeshResolver
+from guidefield.robot.urdf.urdf_validation import check_urdf
 from guidefield.robot.urdf.xacro_files import ArgumentValue, Expanded, expand, is_xacro
+from guidefield.robot.urdf.xml import read_xml
 from guidefield.whole_file import write_whole
+
+MOVABLE = ("revolute", "continuous", "prismatic", "planar", "floating")
+ROOT_KINDS = {"planar": "planar", "free": "floating"}
+"""Kind of the joint between the world and a root that moves."""
+DEGREES = {**JOINT_DOF, "spherical": 3}
+"""Degrees of freedom by kind of joint."""
+
+
+def summarize(entry: Entry) -> RobotSummary:
+    """Joints, groups and tip of a robot of the catalog; or what is wrong with it."""
+    card, path = entry.card, entry.folder / entry.card.urdf
+    described = read_xml(entry.folder / card.srdf) if card.srdf else None
+    line = RobotSummary(name=entry.name, source=entry.source, family=entry.family)
+    return _summary(line, read_xml(path), described, card, MeshResolver.for_catalog(path))
+
+
+def summarize_sent(robot: SentRobot, package_dirs: Iterable[Path]) -> RobotSummary:
+    """The same about a robot that a client stored; it may take meshes from those folders too."""
+    line = RobotSummary(name=robot.name, source="stored", family=robot.name)
+    card = msgspec.structs.replace(cards.EMPTY, root_joint=robot.root_joint)
+    if not is_mjcf(robot.urdf):
+        return _summary(line, robot.urdf, robot.srdf, card, MeshResolver.for_wire(package_dirs, robot.meshes))
+    try:
+        compiled = compile_text(robot.urdf)
+        converted = convert(compiled, robot.name, robot.root_joint)
+    except RobotInvalid as error:
+        return msgspec.structs.replace(line, problem=str(error))
+    root = "fixed" if root_is_fixed(compiled.model, robot.root_joint) else robot.root_joint
+    card = msgspec.structs.replace(card, root_joint=root, ball_joints=list(converted.balls))
+    return _summary(line, converted.urdf, robot.srdf, card, MeshResolver(given=converted.meshes))
+
+
+def _summary(
+    line: RobotSummary, urdf: str, srdf_text: str | None, card: RobotCard, resolver: MeshResolver
+) -> RobotSummary:
+    try:
+        facts = check_urdf(urdf, resolver)
+        described = srdf.parse(srdf_text) if srdf_text else srdf.Srdf()
+        with captured_stderr():
+            names = neutral_names(facts.text)
+            model = pin.buildModelFromXML(names.text)
+            names.restore(model)
+    except (RobotInvalid, ValueError) as error:
+        return msgspec.structs.replace(line, problem=str(error))
+    model = with_ball_joints(line.name, model, card.ball_joints)
+    otherwise = {**dict.fromkeys(card.ball_joints, "spherical"), **dict.fromkeys(unwrapped(facts), "revolute")}
+    kinds = Counter(
+        otherwise.get(joint.name, joint.kind)
+        for joint in facts.joints.values()
+        if joint.kind in MOVABLE and joint.name not in facts.mimics
+    )
+    if card.root_joint != "fixed":
+        kinds[ROOT_KINDS[card.root_joint]] += 1
+    return msgspec.structs.replace(
+        line,
+        dof=sum(DEGREES[kind] * count for kind, count in kinds.items()),
+        joint_kinds=dict(kinds),
+        mimics=len(facts.mimics),
+        groups=sorted({*described.groups, *(["default"] if card.group else [])}),
+        tip=default_tip(model, described, card),
+        problem=None if facts.collisions else "it has no collision geometry: kinematics alone are answered",
+    )
 
 
 @dataclass(frozen=True)

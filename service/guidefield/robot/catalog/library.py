@@ -4,13 +4,35 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from guidefield.messages.values import RootJoint
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
+
+
+@dataclass(frozen=True)
+class SentRobot:
+    """A robot as it was sent, its mesh files on disk.
+
+    Attributes:
+        name: What the client calls it.
+        content: Hash of all that was sent; the same content is the same robot.
+        urdf, srdf: Its texts.
+        meshes: Files by the URIs that the URDF has for them.
+        root_joint: How it stands in the world.
+    """
+
+    name: str
+    content: str
+    urdf: str
+    srdf: str | None
+    meshes: Mapping[str, Path]
+    root_joint: RootJoint
+
 
 OURS = "guidefield"
 _PACKAGE = "guidefield.robots"

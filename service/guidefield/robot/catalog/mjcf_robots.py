@@ -14,9 +14,8 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.messages.values import RootJoint
-from guidefield.robot.mjcf.compilation import CompiledModel, compile_file, compile_text, import_mujoco
+from guidefield.robot.mjcf.compilation import CompiledModel, body_names, compile_file, compile_text, import_mujoco
 from guidefield.robot.mjcf.conversion import convert, root_is_fixed
-from guidefield.robot.mjcf.names import body_names
 from guidefield.robot.model import card as cards
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.loading import load

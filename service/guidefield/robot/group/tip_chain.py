@@ -16,7 +16,7 @@ from guidefield.memo import memoized
 from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.group.joint_table import joints_of
+from guidefield.robot.group.kinematics import joints_of
 from guidefield.robot.model.chart import ROTATION
 from guidefield.robot.model.model import JointKind
 

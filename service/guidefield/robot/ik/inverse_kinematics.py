@@ -13,9 +13,7 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.kernels.kinematics.inverse_kinematics import distinct, farthest_apart
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
-from guidefield.robot.ik.pose_search import PoseSearch
-from guidefield.robot.ik.pose_target import PoseTarget
-from guidefield.robot.ik.settings import SEARCH
+from guidefield.robot.ik.pose_search import SEARCH, PoseSearch, PoseTarget
 from guidefield.robot.ik.unreachable import Cause, Unreached, out_of_reach, why_unreached
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 

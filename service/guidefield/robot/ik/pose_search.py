@@ -2,18 +2,94 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from guidefield.geometry.placements import se3
 from guidefield.kernels.kinematics import inverse_kinematics as kernels
 from guidefield.kernels.kinematics.inverse_kinematics import Tolerances
+from guidefield.messages.requests import PoseGoal, TargetPose
+from guidefield.read_only import read_only
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, chain_to_tip
-from guidefield.robot.ik.pose_target import EXACT, PoseTarget
-from guidefield.robot.ik.settings import SEARCH
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
+
+EXACT = 1e-6
+"""A tolerance of zero, or any smaller than this, means this [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTarget:
+    """A pose for the tip, and how far from it the tip may be, along and about the axes of the target's own frame.
+
+    Attributes:
+        placement: ``T_world_target``, pinocchio.SE3.
+        position_tolerance: Shape (3,) [m]; infinite where an axis is free.
+        orientation_tolerance: Shape (3,), about each axis, as components of the rotation vector from target to tip
+            [rad]; infinite where an axis is free.
+    """
+
+    placement: Any
+    position_tolerance: np.ndarray
+    orientation_tolerance: np.ndarray
+
+    @classmethod
+    def from_wire(cls, pose: TargetPose | PoseGoal) -> PoseTarget:
+        """The target that a message means; null is a free axis."""
+        tolerances = [
+            np.array([np.inf if axis is None else axis for axis in axes])
+            for axes in (pose.position_tolerance, pose.orientation_tolerance)
+        ]
+        read_only(*tolerances)
+        return cls(se3(pose.position, pose.quaternion_xyzw), *tolerances)
+
+    def is_reached(self, T_world_tip: Any) -> bool:
+        """Whether a placement of the tip (pinocchio.SE3) is within the tolerances."""
+        offset = self.placement.actInv(T_world_tip)
+        return bool(
+            np.all(np.abs(offset.translation) <= np.maximum(self.position_tolerance, EXACT))
+            and np.all(np.abs(pin.log3(offset.rotation)) <= np.maximum(self.orientation_tolerance, EXACT))
+        )
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """Of the search for configurations that reach a pose.
+
+    Attributes:
+        aim: The middle part of a tolerance that is aimed at, so that an approach from outside ends inside. Unrecorded.
+        round: Random starts of a round. Unrecorded.
+        first_round: The same of the first rounds where one solution is asked for. Unrecorded.
+        large_round: The same where nothing was accepted for so many: poses in narrow places need many starts. The value
+            is unrecorded.
+        choice: Accepted solutions for each that is asked for, from which those farthest apart are chosen. Unrecorded.
+        most_unreached: Random starts after which a pose counts as unreachable. With it all of 1000 reachable poses of
+            a Panda are solved.
+        most_rejected: The same after which it counts as reachable only by what isn't accepted. Unrecorded.
+        most_per_solution: The same for each solution asked for, where there are some. Unrecorded.
+        most_kept: Distinct solutions that are kept of those not accepted: they tell what stands in the way.
+        why_starts: Random starts for each question that is asked after a failure. Unrecorded.
+        why_halvings: How often half a turn is halved to find the nearest orientation in reach: to 0.7 degrees.
+    """
+
+    aim: float = 0.9
+    round: int = 64
+    first_round: int = 16
+    large_round: int = 512
+    choice: int = 2
+    most_unreached: int = 256
+    most_rejected: int = 1024
+    most_per_solution: int = 64
+    most_kept: int = 256
+    why_starts: int = 64
+    why_halvings: int = 8
+
+
+SEARCH = SearchSettings()
 
 
 class PoseSearch:

@@ -12,9 +12,7 @@ import numpy as np
 
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.tip_chain import ChainToTip, unlimited
-from guidefield.robot.ik.pose_search import PoseSearch
-from guidefield.robot.ik.pose_target import EXACT, PoseTarget
-from guidefield.robot.ik.settings import SEARCH
+from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseSearch, PoseTarget
 from guidefield.robot.model.spaces import ChartPoint
 
 

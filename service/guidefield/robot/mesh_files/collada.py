@@ -12,10 +12,17 @@ from typing import Any
 import numpy as np
 from lxml import etree
 
-from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices, floats, integers
-from guidefield.robot.mesh_files.placed import Collected
-from guidefield.robot.mesh_files.polygons import triangulate, triangulate_with_holes
+from guidefield.robot.mesh_files.numbers import (
+    Collected,
+    MeshFault,
+    Objects,
+    Triangles,
+    check_indices,
+    floats,
+    integers,
+    triangulate,
+    triangulate_with_holes,
+)
 
 Element = Any
 """An element of lxml, for which there are no types."""

@@ -14,9 +14,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices
-from guidefield.robot.mesh_files.placed import Collected
+from guidefield.robot.mesh_files.numbers import Collected, MeshFault, Objects, Triangles, check_indices
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC3": 3}

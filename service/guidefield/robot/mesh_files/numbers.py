@@ -2,11 +2,123 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
+import mapbox_earcut
 import numpy as np
 
-from guidefield.robot.mesh_files.fault import MeshFault
+AREA_TOLERANCE = 1e-9
+"""Triangles fill a simple polygon to this share of its area."""
+
+
+def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Cut polygons into triangles that turn as they do; those of fewer than three corners are left out.
+
+    A quadrilateral is cut at its reflex corner, else between its first and third corner. A larger convex polygon is a
+    fan about its first corner, another one is cut into ears; one that crosses itself is a fan.
+
+    Args:
+        vertices: Shape (v, 3).
+        corners: Vertices of all polygons, one polygon after the other, shape (c,).
+        sizes: Number of corners of each polygon, shape (p,).
+
+    Returns:
+        Triangles in the order of their polygons, shape (t, 3).
+    """
+    if len(corners) == 3 * len(sizes) and (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    starts = np.cumsum(sizes) - sizes
+    places = np.cumsum(np.maximum(sizes - 2, 0)) - np.maximum(sizes - 2, 0)
+    triangles = np.empty((int(np.maximum(sizes - 2, 0).sum()), 3), np.int64)
+    three, four = np.flatnonzero(sizes == 3), np.flatnonzero(sizes == 4)
+    triangles[places[three]] = corners[starts[three, None] + np.arange(3)]
+    halves = _halved(vertices, corners[starts[four, None] + np.arange(4)])
+    triangles[places[four]], triangles[places[four] + 1] = halves[:, 0], halves[:, 1]
+    for index in np.flatnonzero(sizes > 4).tolist():
+        polygon = corners[starts[index] : starts[index] + sizes[index]]
+        place = places[index]
+        triangles[place : place + sizes[index] - 2] = polygon[_cut(vertices[polygon])]
+    return triangles
+
+
+def triangulate_with_holes(vertices: np.ndarray, rings: Sequence[np.ndarray]) -> np.ndarray:
+    """Cut a polygon with holes into triangles that turn as its outline does.
+
+    Args:
+        vertices: Shape (v, 3).
+        rings: Vertices of the outline, then of each hole.
+
+    Returns:
+        Shape (t, 3).
+    """
+    corners = np.concatenate(rings)
+    flat, _ = _flattened(vertices[corners], len(rings[0]))
+    ears = _ears(flat, np.cumsum([len(ring) for ring in rings]))
+    found: np.ndarray = corners[ears]
+    return found
+
+
+def _halved(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Two triangles of each quadrilateral (q, 4), shape (q, 2, 3)."""
+    points = vertices[quads]
+    normal = np.cross(points[:, 2] - points[:, 0], points[:, 3] - points[:, 1])
+    behind, before = points - np.roll(points, 1, axis=1), np.roll(points, -1, axis=1) - points
+    reflex = np.einsum("qki,qi->qk", np.cross(behind, before), normal) < 0.0
+    other = reflex[:, 1] | reflex[:, 3]
+    first, second = np.where(other[:, None], [1, 2, 3], [0, 1, 2]), np.where(other[:, None], [1, 3, 0], [0, 2, 3])
+    cut: np.ndarray = np.stack([np.take_along_axis(quads, each, 1) for each in (first, second)], axis=1)
+    return cut
+
+
+def _cut(points: np.ndarray) -> np.ndarray:
+    """Triangles of one polygon (n, 3) as indices of its corners, shape (n - 2, 3)."""
+    count = len(points)
+    fan = np.column_stack([np.zeros(count - 2, np.int64), np.arange(1, count - 1), np.arange(2, count)])
+    flat, area = _flattened(points, count)
+    turns = _crossed(flat - np.roll(flat, 1, axis=0), np.roll(flat, -1, axis=0) - flat)
+    if (turns >= 0.0).all():
+        return fan
+    ears = _ears(flat, np.array([count]))
+    filled = float(np.abs(_twice_areas(flat[ears])).sum())
+    return ears if len(ears) == count - 2 and abs(filled - 2.0 * area) <= 2.0 * AREA_TOLERANCE * area else fan
+
+
+def _flattened(points: np.ndarray, outline: int) -> tuple[np.ndarray, float]:
+    """Points in the plane of their first ones, the outline counter-clockwise there, and the outline's area."""
+    centred = points - points[0]
+    ring = centred[:outline]
+    normal = 0.5 * np.cross(ring, np.roll(ring, -1, axis=0)).sum(axis=0)
+    area = float(np.linalg.norm(normal))
+    if area == 0.0:
+        return centred[:, :2], 0.0
+    first = np.eye(3)[np.argmin(np.abs(normal))]
+    first = np.cross(normal / area, first)
+    first /= np.linalg.norm(first)
+    second = np.cross(normal / area, first)
+    return centred @ np.column_stack([first, second]), area
+
+
+def _ears(flat: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Triangles of a polygon in the plane, counter-clockwise, shape (t, 3); `ends` are those of its rings."""
+    found = mapbox_earcut.triangulate_float64(np.ascontiguousarray(flat), ends.astype(np.uint32))
+    triangles = found.reshape(-1, 3).astype(np.int64)
+    turned: np.ndarray = np.where((_twice_areas(flat[triangles]) < 0.0)[:, None], triangles[:, ::-1], triangles)
+    return turned
+
+
+def _twice_areas(corners: np.ndarray) -> np.ndarray:
+    return _crossed(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def _crossed(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    product: np.ndarray = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    return product
+
+
+class MeshFault(ValueError):
+    """A mesh file can't be read; its message continues a sentence that begins with the file's name."""
+
 
 Triangles = tuple[np.ndarray, np.ndarray]
 """Vertices (v, 3) [m, the file's frame] and the triangles (t, 3) between them, as the file has them."""
@@ -72,3 +184,66 @@ def _is_number(word: bytes) -> bool:
     except ValueError:
         return False
     return True
+
+
+MAX_TRIANGLES = 20_000_000
+"""A file of more triangles, instances counted, is refused: nested instances can double with each level."""
+MAX_DEPTH = 1_000
+"""A deeper nesting of nodes is refused."""
+MAX_NODES = 100_000
+"""A file of more nodes, instances counted, is refused."""
+
+
+class Collected:
+    """Triangles of instances, one after the other."""
+
+    def __init__(self) -> None:
+        self._vertices: list[np.ndarray] = []
+        self._triangles: list[np.ndarray] = []
+        self._firsts: list[tuple[str, int]] = []
+        self._count = self._total = self._nodes = 0
+
+    def visit(self, depth: int, name: str = "") -> None:
+        """Count a node at a depth; what is added until the next one is an object of its name.
+
+        Raises:
+            MeshFault: if there are more than `MAX_NODES`, or it is deeper than `MAX_DEPTH`.
+        """
+        self._nodes += 1
+        if depth > MAX_DEPTH:
+            raise MeshFault(f"has nodes that are nested more than {MAX_DEPTH} deep, or contain themselves")
+        if self._nodes > MAX_NODES:
+            raise MeshFault(f"has more than {MAX_NODES} nodes, instances counted")
+        self._firsts.append((name, self._total))
+
+    def add(self, mesh: Triangles, placement: np.ndarray) -> None:
+        """Add an instance of a mesh; a placement that mirrors it turns its triangles, so that they face outwards.
+
+        Args:
+            mesh: Its vertices and triangles.
+            placement: Affine map from the mesh's frame to the file's, shape (4, 4).
+
+        Raises:
+            MeshFault: if there are more than `MAX_TRIANGLES`.
+        """
+        vertices, triangles = mesh
+        self._total += len(triangles)
+        if self._total > MAX_TRIANGLES:
+            raise MeshFault(f"has more than {MAX_TRIANGLES} triangles, instances counted")
+        if (placement != np.eye(4)).any():
+            vertices = vertices @ placement[:3, :3].T + placement[:3, 3]
+        if np.linalg.det(placement[:3, :3]) < 0.0:
+            triangles = triangles[:, ::-1]
+        self._vertices.append(vertices)
+        self._triangles.append(triangles + self._count)
+        self._count += len(vertices)
+
+    def triangles(self) -> Triangles:
+        """Return all instances as one mesh."""
+        if not self._vertices:
+            return np.empty((0, 3)), np.empty((0, 3), np.int64)
+        return np.concatenate(self._vertices), np.concatenate(self._triangles)
+
+    def objects(self) -> Objects:
+        """Return all instances, those of each node as an object."""
+        return Objects(*self.triangles(), tuple(self._firsts))

@@ -6,9 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from guidefield.robot.mesh_files.fault import MeshFault
-from guidefield.robot.mesh_files.numbers import Triangles, check_indices
-from guidefield.robot.mesh_files.polygons import triangulate
+from guidefield.robot.mesh_files.numbers import MeshFault, Triangles, check_indices, triangulate
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),

@@ -11,11 +11,17 @@ import numpy as np
 
 from guidefield.geometry.closed import compact
 from guidefield.robot.mesh_files.collada import read_collada, read_unit, read_up_axis
-from guidefield.robot.mesh_files.fault import MeshFault
 from guidefield.robot.mesh_files.gltf import beside, buffer_files, read_gltf
-from guidefield.robot.mesh_files.numbers import Objects, Triangles, check_indices, floats, integers
+from guidefield.robot.mesh_files.numbers import (
+    MeshFault,
+    Objects,
+    Triangles,
+    check_indices,
+    floats,
+    integers,
+    triangulate,
+)
 from guidefield.robot.mesh_files.ply import read_ply
-from guidefield.robot.mesh_files.polygons import triangulate
 from guidefield.robot.mesh_files.three_mf import UNITS, read_three_mf, stated_unit
 
 FARTHEST_VERTEX = 1e4

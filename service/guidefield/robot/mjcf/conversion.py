@@ -19,10 +19,8 @@ from lxml import etree
 from guidefield.errors import RobotInvalid
 from guidefield.geometry.cache import keep_file
 from guidefield.messages.requests import Positions
-from guidefield.robot.mjcf.compilation import CompiledModel, import_mujoco
-from guidefield.robot.mjcf.equalities import joint_laws, tendon_warnings
-from guidefield.robot.mjcf.kinematic_tree import add_origin, kinematic_tree, placement
-from guidefield.robot.mjcf.names import UniqueNames, body_names, named
+from guidefield.robot.mjcf.compilation import CompiledModel, UniqueNames, body_names, import_mujoco, named
+from guidefield.robot.mjcf.kinematic_tree import add_origin, joint_laws, kinematic_tree, placement, tendon_warnings
 from guidefield.robot.urdf.srdf import STATES, Srdf, SrdfState
 from guidefield.robot.urdf.xml import Element
 

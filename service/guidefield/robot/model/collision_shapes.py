@@ -13,13 +13,12 @@ import pinocchio as pin
 from lxml import etree
 
 from guidefield.errors import RobotInvalid
-from guidefield.geometry.bvh import bvh
 from guidefield.geometry.cache import recalled, remembered
-from guidefield.geometry.convex import convex
+from guidefield.geometry.convex import bvh, convex
 from guidefield.geometry.entries import Arrays
 from guidefield.kernels.jit.compilers import load_imported
 from guidefield.parallel import run_queue
-from guidefield.robot.mesh_files.fault import MeshFault
+from guidefield.robot.mesh_files.numbers import MeshFault
 from guidefield.robot.mesh_files.reading import FileMesh, ignored_unit, read_mesh, unit_of
 from guidefield.robot.model.model import GeometryChoice
 from guidefield.robot.model.shapes import HULL_STAND_OFF, hull_in_metres, hull_question, know_triangulation

@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.model import chart, followers, pairs, rest
-from guidefield.robot.model.ball_joints import with_ball_joints
 from guidefield.robot.model.card import RobotCard
 from guidefield.robot.model.collision_shapes import Meshes, read_meshes, settle
 from guidefield.robot.model.frames import frame_index, joint_indices
@@ -27,12 +26,12 @@ from guidefield.robot.model.model import (
     RobotModel,
     RobotSource,
 )
-from guidefield.robot.model.neutral_names import neutral_names
+from guidefield.robot.model.neutral_names import captured_stderr, neutral_names
+from guidefield.robot.model.replaced_joints import with_ball_joints
 from guidefield.robot.model.size import find_size
 from guidefield.robot.urdf import srdf
 from guidefield.robot.urdf.facts import UrdfFacts
 from guidefield.robot.urdf.meshes import MeshResolver
-from guidefield.robot.urdf.native_stderr import captured_stderr
 from guidefield.robot.urdf.urdf_validation import check_geometry_complete, check_urdf
 
 DEFAULT_ROTATION_SPEED = 1.0

@@ -13,8 +13,7 @@ import numpy as np
 
 from guidefield.errors import RobotInvalid, UnknownFrame
 from guidefield.kernels.kinematics.forward_kinematics import JointTable
-from guidefield.robot.model.frames import frame_index
-from guidefield.robot.model.joint_tables import joint_table
+from guidefield.robot.model.frames import frame_index, joint_table
 from guidefield.robot.model.spaces import RobotConfiguration
 
 ROOT_JOINT = "root_joint"

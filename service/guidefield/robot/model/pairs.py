@@ -13,8 +13,7 @@ import pinocchio as pin
 from guidefield.robot.model.chart import WIND
 from guidefield.robot.model.followers import follow
 from guidefield.robot.model.model import Joint, JointKind, PairLeftOut
-from guidefield.robot.model.scratch_space import collision_pairs
-from guidefield.robot.model.self_contacts import SelfContacts
+from guidefield.robot.model.self_contacts import SelfContacts, collision_pairs
 from guidefield.robot.model.spaces import RobotConfiguration
 
 SAMPLES = 200

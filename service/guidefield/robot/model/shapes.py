@@ -14,10 +14,8 @@ from guidefield.geometry.closed import volume
 from guidefield.geometry.convex import convex, convex_hull
 from guidefield.geometry.entries import Arrays
 from guidefield.geometry.mesh_surface import mesh_surface
-from guidefield.geometry.nested import nested
-from guidefield.geometry.solid import Solid
-from guidefield.geometry.solid_cache import near_solid_of_mesh, solid_of_mesh
-from guidefield.geometry.stand_off import stand_off
+from guidefield.geometry.solid import Solid, stand_off
+from guidefield.geometry.solid_cache import near_solid_of_mesh, nested, solid_of_mesh
 from guidefield.geometry.surfaces import Surface, surface
 from guidefield.robot.model.size import scale
 

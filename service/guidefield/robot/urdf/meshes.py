@@ -12,15 +12,16 @@ from urllib.parse import unquote
 
 from guidefield.errors import RobotInvalid
 from guidefield.robot.urdf.nearby_files import (
+    MANIFEST,
     MAX_ENTRIES,
     NearbyFiles,
     enclosing_folders,
     exists,
     is_text,
     levels_about,
+    package_name,
     same_bytes,
 )
-from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
 
 MESH_SUFFIXES = (".3mf", ".dae", ".glb", ".gltf", ".obj", ".off", ".ply", ".stl")
 """Kinds of mesh files that are read."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import filecmp
 import os
+import re
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -12,7 +13,21 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 from pathlib import Path
 
-from guidefield.robot.urdf.package_manifest import MANIFEST, package_name
+MANIFEST = "package.xml"
+MAX_BYTES = 1 << 20
+"""No manifest is larger."""
+
+
+def package_name(manifest: Path) -> str | None:
+    """Return the name that a manifest declares; None if it has none or can't be read."""
+    try:
+        with manifest.open("rb") as file:
+            text = file.read(MAX_BYTES).decode(errors="replace")
+    except OSError:
+        return None
+    found = re.search(r"<name>\s*([^<\s]+)\s*</name>", text)
+    return found.group(1) if found else None
+
 
 MAX_ENTRIES = 20_000
 """Entries of folders that one search reads; a larger tree is no package."""
