@@ -1,9 +1,7 @@
-"""Arrays that took long to compute, kept on disk under a hash of everything that they depend on.
+"""A disk cache of computed arrays, by a hash of all that they depend on, the sources of what computes them included.
 
-Entries are files of ``<cache>/guidefield/geometry``, where ``<cache>`` is ``XDG_CACHE_HOME`` or ``~/.cache``. An entry
-is written beside its place and renamed, so that processes may read and write the same ones at the same time. It starts
-with a checksum of what follows: one that was cut short or altered is computed again. The key covers the sources of what
-computes, so that an edit never meets old results. When the folder is full, the entries unused for longest go.
+Entries are files of ``<cache>/guidefield/geometry``, where ``<cache>`` is ``XDG_CACHE_HOME`` or ``~/.cache``, whole
+and checked by a checksum, shared by processes. When the folder is full, the least recently used entries go.
 """
 
 from __future__ import annotations
@@ -55,16 +53,12 @@ _ALIAS = re.compile(r"[ \t]+as[ \t]+\w+")
 
 
 def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[str, np.ndarray]:
-    """What `make` returns, from disk if it was computed from the same inputs before.
+    """Return what `make` returns, read-only, from disk if it was computed from the same inputs before.
 
     Args:
-        kind: What is computed: a short name for files.
-        inputs: Everything that the result depends on, by name; numbers as arrays of no dimension.
-        make: Computes arrays of float64, int64, int32, uint8 or bool, of one dimension at least, by name. After an
-            edit of its module, or of one of geometry or kernels that this imports, directly or not, it is asked again.
-
-    Returns:
-        The arrays, read-only. If the disk can't be read or written, they are computed, and a warning is logged.
+        kind: A short name of what is computed.
+        inputs: All that the result depends on, by name; numbers as arrays of no dimension.
+        make: Computes arrays of float64, int64, int32, uint8 or bool, of one dimension at least, by name.
     """
     arrays = recalled(kind, inputs, make)
     if arrays is None:
@@ -76,13 +70,7 @@ def remembered(kind: str, inputs: Arrays, make: Callable[[], Arrays]) -> dict[st
 
 
 def made_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> dict[str, np.ndarray]:
-    """`remembered` of what is so large that it is made in the memory of its file.
-
-    Args:
-        kind: As there.
-        inputs: As there.
-        make: As there, but it asks once for arrays, and writes in them what they hold.
-    """
+    """`remembered` for results so large that `make` writes them in arrays, asked for once, of their file."""
     path = _path(kind, inputs, make)
     arrays = entries.read(path)
     if arrays is None:
@@ -98,15 +86,7 @@ def made_in_place(kind: str, inputs: Arrays, make: Callable[[Room], object]) -> 
 
 
 def keep_file(name: str, content: bytes) -> Path:
-    """Keep a file beside the entries for readers that want a file; it goes when it is unused for longest.
-
-    Args:
-        name: Its name; the same content must always have the same one.
-        content: What it holds.
-
-    Raises:
-        OSError: if it can't be written.
-    """
+    """Keep a file of a unique name beside the entries; OSError if it can't be written."""
     path = folder() / name
     if path.is_file() and path.stat().st_size == len(content):
         os.utime(path)
@@ -123,13 +103,7 @@ def is_large(triangles: int) -> bool:
 
 
 def recalled(kind: str, inputs: Arrays, make: Callable[..., object]) -> dict[str, np.ndarray] | None:
-    """What `remembered` would return, without computing anything; None if it would have to.
-
-    Args:
-        kind: As there.
-        inputs: As there.
-        make: As there; it isn't called.
-    """
+    """Return what `remembered` would, without computing it; None if it isn't on disk."""
     return entries.read(_path(kind, inputs, make))
 
 
@@ -190,10 +164,7 @@ def _named_in(path: Path) -> set[str]:
 
 
 def _named(source: str) -> set[str]:
-    """All of the rooms that compute that a source may import, by full names.
-
-    Python's own parser takes a hundred times as long; what only looks like an import does no harm.
-    """
+    """Find all computing modules that a source may import; Python's own parser takes a hundred times as long."""
     named: set[str] = set()
     for room, inside, listed in _IMPORT.findall(_COMMENT.sub("", source)):
         names = _ALIAS.sub("", inside or listed).strip("() \t\r\n").split(",")

@@ -69,14 +69,7 @@ LEAST_FACES = 1000
 
 
 class Cluster(NamedTuple):
-    """A node: the faces below it, and the node after all of them.
-
-    Attributes:
-        faces: Indices of faces.
-        skip: Index of the next node that is not below this one.
-        leaf: Whether its faces are a block.
-        expandable: Whether an expansion may stand for it.
-    """
+    """A node: the faces below it, the next node that isn't, whether it is a leaf, or an expansion stands for it."""
 
     faces: Integers
     skip: int
@@ -85,12 +78,9 @@ class Cluster(NamedTuple):
 
 
 def clusters(centroids: Floats, owners: Integers, least_faces: float) -> list[Cluster]:
-    """Nodes in depth-first order over all faces, a tree for each owner; halves across the longest extent.
+    """Build the nodes in depth-first order over faces with centroids (n, 3), a tree for each owner, shape (n,).
 
-    Args:
-        centroids: Of the faces, shape (n, 3) [m].
-        owners: Which surface each face belongs to, shape (n,).
-        least_faces: Surfaces of fewer have leaves only.
+    Nodes are halved across their longest extent. Surfaces of fewer than `least_faces` have leaves only.
     """
     nodes: list[Cluster] = []
     for owner in np.unique(owners):
@@ -118,12 +108,7 @@ def _split(nodes: list[Cluster], faces: Integers, centroids: Floats, expandable:
 
 
 def expansion(corners: Floats, charge: float) -> tuple[Floats, float, float]:
-    """A node's row: centre of charge, charge, second moments, area vector; its radius [m]; tr Q / (q radius^2).
-
-    Args:
-        corners: Of the triangles below, shape (n, 3, 3) [m].
-        charge: Per area of all of them.
-    """
+    """Return the row of a node over triangles (n, 3, 3) of a charge density, its radius, and tr Q / (q radius^2)."""
     across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(across, axis=1)
     q = float(areas.sum()) * charge
@@ -147,23 +132,15 @@ Opening = Callable[[Floats, Floats], Floats]
 
 
 def never(radii: Floats, _spreads: Floats) -> Floats:
-    """No expansion at all: every face counts by itself.
-
-    Args:
-        radii: Of the nodes, shape (n,) [m].
-        _spreads: Of their charge, shape (n,).
-
-    Returns:
-        From which distance on a node may stand for what is below it, shape (n,) [m]: infinity.
-    """
+    """Expand no node: from radii and spreads of nodes, shape (n,), infinite distances, shape (n,)."""
     return np.full(len(radii), np.inf)
 
 
 def at_angle(theta: float) -> Opening:
     """Expand nodes of at most `theta` times their distance.
 
-    Largest errors found over meshes of 1000 to 80 000 triangles: 0.1: 3e-5, 0.2: 5e-4, 0.3: 7e-3 of the potential, and
-    twice that of the gradient.
+    Largest errors over meshes of 1000 to 80 000 triangles: 0.1: 3e-5, 0.2: 5e-4, 0.3: 7e-3 of the potential, and twice
+    that of the gradient.
     """
     return lambda radii, _: radii / theta
 
@@ -275,15 +252,9 @@ def _with_leaves(nodes: Floats, links: Integers, reach: Floats, counts: Mapping[
 
 
 def convex_quads(vertices: Floats) -> tuple[Floats, Floats]:
-    """Return flat convex polygons in quads and, where their number of corners is odd, a triangle.
+    """Return flat convex polygons (..., k, 3) as quads (..., q, 4, 3) and, for odd k, a triangle (..., m, 3, 3).
 
     Each costs one arctangent: a polygon as a product of all its triangles saves nothing where gradients are asked for.
-
-    Args:
-        vertices: Corners in order, shape (..., k, 3) [m], in any frame.
-
-    Returns:
-        Corners of the quads, shape (..., q, 4, 3), and of triangles, shape (..., m, 3, 3), m <= 1.
     """
     last = vertices.shape[-2] - 1
     quads = np.array([(0, i, i + 1, i + 2) for i in range(1, last - 1, 2)], np.int64).reshape(-1, 4)

@@ -27,13 +27,7 @@ _LAST_TILT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All points within `radius` of the segment from `p0` to `p1`.
-
-    Attributes:
-        p0: One end of the axis, shape (3,) [m], in the frame of what it contains.
-        p1: The other, shape (3,) [m]; may be the same.
-        radius: [m].
-    """
+    """All points within `radius` [m] of the segment from `p0` to `p1`, shape (3,) each [m], which may be one point."""
 
     p0: Floats
     p1: Floats
@@ -46,11 +40,7 @@ class Capsule:
         return np.pi * self.radius**2 * (length + 4.0 / 3.0 * self.radius)
 
     def distance(self, points: Floats) -> Floats:
-        """Signed distance of points from the surface, shape (n,) [m]; negative inside.
-
-        Args:
-            points: Shape (n, 3) [m], in the capsule's frame.
-        """
+        """Return signed distances of points (n, 3) from the surface, shape (n,) [m]; negative inside."""
         axis = self.p1 - self.p0
         square = float(axis @ axis)
         offsets = points - self.p0
@@ -60,15 +50,9 @@ class Capsule:
 
 
 def fit_capsule(points: Floats) -> Capsule:
-    """A capsule that contains all points, of locally least volume over the directions of its axis.
+    """Find a capsule about points (n, 3), n >= 1, of locally least volume over the directions of its axis.
 
-    The search starts from the best principal axis of the points. The same points give the same capsule.
-
-    Args:
-        points: Shape (n, 3), n >= 1 [m], in any frame; the capsule is in the same.
-
-    Raises:
-        ValueError: if there is no point, or one is not finite.
+    The search starts from the best principal axis. ValueError if there is no point, or one is not finite.
     """
     cloud = np.asarray(points, dtype=np.float64).reshape(-1, 3)
     if len(cloud) == 0 or not np.isfinite(cloud).all():
@@ -135,13 +119,7 @@ _PLASTIC = 1.324717957244746
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints:
-    """Points on a surface; arrays are read-only.
-
-    Attributes:
-        points: Shape (n, 3) [m].
-        normals: Outward unit normals of the triangles they lie on, shape (n, 3).
-        weights: Area that each stands for, shape (n,) [m^2]; their sum is the surface's area.
-    """
+    """Points (n, 3) on a surface with its outward unit normals (n, 3) and their shares of the area (n,) [m^2]."""
 
     points: Floats
     normals: Floats
@@ -149,19 +127,10 @@ class SurfacePoints:
 
 
 def surface_points(vertices: Floats, triangles: Integers, spacing: float) -> SurfacePoints:
-    """Points that keep `spacing` from each other and come to within it of all the surface.
+    """Choose points of a surface, (v, 3) and (t, 3), that keep a spacing [m] and come within it of all of it.
 
-    The first is at the far end of the surface, every next one farthest from those before (farthest point sampling
-    of many candidates that are uniform in area); each stands for the part of the surface that is nearest to it.
-    The same surface gives the same points.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Indices into `vertices`, counter-clockwise from outside, shape (t, 3).
-        spacing: Least distance between two points [m]; to less than it a share of the surface extends.
-
-    Raises:
-        ValueError: if the surface has no area or the spacing is not positive.
+    Farthest point sampling of many candidates that are uniform in area, from the far end of the surface on; each point
+    stands for the part of the surface nearest to it. ValueError if the area is 0 or the spacing not positive.
     """
     corners = np.asarray(vertices, dtype=np.float64)[np.asarray(triangles)]
     across = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

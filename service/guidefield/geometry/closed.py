@@ -15,11 +15,10 @@ from guidefield.kernels.cover.signed_volume import signed_volume
 
 
 def numbered_edges(triangles: Integers) -> tuple[Integers, int]:
-    """Which edge each side of triangles (t, 3) is, whichever way it is run through.
+    """Number the edges of triangles (t, 3), whichever way they are run through; return also how many there are.
 
-    Returns:
-        Numbers of ab, bc and ca of each triangle, shape (3 t,), ascending with the edge's lower vertex, then with the
-        other one; and how many edges there are.
+    The numbers are those of ab, bc and ca of each triangle, shape (3 t,), ascending with the edge's lower vertex, then
+    with the other one.
     """
     numbers = np.empty(triangles.size, np.int64)
     count = number_edges(np.ascontiguousarray(triangles, np.int64), int(triangles.max(initial=-1)) + 1, numbers)
@@ -27,10 +26,7 @@ def numbered_edges(triangles: Integers) -> tuple[Integers, int]:
 
 
 def edge_counts(triangles: Integers, numbered: tuple[Integers, int] | None = None) -> tuple[Integers, Integers]:
-    """How often each edge of triangles (t, 3) is run through upwards, and downwards, in the order of their numbers.
-
-    `numbered` is what `numbered_edges` found, if it is at hand.
-    """
+    """Count how often each numbered edge of triangles (t, 3) is run through upwards, and downwards."""
     numbers, count = numbered or numbered_edges(triangles)
     up, down = np.zeros(count, np.int64), np.zeros(count, np.int64)
     count_ways(np.ascontiguousarray(triangles, np.int64), numbers, up, down)
@@ -38,15 +34,10 @@ def edge_counts(triangles: Integers, numbered: tuple[Integers, int] | None = Non
 
 
 def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, Integers]:
-    """Merge vertices at the same place, and leave out what is too much then.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame.
-        triangles: Indices of vertices, shape (t, 3).
+    """Merge vertices (v, 3) at the same place, and leave out triangles (t, 3) that are none then, and unused vertices.
 
     Returns:
-        Vertices that triangles use, shape (w, 3); triangles with three different ones, shape (u, 3); which of the given
-        ones each is, shape (u,).
+        Vertices (w, 3), triangles (u, 3), and the given index of each triangle, shape (u,).
 
     Raises:
         ValueError: if a vertex is not finite.
@@ -64,10 +55,7 @@ def compact(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers, In
 
 
 def merged_points(points: Floats) -> tuple[Integers, Integers]:
-    """Merge points at the same place; 0 and -0 are the same.
-
-    Args:
-        points: Shape (n, 3) [m], all finite.
+    """Merge points (n, 3) at the same place; 0 and -0 are the same.
 
     Returns:
         The first point of each place, ascending, shape (k,); the place of each point among these, shape (n,).
@@ -88,17 +76,11 @@ def used_alone(vertices: Floats, triangles: Integers) -> tuple[Floats, Integers]
 
 
 def closing_lids(vertices: Floats, triangles: Integers) -> tuple[Integers, float]:
-    """Triangles that close a surface: a fan for each connected part of its boundary.
+    """Close a surface, shapes (v, 3) and (t, 3), by a fan (n, 3) for each connected part of its boundary.
 
-    The boundary are the edges that are run through more often in one direction than in the other. It has no boundary
-    itself: what comes to a vertex leaves it. So the sides of a fan cancel, whatever its apex.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), each with three different vertices.
-
-    Returns:
-        The lids, shape (n, 3), and the largest extent of a part of the boundary [m]; 0 if the surface is closed.
+    The boundary are the edges run through more often in one direction. It has no boundary itself: what comes to a
+    vertex leaves it. So the sides of a fan cancel, whatever its apex. Also returned: the largest extent of a part [m],
+    or 0.
     """
     edges = boundary(triangles)
     if not len(edges):
@@ -122,36 +104,19 @@ def connected_pieces(count: int, simplices: Integers) -> Integers:
 
 
 def volume(vertices: Floats, triangles: Integers) -> float:
-    """Volume within a closed surface [m^3]; negative if its triangles run clockwise from outside.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame.
-        triangles: Indices of vertices, shape (t, 3).
-    """
+    """Return the volume within a closed surface, shapes (v, 3) and (t, 3) [m^3]; negative if it is inside out."""
     return volumes(vertices, [triangles])[0]
 
 
 def volumes(vertices: Floats, pieces: Sequence[Integers]) -> list[float]:
-    """The same of several closed surfaces that share vertices.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame.
-        pieces: Indices of vertices of each, shape (t, 3).
-    """
+    """Return the volumes of several closed surfaces (t, 3) that share vertices (v, 3)."""
     vertices = np.ascontiguousarray(vertices, float)
     about = vertices.mean(axis=0)
     return [float(signed_volume(vertices, np.ascontiguousarray(one, np.int64), about)) for one in pieces]
 
 
 def boundary(triangles: Integers) -> Integers:
-    """Edges of the boundary, as often as they are run through more this way than the other.
-
-    Args:
-        triangles: Indices of vertices, shape (t, 3).
-
-    Returns:
-        First and second vertex of each, shape (n, 2).
-    """
+    """Return the edges (n, 2) of triangles (t, 3), as often as they are run through more this way than the other."""
     numbered = numbers, count = numbered_edges(triangles)
     up, down = edge_counts(triangles, numbered)
     surplus = up - down
@@ -174,18 +139,17 @@ _STEPS = 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1, 0.17, 0.3, 0.55, 1.0
 def seams(
     vertices: Floats, triangles: Integers, widest: float = WIDEST_CRACK, numbered: tuple[Integers, int] | None = None
 ) -> tuple[Integers, float]:
-    """Which corners along the edges of a surface should be one, so that no edge is left that is one triangle's only.
+    """Find the vertex that each vertex should be, so that no edge is left that is one triangle's only.
 
     Args:
         vertices: Shape (v, 3) [m], no two at one place.
         triangles: Shape (t, 3), each with three different vertices.
-        widest: How far apart along each axis corners may be that should be one [m].
-        numbered: What `numbered_edges` found, if it is at hand.
+        widest: Largest distance along each axis of corners that should be one [m].
+        numbered: The result of `numbered_edges`, if it is at hand.
 
     Returns:
-        For each vertex the one that it should be, shape (v,), itself where it is none of those; and the width of the
-        widest crack [m], the diagonal of the box about its corners. Where the surface has no such edge, or joining
-        leaves some, each is itself and the width 0.
+        Vertices, shape (v,), and the width of the widest crack [m], the diagonal of the box about its corners. Without
+        such an edge, or where joining leaves some, each vertex stays itself and the width is 0.
     """
     alone = np.arange(len(vertices))
     loose = _loose(triangles, numbered or numbered_edges(triangles))
@@ -205,17 +169,10 @@ def seams(
 
 
 def crack_lids(triangles: Integers, joined: Integers) -> Integers:
-    """Triangles between the edges of a surface and the edges that they should be: what is left of its boundary cancels.
+    """Make lids (n, 3) between edges of triangles (t, 3) and the edges that they should be by `seams` (v,).
 
     No triangle is moved; a lid reaches no further from an edge than the crack is wide. Where the joined surface is
     closed, so is this one with its lids.
-
-    Args:
-        triangles: Shape (t, 3).
-        joined: For each vertex the one that it should be, shape (v,), as of `seams`.
-
-    Returns:
-        The lids, shape (n, 3).
     """
     start, end = boundary(triangles).T
     lids = np.concatenate(
@@ -233,13 +190,7 @@ def are_proper(triangles: Integers) -> np.ndarray:
 
 
 def _loose(triangles: Integers, numbered: tuple[Integers, int], among: np.ndarray | None = None) -> Integers:
-    """Vertices of the edges that are one triangle's only, ascending, shape (n,).
-
-    Args:
-        triangles: Shape (t, 3).
-        numbered: Their edges.
-        among: Only edges with one of these vertices count, shape (v,), bool; None: all do.
-    """
+    """Return the vertices of edges of one triangle only, ascending; of edges with a given vertex (v,), bool."""
     numbers, edges = numbered
     alone = np.bincount(numbers, minlength=edges) == 1
     if not alone.any():
@@ -253,7 +204,7 @@ def _loose(triangles: Integers, numbered: tuple[Integers, int], among: np.ndarra
 
 
 def _join_points(points: Floats, indices: Integers, width: float) -> tuple[Integers, Floats]:
-    """For each point of some the index of the first of those it should be, its own if they don't fit in the width.
+    """Find for each point the first of those it should be one with, itself if their box exceeds the width.
 
     Points that are at most `width` apart share a cell of twice the width in one of eight grids.
     """

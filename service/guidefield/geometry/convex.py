@@ -25,10 +25,7 @@ def as_met(first: Any, second: Any) -> tuple[Any, Any]:
 
 
 def all_as_met(geometry: Any) -> Any:
-    """A pinocchio.GeometryModel with the same pairs, whose balls are such capsules if there is a mesh among its shapes.
-
-    Where there is none, it is the model itself.
-    """
+    """Return a pinocchio.GeometryModel with a mesh with its balls as capsules without length; another itself."""
     shapes = [shape.geometry for shape in geometry.geometryObjects]
     if not any(isinstance(shape, coal.BVHModelBase) for shape in shapes):
         return geometry
@@ -44,12 +41,7 @@ def _capsule(ball: Any) -> Any:
 
 
 def bvh(vertices: np.ndarray, triangles: np.ndarray) -> Any:
-    """Build a Coal tree of oriented boxes over triangles: surfaces only, no inside.
-
-    Args:
-        vertices: Shape (v, 3) [m], in the shape's frame.
-        triangles: Indices of vertices, shape (t, 3).
-    """
+    """Build a Coal tree of oriented boxes over vertices (v, 3) and triangles (t, 3): a surface, no inside."""
     tree = coal.BVHModelOBBRSS()
     tree.beginModel(len(triangles), len(vertices))
     tree.addVertices(np.ascontiguousarray(vertices, float))
@@ -67,10 +59,7 @@ _NEAR = 2.0**-27
 
 
 def convex_hull(points: Floats) -> Surface:
-    """Convex hull of points; its vertices are some of them, bit for bit.
-
-    Args:
-        points: Shape (n, 3) [m].
+    """Return the convex hull of points (n, 3); its vertices are some of them, bit for bit.
 
     Raises:
         ValueError: if the points are not of that shape, not finite, or lie in a plane, or if a vertex has more
@@ -88,12 +77,9 @@ def convex_hull(points: Floats) -> Surface:
 
 
 def hull_planes(hull: Surface, most: int) -> Floats:
-    """Planes that touch a hull from outside, one for each of its `most` largest triangles, the largest first.
+    """Return planes n.p <= d, shape (t, 4) [m], that touch a hull, for its `most` largest triangles, largest first.
 
-    Every point p of the hull has n.p <= d, whatever the normal is: that of a sliver may have any direction.
-
-    Returns:
-        Unit normals n and offsets d, shape (t, 4) [m].
+    Every point of the hull is below each, also that of a sliver, whose normal may have any direction.
     """
     a, b, c = np.moveaxis(hull.corners, 1, 0)
     normals = np.cross(b - a, c - a)
@@ -105,12 +91,7 @@ def hull_planes(hull: Surface, most: int) -> Floats:
 
 
 def convex(vertices: Floats, triangles: np.ndarray) -> Any:
-    """A hull as Coal's shape.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), as `convex_hull` has them.
-    """
+    """Return a hull of vertices (v, 3) and triangles (t, 3) as Coal's shape."""
     faces = coal.StdVec_Triangle()
     for corners in triangles.tolist():
         faces.append(coal.Triangle(*corners))

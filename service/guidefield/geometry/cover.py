@@ -1,13 +1,13 @@
-"""Few balls that contain a body for certain, and leave it by no more than a given overhang.
+"""Cover a body for certain with few balls that leave it by no more than a given overhang.
 
 A ball of radius depth(c) + delta about a point c of a body stays within delta of it: the first depth(c) of every ray
 from c is in the body. The surface is cut into small elements; a ball contains a triangle if it contains its corners, so
 the chosen balls contain the surface exactly, and by a margin. That the inside is contained too is proved by halving a
 box about the body until each cell is in a ball, outside, or within the margin of the surface; a cell that isn't gets a
-ball. Depths are distances to triangles, not to samples. So both promises hold up to rounding, whatever the shape.
+ball. Depths are distances to triangles, so both promises hold up to rounding, whatever the shape.
 
-Few balls are chosen by a greedy set cover (Chvatal, Mathematics of Operations Research 4, 1979), and shrink to what
-they own. A local search after it left out a tenth of the balls; plans for a UR5, a Panda and a Fetch were no quicker.
+Candidates are balls about points of the medial axis. Few are chosen by a greedy set cover (Chvatal, Mathematics of
+Operations Research 4, 1979), and shrink to what they own.
 """
 
 from __future__ import annotations
@@ -29,17 +29,20 @@ from guidefield.kernels.cover.stable_order import stable_order
 
 
 def medial_balls(body: Solid, elements: Elements, most: int, resolution: float, slack: float = 0.0) -> Floats:
-    """Largest balls within a body that all but touch its surface in elements of it.
+    """Find the largest balls within a closed body that all but touch its surface in elements of it.
+
+    A ball within the body is moved away from the nearest surface and grown until it touches another: on the medial
+    axis.
 
     Args:
-        body: A closed body.
-        elements: Of the body's surface.
+        body: The body.
+        elements: Of its surface.
         most: About how many pieces of them to start from.
         resolution: Of balls with centres closer than about this, one is kept [m].
         slack: By how much balls may miss the surface, so that they grow past facets of a round one [m].
 
     Returns:
-        Centre and depth, shape (n, 4) [m], the deepest first; the balls are within the body.
+        Centre and depth, shape (n, 4) [m], the deepest first.
     """
     corners, sources = elements.pieces.some(slice(None, None, max(1, len(elements.pieces.sources) // most)))
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -109,12 +112,12 @@ Offer = Callable[[Solid, Elements, int, float], Floats]
 
 @dataclass(frozen=True, eq=False)
 class Cover:
-    """Balls that contain a body; all arrays are read-only and in the body's frame.
+    """Balls that contain a body; read-only, in the body's frame.
 
     Attributes:
         spheres: Centre and radius, shape (n, 4) [m]; those of a group together.
         overhangs: By how much each leaves the body at most, shape (n,) [m].
-        groups: Balls about groups of them, shape (g, 4) [m]: what touches none of these touches none of those.
+        groups: Balls about groups of them, shape (g, 4) [m].
         first: First sphere of each group, and the number of all, shape (g + 1,).
         bound: One small ball about the body, shape (4,) [m].
     """
@@ -132,14 +135,9 @@ class Cover:
 
 
 def cover(body: Solid, delta: float) -> Cover:
-    """Balls that contain a body and leave it by at most `delta`.
+    """Cover a body, and the finer mesh that it stands for, with balls that leave it by at most `delta` [m].
 
-    The same body gives the same balls.
-
-    Args:
-        body: The body. Where gaps of its surface were closed, the overhang is that over the closed surface. Where it
-            stands for a finer mesh, balls contain that, and leave it by no more.
-        delta: Largest overhang [m].
+    Where gaps of its surface were closed, the overhang is that over the closed surface.
 
     Raises:
         ValueError: if `delta` is not positive, or so small for the body that there might be very many balls, or for
@@ -162,13 +160,7 @@ def cover(body: Solid, delta: float) -> Cover:
 
 
 def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:
-    """Balls in groups, with what is known about them.
-
-    Args:
-        balls: Centre and radius, shape (n, 4) [m].
-        depths: Depths of their centres, shape (n,) [m]; negative outside.
-        bound: A ball that contains the body, shape (4,) [m].
-    """
+    """Group balls (n, 4) whose centres have depths (n,) in a body within a ball (4,) [m]."""
     order, groups, first = grouped(balls)
     result = Cover(
         spheres=np.ascontiguousarray(balls[order]),
@@ -183,9 +175,9 @@ def assembled(balls: Floats, depths: Floats, bound: Floats) -> Cover:
 
 
 def _choose_balls(body: Solid, delta: float, margin: float) -> tuple[Floats, Elements]:
-    """Balls, as large as they may be, that contain the surface by a margin; the elements of the surface.
+    """Choose balls, as large as they may be, that contain the surface by a margin; return also the surface's elements.
 
-    What no ball about the medial axis contains is offered balls about the elements themselves, then smaller elements.
+    Elements that no medial ball contains are offered balls about the elements themselves, then smaller elements.
     """
     corners = body.surface.corners
     pieces = Pieces(corners, np.arange(len(corners)))
@@ -259,17 +251,9 @@ One that fits a surface closely all over would make the proof for the inside loo
 
 
 def shrunk(body: Solid, balls: Floats, elements: Elements, delta: float, margin: float) -> Floats:
-    """Balls that contain all elements by a margin, no larger than they have to be.
+    """Shrink balls (n, 4) that contain all elements by a margin [m] to balls (m, 4) that all own some elements.
 
-    Args:
-        body: The body that the elements are of.
-        balls: Balls that contain all elements by the margin, and leave the body by at most `delta`; shape (n, 4) [m].
-        elements: What has to be contained.
-        delta: Largest overhang [m].
-        margin: By how much [m].
-
-    Returns:
-        Balls that leave the body by no more, without those that nothing is left for, shape (m, 4).
+    No ball leaves the body by more than `delta` [m].
     """
     radii, owners = np.empty(len(balls)), np.empty(len(elements.bounds), np.int64)
     reduced = np.column_stack([balls[:, :3], balls[:, 3] - margin])
@@ -311,28 +295,18 @@ GROUP = 8
 
 
 def enclosing_ball(points: Floats) -> Floats:
-    """The smallest ball that contains points, and so their hull.
-
-    Args:
-        points: Shape (n, 3) [m], in any frame.
-
-    Returns:
-        Centre in that frame and radius, shape (4,) [m].
-    """
+    """Return centre and radius, shape (4,) [m], of the smallest ball about points (n, 3)."""
     ball = np.empty(4)
     smallest_ball(np.ascontiguousarray(points), ball)
     return ball
 
 
 def grouped(balls: Floats) -> tuple[Integers, Floats, Integers]:
-    """Neighbouring balls in groups, with a ball around each group.
-
-    Args:
-        balls: Centres and radii, shape (n, 4), n >= 1 [m], in any frame.
+    """Group neighbouring balls (n, 4), n >= 1.
 
     Returns:
-        The order in which balls of a group stand together, shape (n,); the balls around groups, shape (g, 4) [m]; where
-        each group begins, and n, shape (g + 1,).
+        The order of balls by group, shape (n,); a ball around each group, shape (g, 4) [m]; the first ball of each,
+        and n, shape (g + 1,).
     """
     groups = _halved(balls, np.arange(len(balls)))
     around = np.empty((len(groups), 4))
@@ -359,19 +333,10 @@ _ROOT_SLACK = 1.0 + 1e-9
 
 
 def contain_interior(body: Solid, balls: Floats, delta: float, margin: float) -> Floats:
-    """Balls that contain all of a closed body, from balls that contain its surface by a margin.
+    """Grow balls (n, 4) that contain a closed body's surface by a margin [m] to (m, 4) that contain all of it.
 
     For every cell of the inside that is in no ball, the ball that has to grow least is grown; if none may, because it
-    would leave the body by more than `delta`, there is a new one about the cell.
-
-    Args:
-        body: A closed body.
-        balls: Shape (n, 4) [m].
-        delta: Largest overhang [m].
-        margin: Every point this close to the surface is in a ball [m].
-
-    Returns:
-        The same balls in the same order, some of them larger, then those that were added; shape (m, 4).
+    would leave the body by more than `delta` [m], there is a new one about the cell.
     """
     balls = np.ascontiguousarray(balls)
     allowed = body.depths(balls[:, :3]) + delta

@@ -28,27 +28,18 @@ _SAMPLE = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Crossing faces.
-
-    Attributes:
-        pairs: Shape (n, 2), indices of triangles, the lower one first, sorted.
-        complete: Whether all pairs were examined: False beyond `SWEPT` or `EXAMINED`.
-    """
+    """Crossing triangles: sorted pairs (n, 2), the lower index first; incomplete beyond `SWEPT` or `EXAMINED`."""
 
     pairs: Integers
     complete: bool
 
 
 def crossings(vertices: Floats, triangles: Integers) -> Crossings:
-    """Pairs of triangles whose insides cross (T. Moeller, A fast triangle-triangle intersection test, 1997).
+    """Find pairs of triangles (t, 3) of vertices (v, 3), no two at one place, whose insides cross.
 
     Two cross if each has corners on both sides of the other's plane and the segments in which they meet the planes'
-    common line overlap. Faces that touch do not: in a plane, at an edge, at a corner. Nor do those that another face
-    crosses exactly along an edge.
-
-    Args:
-        vertices: Shape (v, 3) [m], finite, no two at one place.
-        triangles: Shape (t, 3).
+    common line overlap (T. Moeller, A fast triangle-triangle intersection test, 1997). Faces that touch do not: in a
+    plane, at an edge, at a corner. Nor do those that another face crosses exactly along an edge.
     """
     centred, triangles = vertices - vertices.mean(axis=0), np.ascontiguousarray(triangles, np.int64)
     boxes = np.empty((len(triangles), 6))

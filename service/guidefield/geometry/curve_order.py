@@ -22,7 +22,7 @@ class Along(NamedTuple):
     """Points along the curve.
 
     Attributes:
-        order: Their numbers, in the order of their places on it; of the same place in that of the numbers, shape (n,).
+        order: Their numbers by their places on it, ties by number, shape (n,).
         places: Those places, shape (n,).
         corners: The lower, then the upper corner of the box about the points, shape (6,).
         bits: Of each coordinate of a place.
@@ -56,12 +56,7 @@ class Changed(NamedTuple):
 
 
 def curve_order(points: Floats, bits: int = FINEST) -> Integers:
-    """Indices (n,) of points in the order of their places on the curve; of the same place in that of their indices.
-
-    Args:
-        points: Shape (n, 3), finite.
-        bits: Of each coordinate of a place, at most `FINEST`.
-    """
+    """Return the order (n,) of points (n, 3) along the curve, ties by index; at most `FINEST` bits an axis."""
     return along_curve(points, bits).order
 
 
@@ -80,14 +75,13 @@ def along_curve(points: Floats, bits: int = FINEST) -> Along:
 
 
 def changed_along(known: Along, now: Integers, fresh: Sequence[int], points: Floats, count: int) -> Changed:
-    """The order of points of which some are others. It is right if the box about all of them is what it was.
+    """Update the order after points were replaced; it is right if the box about all of them is what it was.
 
     Args:
         known: The points before.
-        now: The number that each of those has now, by its number then, -1 of those that are gone, shape (m,); those
-            that are left keep their order.
-        fresh: The numbers of the others.
-        points: Where these are, shape (k, 3), in no other place than the box about those before.
+        now: The number that each of those has now, -1 of those that are gone, shape (m,), ascending else.
+        fresh: The numbers of the new points.
+        points: Where these are, shape (k, 3), within the box about those before.
         count: How many there are now.
     """
     numbers = np.array(fresh, np.int64)

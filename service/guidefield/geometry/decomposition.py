@@ -1,11 +1,11 @@
-"""Convex parts that together contain a body, each about what a convex cell holds of it.
+"""Decompose a body into convex parts that together contain it, each about what a convex cell holds of it.
 
 Cells are halved by planes, the one whose hull stands off furthest first; each time by the plane, of some along the
 cell's principal axes, that leaves the hulls of both halves the least volume. Two cells whose common hull is tight
 enough become one again. For all this a small hull stands for that of a cell: of the points that are furthest in
-directions all around. The parts themselves contain all that their cells hold of the body: its corners are among those
-of the triangles clipped at the cell's sides, and the cell's own corners within the body. So the parts contain the body
-by construction, whatever planes are chosen. How far they stand off is measured, and bounded from above.
+directions all around. The parts contain the body by construction, whatever planes are chosen: the corners of a cell's
+body are among those of the triangles clipped at its sides, and its own corners within the body. How far they stand off
+is measured, and bounded from above.
 """
 
 from __future__ import annotations
@@ -30,12 +30,7 @@ _PARALLEL = 1e-6
 
 
 def clipped(pieces: Pieces, plane: Floats) -> Pieces:
-    """The parts of triangles that lie below a plane: n.p <= d.
-
-    Args:
-        pieces: The triangles.
-        plane: Unit normal n and offset d, shape (4,) [m], in the triangles' frame.
-    """
+    """Clip triangles at a plane n.p <= d, given as n and d, shape (4,) [m]."""
     heights = heights_along(pieces.corners, plane[:3]) - plane[3]
     below = heights <= 0.0
     count = below.sum(axis=1)
@@ -62,12 +57,7 @@ def _cut(pieces: Pieces, heights: Floats, below: np.ndarray, count: np.ndarray, 
 
 
 def corners_of_cell(body: Solid, planes: Floats) -> Floats:
-    """Corners (n, 3) of a convex cell that lie within a closed body.
-
-    Args:
-        body: The body.
-        planes: Unit normals and offsets of the cell's sides, shape (k, 4) [m].
-    """
+    """Return the corners (n, 3) within a closed body of a convex cell with planes (k, 4) [m]."""
     triples = [planes[list(three)] for three in combinations(range(len(planes)), 3)]
     meeting = [three for three in triples if abs(np.linalg.det(three[:, :3])) > _PARALLEL]
     if not meeting:
@@ -121,12 +111,7 @@ WORTH = 0.995
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A convex part.
-
-    Attributes:
-        hull: The part itself, in the body's frame.
-        stand_off: How far its surface leaves the body, at most [m].
-    """
+    """A convex part, and how far its surface leaves the body at most [m]."""
 
     hull: Surface
     stand_off: float
@@ -134,15 +119,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """A convex cell and what it holds.
-
-    Attributes:
-        planes: Unit normals and offsets of its sides, shape (k, 4); a point p of it has n.p <= d.
-        pieces: Triangles within it.
-        points: Points whose hull is that of the body's share, shape (n, 3) [m].
-        hull: The small hull, of some of them.
-        stand_off: About how far that leaves the body [m].
-    """
+    """A convex cell: side planes (k, 4), its triangles, points (n, 3) of its hull, small hull, stand-off [m]."""
 
     planes: Floats
     pieces: Pieces
@@ -153,12 +130,7 @@ class _Cell:
 
 @dataclass(frozen=True, eq=False)
 class Decomposition:
-    """A body in convex parts.
-
-    Attributes:
-        parts: Parts that together contain the body.
-        hull: One part that contains it all.
-    """
+    """Convex parts that together contain a body, and one part that contains it all."""
 
     parts: tuple[Part, ...]
     hull: Part
@@ -170,12 +142,10 @@ class Decomposition:
 
 
 def decompose(body: Solid, tight: float, most: int) -> Decomposition:
-    """Convex parts that contain a body.
-
-    The same body gives the same parts.
+    """Decompose a body, or the surface of an open one, and the finer mesh that it stands for, into convex parts.
 
     Args:
-        body: The body; of an open one the surface is contained. Where it stands for a finer mesh, that is contained.
+        body: The body.
         tight: Parts that stand off by no more than this are not halved [m].
         most: How many there may be, before those are joined that can be.
 
@@ -299,14 +269,7 @@ def _different(axes: Floats) -> Floats:
 
 
 class _Samples:
-    """Points on the surface of a cell's share, by which the hulls of its halves are compared.
-
-    Args:
-        cell: The cell.
-
-    Attributes:
-        axes: Its principal axes, shape (3, 3).
-    """
+    """Points on the surface of a cell's share, with principal axes, to compare the hulls of its halves by."""
 
     axes: Floats
 
@@ -351,13 +314,9 @@ def _places(along: Floats) -> list[float]:
 
 
 def _volumes(corners: Floats, origins: Floats) -> Floats:
-    """About the volumes (n,) of the hulls of some points each [m^3], by those furthest in `_DIRECTIONS` and any one.
+    """Estimate the volumes (n,) of hulls [m^3] by corners (n, d, 3) furthest in `_DIRECTIONS`, about origins (n, 3).
 
     They are joined as the directions are, which a hull's own corners nearly are.
-
-    Args:
-        corners: Shape (n, d, 3) [m].
-        origins: Shape (n, 3) [m].
     """
     x, y, z = np.moveaxis(corners - origins[:, None], 2, 0)
     (ax, bx, cx), (ay, by, cy), (az, bz, cz) = (np.moveaxis(along[:, _FACES], 2, 0) for along in (x, y, z))

@@ -56,12 +56,7 @@ class Body:
     anchor: Floats | None = None
 
     def place(self, rotation: Floats, translation: Floats) -> Body:
-        """The body in a frame that its own is placed in.
-
-        Args:
-            rotation: Of its frame in the other one, shape (3, 3).
-            translation: Of its frame's origin in the other one, shape (3,) [m].
-        """
+        """Return the body in a frame in which its own is placed by a rotation (3, 3) and a translation (3,) [m]."""
         turned = rotation @ self.placement
         turned[:, 3] += translation
         return replace(self, placement=turned)
@@ -80,14 +75,10 @@ def box_body(box: SolidBox) -> Body:
 
 
 def triangulated(vertices: Floats, triangles: Integers, kind: int, neighbours: Integers = NO_TRIANGLES) -> Body:
-    """The body of a surface; of a seen solid without an anchor.
+    """Make the body of vertices (v, 3) and triangles (t, 3), some with an area; of a seen solid without an anchor.
 
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3), counter-clockwise from outside; some of them with an area.
-        kind: SOLID, CROPPED_SOLID or SHEET.
-        neighbours: Where they are a part of a surface the others that share a vertex with them, shape (n, 3): they say
-            which side is which at its edges and corners, and nothing else.
+    Its kind is SOLID, CROPPED_SOLID or SHEET. Neighbours are further triangles (n, 3) of the whole surface that share a
+    vertex with these: they say which side is which at its edges and corners, and nothing else.
     """
     return of_surface(surface_rows((vertices, triangles, neighbours)), kind)
 
@@ -98,10 +89,10 @@ def of_surface(rows: SurfaceRows, kind: int) -> Body:
 
 
 def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, translations: Floats) -> BodyRows:
-    """Return the bodies of surfaces that are no solids, of at most `FEW` triangles each, all of them together.
+    """Make the bodies of surfaces that are no solids, of at most `FEW` triangles each, all of them together.
 
     Each has axes in which the box about it is as thin as the surface, if that is flat: the box about a slanted polygon
-    along other axes is mostly empty, and it would have to be looked at from far away.
+    along other axes is mostly empty, and would be examined from far away.
 
     Args:
         surfaces: Vertices (v, 3) [m] and triangles (t, 3) of each, some of them with an area.
@@ -127,31 +118,14 @@ def sheets(surfaces: Sequence[tuple[Floats, Integers]], rotations: Floats, trans
 
 
 def balls_about(points: Floats, radius: float, cloud: int) -> Body:
-    """The body of balls about points.
-
-    Args:
-        points: Shape (n, 3) [m], in the frame of the body.
-        radius: Of the balls [m].
-        cloud: Where the words of their `LaneCloud` are; they have to stay there.
-    """
+    """Make the body of balls of a radius [m] about points (n, 3); at `cloud` the words of their `LaneCloud` stay."""
     low, high = box_about(points)
     bounds = np.r_[low - radius, high + radius]
     return Body(CLOUD, (0.0, 0.0, 0.0), bounds, _IDENTITY, cloud=cloud)
 
 
 class BodyRows(NamedTuple):
-    """Bodies row by row, without their surfaces.
-
-    Attributes:
-        kinds: As `Body.kind`, shape (n,).
-        sizes: As `Body.size`, shape (n, 3) [m].
-        bounds: As `Body.bounds`, shape (n, 6) [m].
-        placements: As `Body.placement`, shape (n, 3, 4) [m].
-        surfaces: By row, those of solids and sheets.
-        anchors: By row, those of seen solids.
-        clouds: As `Body.cloud`, shape (n,).
-        boxes: As `boxes_in_world` has them, shape (n, 6) [m].
-    """
+    """Columns of `Body` for n bodies; surfaces and anchors by row; boxes as of `boxes_in_world`, (n, 6) [m]."""
 
     kinds: Integers
     sizes: Floats
@@ -218,13 +192,9 @@ def joined_rows(first: BodyRows, second: BodyRows) -> BodyRows:
 
 
 def boxes_in_world(placements: Floats, bounds: Floats) -> Floats:
-    """Boxes along the axes about bodies where they are placed, lower then upper corner, shape (n, 6) [m].
+    """Return boxes (n, 6) [m] along the world's axes about bodies with boxes (n, 6) in frames placed by (n, 3, 4).
 
     That of a half-space is everything.
-
-    Args:
-        placements: Of the bodies, shape (n, 3, 4) [m].
-        bounds: Boxes about them in their own frames, shape (n, 6) [m].
     """
     bounds = bounds.copy()
     endless = ~np.isfinite(bounds).all(axis=1)
@@ -237,13 +207,7 @@ def boxes_in_world(placements: Floats, bounds: Floats) -> Floats:
 
 
 def body_tables(bodies: BodyRows, owners: Sequence[int] | Integers, nodes: Floats) -> DistanceTables:
-    """Tables of bodies, read-only.
-
-    Args:
-        bodies: Half-spaces first, the others in the order of their tree.
-        owners: What each belongs to.
-        nodes: The tree, shape (m, 6) [m]; empty if nobody is going to look for what is near.
-    """
+    """Make read-only tables of bodies, half-spaces first, and of the tree (m, 6) [m] over the others, or none."""
     surfaces, spans = _surface_tables(bodies.surfaces, len(bodies.kinds))
     anchored = sorted(bodies.anchors)
     spans[anchored, 4] = np.arange(1, len(anchored) + 1)

@@ -21,12 +21,7 @@ from guidefield.kernels.cover.stable_order import stable_order
 
 
 class Pieces(NamedTuple):
-    """Triangles, parts of those of a surface.
-
-    Attributes:
-        corners: Shape (n, 3, 3) [m].
-        sources: Which triangle of the surface each is part of, shape (n,).
-    """
+    """Triangles, shape (n, 3, 3) [m], that are parts of those of a surface, shape (n,)."""
 
     corners: Floats
     sources: Integers
@@ -42,7 +37,7 @@ class Pieces(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Pieces of a surface that lie together; each has at least one.
+    """Pieces of a surface that lie together, at least one in each element.
 
     Attributes:
         pieces: Those of the same element together.

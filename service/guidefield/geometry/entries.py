@@ -1,7 +1,6 @@
-"""Arrays in a file of NumPy's own format: one record, whose fields are the arrays, and a checksum of it all.
+"""Arrays in a file of NumPy's own format: one record, whose fields are the arrays, and a checksum.
 
-A file of many megabytes is mapped: memory that others read too, of which no copy is made. All of it is summed before
-anything of it is used. Who makes large arrays may have them made in the file, so that none is written a second time.
+A large file is mapped, so that processes share its memory. Who makes large arrays may make them in the file.
 """
 
 from __future__ import annotations
@@ -48,10 +47,7 @@ def in_memory(layout: Layout) -> dict[str, np.ndarray]:
 
 
 def read(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a file, read-only, in the shapes in which they were written, by name.
-
-    None if there is no such file, or none that can be used, which is logged.
-    """
+    """Return the read-only arrays of a file by name, of their own shapes; None if there is no usable one."""
     try:
         with path.open("rb") as file:
             np.lib.format.read_magic(file)
@@ -73,11 +69,7 @@ def read(path: Path) -> dict[str, np.ndarray] | None:
 
 
 def write(path: Path, arrays: Arrays) -> int:
-    """Write arrays as a file; return its size [bytes].
-
-    Raises:
-        OSError: if it can't be written.
-    """
+    """Write arrays as a file; return its size [bytes]. OSError if it can't be written."""
     dtype = _dtype({name: (array.dtype.str, array.shape) for name, array in arrays.items()})
     header = _header(dtype)
     content = np.zeros(len(header) + dtype.itemsize, np.uint8)
@@ -92,13 +84,7 @@ def write(path: Path, arrays: Arrays) -> int:
 
 
 class Draft:
-    """Arrays that are made in the memory of a file, which is there whole or not at all.
-
-    Where there is no disk, or no space on it, they are in memory alone, and a warning is logged.
-
-    Args:
-        path: Of the file.
-    """
+    """Arrays made in the memory of a file, which is there whole or not at all; in memory alone without a disk."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

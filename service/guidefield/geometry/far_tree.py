@@ -1,7 +1,7 @@
 """Trees over everything charged, whatever its kind: an expansion stands for all that is far away.
 
-The tables of a scene have trees over large meshes alone; all else counts by itself. Among thousands of boxes or
-polygons pictures of the field take these trees instead.
+The tables of a scene have trees over large meshes alone. Among thousands of boxes or polygons pictures of the field
+take these trees instead.
 """
 
 from __future__ import annotations
@@ -53,14 +53,9 @@ _UPPER = np.triu_indices(3)
 
 @dataclass(frozen=True, eq=False)
 class _Charged:
-    """Things that are charged.
+    """Charged things: centres of charge (n, 3) [m], charges [m^2], second moments about these (n, 3, 3) [m^4].
 
-    Attributes:
-        centres: Centres of charge, shape (n, 3) [m].
-        charges: Shape (n,) [m^2].
-        moments: Second moments about the centres, shape (n, 3, 3) [m^4].
-        areas: Area vectors of surfaces, shape (n, 3) [m^2]; 0 of what is closed.
-        radii: Of balls about them, shape (n,) [m].
+    Also area vectors of surfaces (n, 3) [m^2], 0 of what is closed, and radii of balls about them (n,) [m].
     """
 
     centres: Floats
@@ -76,15 +71,7 @@ class _Charged:
 
 @dataclass(frozen=True, eq=False)
 class _Tree:
-    """Nodes in depth-first order over things in order.
-
-    Attributes:
-        begins, ends: The things below each node, shape (m,).
-        after: The next node that is not below it, shape (m,).
-        leaves: Whether it has no nodes below it, shape (m,).
-        rows: As `FieldTables.nodes`, shape (m, NODE_COLUMNS).
-        reach: As `FieldTables.reach`, shape (m,) [m].
-    """
+    """Nodes in depth-first order: the things below each, the next node that isn't, leaves; rows and reach."""
 
     begins: Integers
     ends: Integers
@@ -97,7 +84,7 @@ class _Tree:
 def with_far_trees(tables: FieldTables) -> FieldTables:
     """Return the tables with trees over boxes, capsules and surfaces where there are many; see `OPENING`.
 
-    Spheres and points of clouds count by themselves: they take no longer than their trees do.
+    Spheres and points of clouds take no longer than their trees do.
     """
     forms = {BOXES: ("boxes", _boxes), CAPSULES: ("capsules", _capsules)}
     parts, changed, first_form = [], {}, int(np.count_nonzero(tables.links[:, FORM] == 0))

@@ -41,12 +41,10 @@ _MOST_ALONG = 64
 
 
 def inner_balls(body: Solid) -> Floats:
-    """Balls inside a body: centre and radius, shape (n, 4) [m], the one that fills most first.
-
-    They are inside the finer mesh, too, that the body may stand for.
+    """Return balls inside a body and the finer mesh it stands for, shape (n, 4) [m], the most filling first.
 
     There are none in an open surface, not even if it was closed by lids: what is inside may not touch it. Nor are there
-    any in a body that is flat. The same body gives the same balls.
+    any in a body that is flat.
     """
     if not body.closed or body.lids:
         return _frozen(np.empty((0, 4)))

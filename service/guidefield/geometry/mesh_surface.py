@@ -42,7 +42,7 @@ class MeshSurface:
         triangles: Shape (t, 3), counter-clockwise from outside where the mesh is solid.
         solid: Whether it is closed around a volume.
         hull: Its convex hull as a Coal shape if it is that hull, else None.
-        warnings: What was odd: open, inside out, inconsistent; one sentence each.
+        warnings: Open, inside out, inconsistent; one sentence each.
     """
 
     vertices: np.ndarray
@@ -53,15 +53,11 @@ class MeshSurface:
 
 
 class Joined(NamedTuple):
-    """A mesh whose vertices at one place are one, with the cracks that could be closed.
+    """A mesh with merged vertices (v, 3) and proper triangles (t, 3), with their given indices (t,), and its `seams`.
 
     Attributes:
-        vertices: Distinct vertices that triangles use, shape (v, 3) [m].
-        triangles: Those with three different ones, shape (t, 3).
-        given: Which of the given ones each is, shape (t,).
-        seams: For each vertex the one that it should be, shape (v,), as of `cracks.seams`.
         width: Of the widest crack [m].
-        edges: Which edge each side of the triangles is, shape (3 t,), and how many edges there are.
+        edges: As of `numbered_edges`.
     """
 
     vertices: np.ndarray
@@ -82,26 +78,17 @@ class Joined(NamedTuple):
 
 
 def joined_mesh(vertices: np.ndarray, triangles: np.ndarray) -> Joined:
-    """Merge a mesh's vertices, and find its cracks.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame.
-        triangles: Indices of vertices, shape (t, 3).
-    """
+    """Merge the vertices (v, 3) of triangles (t, 3), and find the cracks between these."""
     distinct, corners, given = compact(vertices, triangles)
     edges = numbered_edges(corners)
     return Joined(distinct, corners, given, *seams(distinct, corners, numbered=edges), edges)
 
 
 def mesh_surface(vertices: np.ndarray, triangles: np.ndarray) -> MeshSurface | None:
-    """Judge a triangle mesh; None if its triangles have no area.
+    """Judge a mesh of vertices (v, 3) and triangles (t, 3); None if its triangles have no area.
 
-    Vertices at the same place become one. Cracks between corners at most `WIDEST_CRACK` apart are closed by thin lids,
-    as long as nothing else is open. Where the mesh is closed then, triangles that face inwards are turned.
-
-    Args:
-        vertices: Shape (v, 3) [m], in any frame; the result is in the same.
-        triangles: Indices of vertices, shape (t, 3).
+    Cracks between corners at most `WIDEST_CRACK` apart are closed by thin lids, as long as nothing else is open. Where
+    the mesh is closed then, triangles that face inwards are turned.
     """
     return surface_of(joined_mesh(vertices, triangles))
 
@@ -192,7 +179,7 @@ def _facing_outwards(mesh: Joined) -> tuple[np.ndarray, bool, list[str]]:
 
 
 def _turned_alike(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
-    """Triangles turned so that neighbours agree, piece by piece; None if the surface has only one side.
+    """Turn triangles so that neighbours agree, piece by piece; None if the surface has only one side.
 
     Every edge must belong to two triangles. Every piece of the result encloses a positive volume, so that a hollow in
     another piece counts as filled: the safe side, where nobody can tell any more.
@@ -238,12 +225,7 @@ def _flip_from(root: int, neighbours: list[list[tuple[int, bool]]], flipped: lis
 
 
 def own_hull(vertices: np.ndarray, triangles: np.ndarray) -> Any | None:
-    """Return the hull of all vertices if a solid, outward mesh is that: one piece, no edge dented, the hull's volume.
-
-    Args:
-        vertices: Shape (v, 3) [m], each used.
-        triangles: Shape (t, 3).
-    """
+    """Return the hull of vertices (v, 3) if a solid, outward mesh (t, 3) is that: one piece, no dent, its volume."""
     size, first = float(np.linalg.norm(extents(vertices))), _first_ones(vertices, triangles)
     if _is_dented(vertices, first, _CONVEX * size):
         return None

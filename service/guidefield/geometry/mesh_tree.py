@@ -50,10 +50,7 @@ class MeshTree:
 
 
 def mesh_tree(triangles: np.ndarray, hull: np.ndarray | None = None) -> MeshTree:
-    """The tree over triangles (t, 3, 3), and a polytope about them all.
-
-    `hull` holds the vertices (k, 3) of that polytope; else it is their own hull.
-    """
+    """Build the tree over triangles (t, 3, 3), with a polytope about them: that of vertices (k, 3) or their hull."""
     if hull is None and len(triangles) > 1:
         try:
             hull = polytope_about(np.array(convex_hull(triangles.reshape(-1, 3)).vertices))
@@ -102,7 +99,7 @@ def tree_written(
     boxed: Told = lambda _: None,
     counts: np.ndarray | None = None,
 ) -> MeshTree:
-    """`triangle_tree` in arrays for its balls (2 t - 1, 4) and links (2 t - 1, 3); tells which nodes may get a box.
+    """Write a `triangle_tree` in balls (2 t - 1, 4) and links (2 t - 1, 3); tell which nodes may get a box.
 
     If `counts`, shape (n,), are given, the triangles are those of n meshes, one behind the other: a forest, whose nodes
     stand level by level, the roots first.
@@ -157,16 +154,10 @@ def _runs(members: np.ndarray, starts: np.ndarray, sizes: np.ndarray, most: int)
 
 
 def polytope_about(vertices: np.ndarray) -> np.ndarray:
-    """A polytope about points that aren't in a plane: their hull's corners are they themselves, if they are few.
+    """Return the vertices (k, 3) of a polytope about points (n, 3) that aren't in a plane; if they are few, the points.
 
-    Else it is bounded by planes that touch them, spread over all directions: its dual is the hull of their normals,
+    It is bounded by planes that touch the points, spread over all directions: its dual is the hull of their normals,
     each over its plane's distance from a point inside.
-
-    Args:
-        vertices: The points, shape (n, 3) [m], in any frame.
-
-    Returns:
-        The polytope's vertices in that frame, shape (k, 3) [m].
     """
     if len(vertices) <= MOST_VERTICES:
         return vertices

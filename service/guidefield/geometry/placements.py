@@ -11,12 +11,7 @@ import pinocchio as pin
 
 
 def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
-    """A placement, pinocchio.SE3.
-
-    Args:
-        position: Of the frame's origin, shape (3,) [m].
-        quaternion_xyzw: Its rotation (x, y, z, w), shape (4,), near unit length.
-    """
+    """Return the pinocchio.SE3 of a position (3,) [m] and a quaternion (x, y, z, w), shape (4,), near unit length."""
     return pin.XYZQUATToSE3([*position, *unit(quaternion_xyzw)])
 
 
@@ -28,12 +23,7 @@ def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
 
 
 def frames(positions: np.ndarray, quaternions_xyzw: np.ndarray) -> np.ndarray:
-    """Many placements as rows: rotation by rows and translation, shape (n, 12).
-
-    Args:
-        positions: Of the frames' origins, shape (n, 3) [m].
-        quaternions_xyzw: Their rotations (x, y, z, w), shape (n, 4), near unit length.
-    """
+    """Return rows of rotation and translation, shape (n, 12), of positions (n, 3) and quaternions (n, 4)."""
     x, y, z, w = (quaternions_xyzw / np.linalg.norm(quaternions_xyzw, axis=1, keepdims=True)).T
     columns = (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w), positions[:, 0],

@@ -1,7 +1,7 @@
-"""Covers of boxes, cylinders, capsules and spheres, in the shape's own frame: rows and grids of equal balls.
+"""Covers and inner balls of boxes, cylinders, capsules and spheres, in the shape's own frame.
 
-Where balls in a row or a grid leave the shape too far, or are many, the surface is covered like any other; what takes
-fewer balls is kept. All raise ValueError if the overhang is so small for the shape that there might be very many balls.
+Rows and grids of equal balls. Where these leave the shape too far, or are many, the surface is covered like any other;
+the fewer balls are kept. ValueError if the overhang is so small for the shape that there might be very many balls.
 """
 
 from __future__ import annotations
@@ -27,28 +27,12 @@ def inner_sphere(radius: float) -> Floats:
 
 
 def inner_capsule(radius: float, length: float) -> Floats:
-    """Balls along the axis of a capsule, z, in its own frame.
-
-    Args:
-        radius: Of the capsule [m].
-        length: Of its straight part [m].
-
-    Returns:
-        Centres and radii, shape (n, 4) [m].
-    """
+    """Return balls (n, 4) [m] along the axis, z, of a capsule whose straight part has that length."""
     return _row(0.5 * length, radius)
 
 
 def inner_cylinder(radius: float, length: float) -> Floats:
-    """Balls inside of a cylinder with flat ends along z, in its own frame.
-
-    Args:
-        radius: Of the cylinder [m].
-        length: From end to end [m].
-
-    Returns:
-        Centres and radii, shape (n, 4) [m].
-    """
+    """Return balls (n, 4) [m] inside a cylinder along z."""
     if 0.5 * length >= radius:
         return _row(0.5 * length - radius, radius)
     # the prism's sides touch a cylinder of radius r, its edges one of r / cos(pi / sides)
@@ -87,13 +71,7 @@ def cover_sphere(radius: float) -> Cover:
 
 
 def cover_capsule(radius: float, length: float, delta: float) -> Cover:
-    """Cover of a capsule along z.
-
-    Args:
-        radius: Radius [m].
-        length: Length of its straight part [m].
-        delta: Largest overhang [m].
-    """
+    """Cover a capsule along z with a straight part of that length [m], leaving it by at most `delta` [m]."""
     half = 0.5 * length
     # a ball that overhangs by delta reaches so far along the straight part; the ends' centres lie delta within it
     reach = np.sqrt(2.0 * radius * delta + delta * delta)
@@ -106,13 +84,7 @@ def cover_capsule(radius: float, length: float, delta: float) -> Cover:
 
 
 def cover_cylinder(radius: float, length: float, delta: float) -> Cover:
-    """Cover of a cylinder with flat ends along z.
-
-    Args:
-        radius: Radius [m].
-        length: Length [m].
-        delta: Largest overhang [m].
-    """
+    """Cover a cylinder along z, leaving it by at most `delta` [m]."""
     count = _in_row(0.5 * length / np.sqrt(2.0 * radius * delta + delta * delta))
     half = 0.5 * length / count
     ball = float(np.hypot(radius, half))
@@ -175,11 +147,7 @@ def _least_overhang(radius: float, half: float, count: int, delta: float) -> flo
 
 
 def _fewest_cells(half: Floats, delta: float) -> Integers | None:
-    """Into how many equal cells to divide a box along its axes so that their balls overhang by at most delta.
-
-    A ball about a cell overhangs by its radius less the least half extent, in the corner of the box; None if it takes
-    too many.
-    """
+    """Return the fewest cells along each axis of a box whose balls overhang by at most delta; None if too many."""
     most = np.clip(np.ceil(np.sqrt(3.0) * half / delta), 1, _MOST_ALONG).astype(int)
     counts = np.stack(np.meshgrid(*(np.arange(1, n + 1) for n in most), indexing="ij"), axis=-1)
     counts = counts.reshape(-1, 3)

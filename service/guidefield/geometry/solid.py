@@ -56,15 +56,9 @@ class Solid:
         return self.surface.area
 
     def depths(self, points: Floats) -> Floats:
-        """Depths of points: radius of a ball about each within the body; minus the distance outside.
+        """Return the radius of a ball about each point (n, 3) in the body, or minus its distance outside, (n,) [m].
 
         Where solids overlap, a larger ball may be within their union.
-
-        Args:
-            points: Shape (n, 3) [m], in the body's frame.
-
-        Returns:
-            Shape (n,) [m].
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         depths = np.empty(len(points))
@@ -74,31 +68,18 @@ class Solid:
         return -self.distances(points)
 
     def distances(self, points: Floats) -> Floats:
-        """Distances of points to the surface, from inside or outside.
-
-        Args:
-            points: Shape (n, 3) [m], in the body's frame.
-
-        Returns:
-            Shape (n,) [m].
-        """
+        """Return distances of points (n, 3) from the surface, from inside or outside, shape (n,) [m]."""
         distances = np.empty(len(points))
         distances_at(np.ascontiguousarray(points, dtype=np.float64), self.tables, self.spans, distances)
         return distances
 
 
 def solid(vertices: Floats, triangles: Integers, widest_gap: float = 0.0) -> Solid:
-    """The body that triangles bound.
+    """Build the body that triangles (t, 3) of vertices (v, 3) bound; vertices at one place become one.
 
-    A surface is closed if every edge is run through as often in one direction as in the other. Meshes come with cracks:
-    gaps of limited extent are closed by lids, and so are cracks between corners that should be one. A piece that
-    encloses a negative volume is a hollow of the solid that it lies in; in none, it is a solid turned inside out, and
-    turned back.
-
-    Args:
-        vertices: Shape (v, 3) [m]; those at the same place become one.
-        triangles: Shape (t, 3).
-        widest_gap: Largest extent of a gap that is closed [m].
+    A surface is closed if every edge is run through as often in one direction as in the other. Gaps of an extent up to
+    `widest_gap` [m] are closed by lids, and so are cracks between corners that should be one. A piece that encloses a
+    negative volume is a hollow of the solid that it lies in; in none, it is inside out, and turned back.
 
     Raises:
         ValueError: if there is no triangle with an area, or a vertex is not finite.
@@ -185,16 +166,7 @@ class _Around:
 
 
 def surface_tables(vertices: Floats, triangles: Integers, owners: Integers) -> tuple[SurfaceTables, Integers]:
-    """The triangles with an area as the kernels read them, each owner's in a tree, and where the trees stand.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-        owners: For each triangle, which solid's it is, shape (t,).
-
-    Returns:
-        The tables, and a row for each owner, shape (k, 4).
-    """
+    """Return triangles (t, 3) of some area as tables, a tree for each owner (t,), and the trees' places (k, 4)."""
     wide = are_wide(vertices, triangles)
     triangles, owners = triangles[wide], owners[wide]
     each = np.split(triangles[np.argsort(owners, kind="stable")], np.cumsum(np.unique_counts(owners).counts)[:-1])
@@ -215,7 +187,7 @@ TOLERANCE = 1e-4
 def stand_off(
     around: Surface, body: Solid, enough: float = np.inf, tolerance: float = TOLERANCE, share: float = 0.0
 ) -> float:
-    """Largest distance of points of a surface from a body [m], never too small.
+    """Return the largest distance of points of a surface from a body [m], never too small.
 
     What is inside of a closed body is at no distance. The surface alone counts: what it encloses can't be reached from
     outside but through an opening about as narrow.
@@ -223,7 +195,7 @@ def stand_off(
     Args:
         around: A surface about the body or a part of it, its hull for example.
         body: The body.
-        enough: Beyond this [m] it is only said that the stand-off is more.
+        enough: A stand-off beyond this [m] is not measured further.
         tolerance: How much too large it may be given, as `TOLERANCE`.
         share: How much too large it may be given as a share of it, where that is more.
     """

@@ -17,13 +17,7 @@ from guidefield.geometry.surfaces import Floats, Integers
 
 @dataclass(frozen=True)
 class Nested:
-    """The pieces of a surface that lie within the rest.
-
-    Attributes:
-        outer: The triangles of no such piece, by their place among those given, ascending, shape (k,).
-        pieces: How many there are.
-        volume: What these enclose together, whichever way they face [m^3].
-    """
+    """The triangles (k,) of a surface in none of its inner pieces; number and volume [m^3] of these."""
 
     outer: Integers
     pieces: int
@@ -31,14 +25,10 @@ class Nested:
 
 
 def nested(vertices: Floats, triangles: Integers) -> Nested:
-    """The connected pieces of a surface that lie within a closed piece of it, for certain.
+    """Find the connected pieces of a surface, (v, 3) and (t, 3), within a closed piece of it, for certain.
 
-    One does if all of its vertices are inside and no two triangles cross. What is open by the least crack has no
-    inside here.
-
-    Args:
-        vertices: Shape (v, 3) [m]; those at the same place become one.
-        triangles: Shape (t, 3).
+    All vertices of such a piece are inside and no two triangles cross. What is open by the least crack has no inside
+    here.
     """
     distinct, corners, given = compact(vertices, triangles)
     _, piece = np.unique(connected_pieces(len(distinct), corners)[corners[:, 0]], return_inverse=True)
@@ -83,7 +73,7 @@ class _Within:
 
 
 def filled(body: Solid) -> Solid:
-    """A body without its sealed hollows: the same surface, inner walls too, but depths and distances as of the outside.
+    """Return a body without its sealed hollows: inner walls stay, but depths and distances are as of the outside.
 
     What contains it contains the body, and takes less of it, for walls may be thin.
     """
@@ -112,21 +102,12 @@ WORTH = 0.5
 
 
 def coarse_solid(vertices: Floats, triangles: Integers) -> Solid | None:
-    """Merge the vertices of each cell of a grid in their mean, and build the solid that is bounded then.
+    """Merge the vertices (v, 3) of each cell of a grid in their mean; build the solid of triangles (t, 3) then.
 
     Points of a triangle move no further than its corners do, along straight lines, and edges that cancelled still do.
-    So mesh and solid are within `Solid.reach` of each other, and wind equally often about all points further from
-    both. Source: J. Rossignac and P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-
-    Returns:
-        The solid; None of a mesh that isn't fine or has a gap, or where too many triangles are left.
-
-    Raises:
-        ValueError: if a vertex is not finite.
+    So mesh and solid are within `Solid.reach` of each other, and wind equally often about all points further from both
+    (J. Rossignac and P. Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993). None of a
+    mesh that isn't fine or has a gap, or where too many triangles are left.
     """
     if len(triangles) < FINE:
         return None

@@ -105,12 +105,7 @@ _THIN = 1e-12
 
 
 class SurfaceRows(NamedTuple):
-    """A surface.
-
-    Attributes:
-        bounds: Lower and upper corner of the box about it, shape (6,) [m].
-        tables: Its tree and its triangles.
-    """
+    """A surface's box, lower then upper corner, shape (6,) [m], and its tree and triangles."""
 
     bounds: Floats
     tables: SurfaceTables
@@ -157,10 +152,7 @@ class FewTriangles(NamedTuple):
 
 
 def few_surfaces(surfaces: Sequence[tuple[Floats, Integers]]) -> FewTriangles:
-    """Put surfaces of few triangles, vertices (v, 3) [m] and triangles (t, 3), one behind the other.
-
-    Triangles without an area are left out; at least one of each surface has one.
-    """
+    """Put surfaces, (v, 3) [m] and (t, 3), one behind the other, without triangles that have no area."""
     vertices = np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in surfaces)])
     triangles = np.concatenate([np.empty((0, 3), np.int64), *(triangles for _, triangles in surfaces)])
     sizes = np.array([(len(vertices), len(triangles)) for vertices, triangles in surfaces]).reshape(-1, 2)
@@ -181,12 +173,7 @@ def surface_rows(part: Triangulated) -> SurfaceRows:
 
 
 def write_surfaces(parts: Sequence[Triangulated], room: Room) -> dict[str, np.ndarray]:
-    """Write the rows of surfaces in arrays, which `surfaces_in` finds there.
-
-    Args:
-        parts: The surfaces; at least one triangle of each has an area.
-        room: Gives the arrays.
-    """
+    """Write the rows of surfaces, each of some area, in arrays of the room, where `surfaces_in` finds them."""
     wide = [_wide(part) for part in parts]
     counts = np.array([len(triangles) for _, triangles, _ in wide])
     nodes, triangles = sum(map(node_count, counts.tolist())), int(counts.sum())

@@ -28,12 +28,7 @@ Integers = NDArray[np.int64]
 
 
 class Surface(NamedTuple):
-    """Triangles over shared vertices; both arrays are read-only.
-
-    Attributes:
-        vertices: Shape (v, 3) [m], in the shape's frame.
-        triangles: Indices into `vertices`, counter-clockwise from outside, shape (t, 3).
-    """
+    """Triangles (t, 3), counter-clockwise from outside, over shared vertices (v, 3) [m]; read-only."""
 
     vertices: Floats
     triangles: Integers
@@ -56,12 +51,7 @@ def area_of(corners: Floats) -> float:
 
 
 def surface(vertices: Floats, triangles: Integers) -> Surface:
-    """Surface of arrays that are copied and frozen.
-
-    Args:
-        vertices: Shape (v, 3) [m], in the shape's frame.
-        triangles: Indices into `vertices`, shape (t, 3).
-    """
+    """Copy and freeze vertices (v, 3) [m] and triangles (t, 3)."""
     frozen = Surface(np.array(vertices, dtype=np.float64), np.array(triangles, dtype=np.int64).reshape(-1, 3))
     for array in frozen:
         array.setflags(write=False)
@@ -115,15 +105,7 @@ def sphere(radius: float, subdivisions: int = 2) -> Surface:
 
 
 def ears(corners: Floats, area: float) -> Integers:
-    """Triangles of a simple polygon, convex or not, counter-clockwise, shape (t, 3); by clipping of ears.
-
-    Args:
-        corners: In order, counter-clockwise, shape (k, 2) [m].
-        area: Enclosed area [m^2].
-
-    Raises:
-        ValueError: if the polygon crosses itself.
-    """
+    """Cut a counter-clockwise polygon (k, 2) of an area [m^2] in triangles (t, 3); ValueError if it crosses itself."""
     if len(corners) == 3:
         return np.array([[1, 2, 0]])
     triangles = mapbox_earcut.triangulate_float64(np.array(corners), np.array([len(corners)], np.uint32)).reshape(-1, 3)

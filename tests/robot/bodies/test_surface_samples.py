@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.robot.bodies import surface_samples as module
+from guidefield.robot.bodies import charges as module
 from guidefield.robot.bodies.charges import (
     SMALLEST_SPACING,
     SPACING,

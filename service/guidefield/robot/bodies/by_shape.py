@@ -27,13 +27,7 @@ Question = tuple[str, Arrays, Callable[[], Arrays]]
 
 
 class ShapeTask(NamedTuple):
-    """Work on one collision shape, and those like it, or on all shapes of a robot.
-
-    Attributes:
-        told: What is done, in a few words: such as ``covering link2, shape 3 of 8``.
-        extent: How large the shape is, which says about how long it takes [m].
-        find: Finds the result, and keeps it.
-    """
+    """Work on a collision shape, and those like it: ``covering link2, shape 3 of 8``, and its extent [m]."""
 
     told: str
     extent: float
@@ -57,12 +51,10 @@ def logged(task: ShapeTask) -> None:
 
 
 def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: int | None = None) -> None:
-    """Do some tasks on all processors, each begun in its turn.
-
-    Threads must not load kernels at the same time, so that all are loaded before.
+    """Do tasks, the longest first, on all processors; kernels are loaded before, as threads must not load them.
 
     Args:
-        tasks: The longest should be first.
+        tasks: The tasks.
         progress: Where it raises, no more are begun, and that is raised.
         threads: How many; 1 for what may well be known: to load all kernels takes longer than to read it.
     """
@@ -79,13 +71,12 @@ def find_in_parallel(tasks: Sequence[ShapeTask], progress: Progress, threads: in
 
 
 class ByShape(Generic[Found]):
-    """What is found for the shapes of robots, as long as these live.
+    """A search for each shape of a robot, whose results are kept with the robot.
 
     Args:
-        doing: How finding it is called.
-        question: For a Coal shape, what is asked besides, and the unit of its lengths [m]; None: nothing is found for
-            such a shape.
-        restored: What was found, in metres, from its arrays and that unit.
+        doing: A word for the search.
+        question: Of a Coal shape, the further argument and the unit of its lengths [m]; None: nothing is found for it.
+        restored: Makes a result in metres from its arrays and that unit.
     """
 
     def __init__(
@@ -131,11 +122,7 @@ class ByShape(Generic[Found]):
 
 
 class Search(Generic[Found]):
-    """What is known of what was asked about a robot's shapes, and what isn't.
-
-    Attributes:
-        tasks: What has to be found, the largest shape first.
-    """
+    """The results about a robot's shapes that are known, and the tasks for the others, the largest shape first."""
 
     def __init__(
         self,

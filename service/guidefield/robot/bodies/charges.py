@@ -43,13 +43,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ChargedShape:
-    """Points and capsule of one collision shape, in the shape's own frame.
-
-    Attributes:
-        points: (n, 3) [m].
-        weights: (n,) area that each stands for [m^2].
-        capsule: A capsule that contains the shape.
-    """
+    """Points (n, 3) of a shape [m], the areas they stand for (n,) [m^2], and a capsule about it, in its frame."""
 
     points: np.ndarray
     weights: np.ndarray
@@ -60,9 +54,7 @@ class ChargedShape:
 class RobotCharges:
     """Charges of every collision shape, in the geometry's order, and the shapes that repel each other.
 
-    Attributes:
-        shapes: One for each collision shape, in the shape's own frame.
-        repelling: Pairs of shapes (i, j): points of i in the field of j's capsule, and the other way round.
+    Of a pair (i, j) points of i are in the field of j's capsule, and the other way round.
     """
 
     shapes: tuple[ChargedShape, ...]
@@ -88,13 +80,7 @@ def surface_areas(robot: RobotModel) -> list[float]:
 
 
 def surface(shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Triangulation of a collision shape.
-
-    Args:
-        shape: A Coal shape.
-
-    Returns:
-        Vertices in the shape's own frame, shape (v, 3) [m], and triangles, shape (t, 3).
+    """Triangulate a Coal shape: vertices in its own frame, shape (v, 3) [m], and triangles, shape (t, 3).
 
     Raises:
         TypeError: if it is of a kind that no robot's shape has.
@@ -155,16 +141,7 @@ def _repelling(robot: RobotModel, shapes: tuple[ChargedShape, ...]) -> tuple[tup
 
 
 def _apart(placements: Any, shapes: tuple[ChargedShape, ...], pairs: np.ndarray) -> np.ndarray:
-    """Return how far the points of one shape of a pair are from the other's capsule at least, by balls about both.
-
-    Args:
-        placements: Of the shapes, pinocchio.SE3.
-        shapes: The shapes.
-        pairs: Indices of shapes, shape (n, 2).
-
-    Returns:
-        Shape (n,) [m]; negative where the balls overlap.
-    """
+    """Bound the distance (n,) of one shape's points of each pair (n, 2) from the other's capsule, by balls [m]."""
     ends = np.array([(shape.capsule.p0, shape.capsule.p1) for shape in shapes]).reshape(-1, 2, 3)
     middles, halves = ends.mean(axis=1), 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     balls = halves + [shape.capsule.radius for shape in shapes]
@@ -187,9 +164,9 @@ def _gap(T_points: Any, points: np.ndarray, T_capsule: Any, capsule: Capsule) ->
 
 @memoized
 def link_bodies(robot: RobotModel) -> DistanceTables:
-    """A body for every collision shape, in the geometry's order, each in the shape's own frame; without a tree.
+    """Return a body for every collision shape, in the geometry's order and the shape's own frame; without a tree.
 
-    A mesh is solid if its triangles close around a volume, else a sheet. Computed once for each robot.
+    A mesh is solid if its triangles close around a volume, else a sheet.
     """
     bodies = [_body(shape.geometry) for shape in robot.geometry.geometryObjects]
     return body_tables(body_rows(bodies), range(len(bodies)), np.empty((0, 6)))
@@ -230,10 +207,7 @@ _POINTS_PER_SQUARE = 0.6
 
 @memoized
 def surface_samples(robot: RobotModel) -> tuple[np.ndarray, ...]:
-    """Points of every collision shape, in the geometry's order, each (n, 3) in the shape's own frame [m].
-
-    Computed once for each robot; read-only.
-    """
+    """Return read-only points (n, 3) of every collision shape, in its own frame [m], in the geometry's order."""
     meshes = [surface(shape.geometry) for shape in robot.geometry.geometryObjects]
     spacings = np.array(
         [

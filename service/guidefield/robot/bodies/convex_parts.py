@@ -24,10 +24,9 @@ MOST = 4
 
 
 def convex_parts(robot: RobotModel, most: int = MOST, progress: Progress = logged) -> tuple[Decomposition | None, ...]:
-    """For each collision shape, in the geometry's order, its hull and convex parts that together contain it.
+    """Return for each shape, in the geometry's order, its hull and convex parts that together contain it; kept on disk.
 
-    They take some tenths of a second for each mesh, are found once, and kept on disk. None for a primitive or hull,
-    which is convex itself, and for a mesh that is flat.
+    None for a primitive or hull, which is convex itself, and for a mesh that is flat.
 
     Args:
         robot: The robot.

@@ -51,12 +51,7 @@ the size are as long and take as long (`tools/bench otherwise`).
 
 @dataclass(frozen=True, eq=False)
 class ShapeCoverage:
-    """Balls of one collision shape, in the shape's own frame, as it is judged: primitive, hull or mesh.
-
-    Attributes:
-        cover: Balls that contain it, with the levels above them.
-        inner: Balls inside of it, shape (n, 4) [m]; none in an open mesh.
-    """
+    """Balls about and inside, shape (n, 4) [m], of a collision shape as it is judged, in its own frame."""
 
     cover: Cover
     inner: Floats
@@ -64,10 +59,9 @@ class ShapeCoverage:
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Balls of every collision shape of a robot.
+    """Balls of every shape of a robot, in the geometry's order.
 
     Attributes:
-        shapes: In the geometry's order.
         delta: By how much the covers may leave the shapes, at size 1 [m]; those of `LARGE` ones and of small robots may
             leave them further.
     """
@@ -92,7 +86,7 @@ class Coverage:
 
 
 def coverage(robot: RobotModel, delta: float = DELTA, progress: Progress = logged) -> Coverage:
-    """Covers and inner balls of a robot's collision shapes; computed once, and kept on disk.
+    """Return covers and inner balls of a robot's collision shapes; kept on disk.
 
     Args:
         robot: The robot.

@@ -111,14 +111,7 @@ def _summary(
 
 @dataclass(frozen=True)
 class Description:
-    """A robot's texts.
-
-    Attributes:
-        urdf: Its URDF.
-        srdf: Its SRDF; None without one.
-        files: Files that they were made from, beside the two that are named.
-        warnings: What xacro said.
-    """
+    """A robot's URDF and SRDF, further files that these were made from, and xacro's warnings."""
 
     urdf: str
     srdf: str | None
@@ -129,13 +122,7 @@ class Description:
 def read_description(
     urdf: Path, srdf: Path | None, xacro_args: Mapping[str, ArgumentValue], resolver: MeshResolver
 ) -> Description:
-    """Read a robot's files.
-
-    Args:
-        urdf: URDF, or the xacro file of one.
-        srdf: SRDF, or the xacro file of one; it gets the arguments that it has.
-        xacro_args: Arguments of xacro files.
-        resolver: Finds packages.
+    """Read a robot's URDF and SRDF, or the xacro files of these; the SRDF's gets the arguments that it has.
 
     Raises:
         RobotInvalid: if a file can't be expanded, or there are arguments and none is a xacro file.
@@ -152,11 +139,7 @@ def read_description(
 
 
 def absolute(path: str) -> Path:
-    """Return a path of a request as an absolute one without links, ~ being a home folder.
-
-    Raises:
-        RobotInvalid: if it can't be: it has a NUL, links that lead to each other, or a user who has no home.
-    """
+    """Return a request's path as an absolute one without links, ~ being a home folder; RobotInvalid if none."""
     try:
         return Path(path).expanduser().resolve()
     except (OSError, RuntimeError, ValueError) as error:
@@ -200,11 +183,7 @@ class _Loaded:
 
 
 class Catalog:
-    """Loads robots and keeps those it has loaded.
-
-    Args:
-        package_dirs: Further folders from which robots sent as text may take meshes.
-    """
+    """Loads robots and keeps them; `package_dirs` are further folders of meshes for robots sent as text."""
 
     def __init__(self, package_dirs: Iterable[Path] = ()) -> None:
         self._package_dirs = tuple(package_dirs)
@@ -234,11 +213,7 @@ class Catalog:
         return line
 
     def load(self, reference: RobotReference | SentRobot) -> RobotModel:
-        """The robot that a request means.
-
-        Raises:
-            RobotInvalid: if the name is unknown, or the description cannot be used.
-        """
+        """Return the robot that a request means; RobotInvalid if its name is unknown, or its description unusable."""
         if isinstance(reference, str) and is_description(reference):
             reference = find_description(reference)
         key = _key(reference)
@@ -251,11 +226,7 @@ class Catalog:
         return loaded.robot
 
     def origin(self, reference: RobotReference | SentRobot) -> tuple[RobotReference | SentRobot, str]:
-        """What a robot was loaded from, wherever a process stands, and a hash of its text and of its files' state.
-
-        Args:
-            reference: The robot, which was loaded.
-        """
+        """Return a loaded robot's origin, wherever a process stands, and a hash of its text and its files' state."""
         if isinstance(reference, str) and is_description(reference):
             reference = find_description(reference)
         loaded = self._loaded.get(_key(reference))
@@ -323,11 +294,7 @@ def _from_file(reference: UrdfFile) -> RobotModel:
 
 
 def _file(named: str, kind: str) -> Path:
-    """Return the path of a file that can be read.
-
-    Raises:
-        RobotInvalid: if there is none, or it can't be opened.
-    """
+    """Return the path of a file that can be opened; RobotInvalid if there is none."""
     path = absolute(named)
     try:
         if path.is_file():

@@ -16,13 +16,13 @@ from guidefield.robot.urdf.meshes import CATALOG_PACKAGE, catalog_share
 
 @dataclass(frozen=True)
 class SentRobot:
-    """A robot as it was sent, its mesh files on disk.
+    """A robot as a client sent it.
 
     Attributes:
-        name: What the client calls it.
+        name: The client's name of it.
         content: Hash of all that was sent; the same content is the same robot.
         urdf, srdf: Its texts.
-        meshes: Files by the URIs that the URDF has for them.
+        meshes: Files on disk by the URIs that the URDF has for them.
         root_joint: How it stands in the world.
     """
 
@@ -44,7 +44,6 @@ class Entry:
     """One name of the catalog.
 
     Attributes:
-        name: The name.
         card: Its files and defaults.
         folder: Folder of the card's paths.
         source: The package that it comes from.
@@ -106,10 +105,7 @@ def _family(urdf: Path) -> str:
 
 
 def _srdf_of(urdf: Path, srdfs: Iterable[Path]) -> Path | None:
-    """The SRDF of a URDF's package that is named like it: `arm` and `arm_manipulation` describe `arm_with_hand` too.
-
-    What is named most like it is taken.
-    """
+    """Find the SRDF of a package named most like a URDF: `arm` and `arm_manipulation` describe `arm_with_hand` too."""
     names = {srdf: srdf.stem.removesuffix("_manipulation") for srdf in srdfs}
     fitting = [srdf for srdf, name in names.items() if f"{urdf.stem}_".startswith(f"{name}_")]
     return max(fitting, key=lambda srdf: (len(names[srdf]), -len(srdf.stem)), default=None)

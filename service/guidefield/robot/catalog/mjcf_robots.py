@@ -29,12 +29,7 @@ _LINE = re.compile(r"^line \d+: ")
 
 
 def load_mjcf_file(path: Path, srdf_text: str | None, root_joint: RootJoint) -> RobotModel:
-    """Load an MJCF file.
-
-    Args:
-        path: The file; what it includes and names is looked for by MuJoCo.
-        srdf_text: An SRDF, whose states and pairs come before those of the MJCF.
-        root_joint: How the robot stands in the world.
+    """Load an MJCF file; states and pairs of an SRDF come before those of the MJCF.
 
     Raises:
         RobotInvalid: if it can't be used, with the element at fault.
@@ -80,7 +75,7 @@ def check_placements(
     """Compare the placements of bodies and collision shapes with MuJoCo's.
 
     Args:
-        robot: What was loaded.
+        robot: The robot as it was loaded.
         model: `mujoco.MjModel`.
         joints: Name of each joint that moves, by MuJoCo's index.
         geoms: MuJoCo's indices of the geoms behind each link's <collision>, in their order.
@@ -107,14 +102,7 @@ def check_placements(
 
 
 def mujoco_configuration(robot: RobotModel, model: Any, joints: Mapping[int, str], q: RobotConfiguration) -> np.ndarray:
-    """MuJoCo's configuration, shape (nq,), at a configuration (robot.model.nq,) of ours; other joints at reference.
-
-    Args:
-        robot: What was loaded.
-        model: `mujoco.MjModel`.
-        joints: Name of each joint that moves, by MuJoCo's index.
-        q: Configuration of ours.
-    """
+    """Return MuJoCo's configuration, shape (nq,), at one of ours (robot.model.nq,); other joints at reference."""
     theirs = np.array(model.qpos0)
     for index, name in joints.items():
         joint = robot.joint(name)

@@ -46,10 +46,7 @@ def is_description(name: str) -> bool:
 
 @memoized_by_value(64)
 def find_description(name: str) -> UrdfFile:
-    """Return the files of a robot, downloaded if they aren't in the cache of robot_descriptions.
-
-    Args:
-        name: Its name, with the prefix: that of a module of the package.
+    """Return the files of a robot, named with the prefix, downloaded if they aren't in the cache of robot_descriptions.
 
     Raises:
         RobotInvalid: if the package or the name is unknown, or the files can't be downloaded.
@@ -77,11 +74,7 @@ def find_description(name: str) -> UrdfFile:
 
 
 def _load(own: str) -> dict[str, Any]:
-    """Import a description in a process of its own, and return what it says.
-
-    Raises:
-        RobotInvalid: if that fails, or takes too long; with the last line of the reason.
-    """
+    """Import a description in a process of its own; RobotInvalid with its last line if that fails."""
     environment = {
         **os.environ,
         "GIT_TERMINAL_PROMPT": "0",

@@ -1,8 +1,7 @@
 """Mesh files that a client sent: checked, and named by their content, so that no name of theirs becomes a path.
 
-Some kinds of mesh file name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its
-buffers. Whoever opens such a file opens what it names. So each of these names must be that of another file that was
-sent, and is replaced by the name that that file has here.
+Some kinds name others: an .obj its materials, these their textures, a .dae its textures, a .gltf its buffers. Whoever
+opens such a file opens these. So each must have been sent, too, and its name is replaced by the one that it has here.
 """
 
 from __future__ import annotations
@@ -40,22 +39,14 @@ _GLB_MAGIC, _GLB_JSON = b"glTF", b"JSON"
 
 @dataclass(frozen=True)
 class NamedByContent:
-    """Files under names that are made of a hash of their content and the kind of file.
-
-    Attributes:
-        files: Content by that name.
-        names: That name by the URI under which a file was sent.
-    """
+    """Content of files by names made of its hash and the kind of file; these names by the URIs as sent."""
 
     files: Mapping[str, bytes]
     names: Mapping[str, str]
 
 
 def named_by_content(meshes: Mapping[str, bytes]) -> NamedByContent:
-    """Check what a client sent beside a URDF, and name it by its content.
-
-    Args:
-        meshes: Content by URI, as the URDF has it; textures and the like by the URI that a mesh's own name leads to.
+    """Check what a client sent beside a URDF, by URI, and name it by its content.
 
     Raises:
         RobotInvalid: if there are too many or too large files, a file is of an unknown kind, can't be read, or names a

@@ -31,8 +31,7 @@ def memoized_for_alike(
 ) -> Callable[Concatenate[Group, Rest], Found]:
     """Call a function once for groups that are alike and the same further arguments; see `memoized`.
 
-    Args:
-        find: Takes a group, of which it looks at nothing in which those that are alike differ: q_reference, q_origin,
-            limits of velocities and accelerations. What it finds must not hold the group.
+    It depends on nothing in which such groups differ: q_reference, q_origin, limits of velocities and accelerations.
+    Its result must not hold the group.
     """
     return memoized_by(lambda group: group.alike, find)

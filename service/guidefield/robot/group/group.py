@@ -206,10 +206,7 @@ class PlanningGroup:
         return tuple((_at_q(joint), joint.idx_v, planned.get(name)) for joint, name in joints)
 
     def expand_from_chart(self, z: ChartPoint) -> ModelConfiguration:
-        """Configuration of `model`, shape (model.nq,), followers included, of chart coordinates, shape (nv,).
-
-        Followers are where the unwrapped values of their drivers put them.
-        """
+        """Return the configuration (model.nq,) of a chart point (nv,), with followers by unwrapped values."""
         if self.space is self.model:
             return cast(ModelConfiguration, self.from_chart(z))
         expanded = self.expand_chart(z)
@@ -240,10 +237,7 @@ class PlanningGroup:
         return expanded
 
     def chart(self, q: Configuration) -> ChartPoint:
-        """Chart coordinates, shape (nv,), of a configuration, shape (nq,).
-
-        Angles are in (-pi, pi], rotation vectors at most pi long.
-        """
+        """Return chart coordinates (nv,) of q (nq,): angles in (-pi, pi], rotation vectors at most pi long."""
         if self.nq == self.nv:
             return cast(ChartPoint, q.copy())
         parts = [chart.to_chart(j, q[_at_q(j)], self.q_origin[_at_q(j)]) for j in self.joints]
@@ -266,11 +260,9 @@ class PlanningGroup:
         return clamped
 
     def chart_path(self, qs: Sequence[Configuration], start: ChartPoint | None = None) -> ChartPoints:
-        """Chart coordinates, shape (n, nv), along configurations, each next to the one before: angles unwrapped.
+        """Return chart coordinates (n, nv) along configurations of shape (nq,), each unwrapped next to the one before.
 
-        Args:
-            qs: Configurations in order, each of shape (nq,).
-            start: Chart coordinates near which the first is to be, shape (nv,); None: its own.
+        The first is near `start`, shape (nv,), if that is given.
         """
         zs = [self.chart(qs[0]) if start is None else self.unwrapped(self.chart(qs[0]), start)]
         for q in qs[1:]:
@@ -284,10 +276,9 @@ class PlanningGroup:
         return np.concatenate([chart.unwrapped(j, z[_at_v(j)], near[_at_v(j)]) for j in self.joints])
 
     def turned_otherwise(self, z: ChartPoint) -> ChartPoints:
-        """Chart coordinates of the same configuration as z (nv,) with one floating joint turned the other way round.
+        """Return the configuration of z (nv,) with each floating joint turned the other way round, shape (k, nv).
 
-        Returns:
-            One row for each floating joint, shape (k, nv): a body that flies free may have to turn the long way.
+        A body that flies free may have to turn the long way.
         """
         ways = []
         for joint in self.joints:
@@ -336,10 +327,10 @@ class PlanningGroup:
         return zs if self.whole_turns is None else zs + self.whole_turns
 
     def wire_path(self, zs: ChartPoints) -> list[WireRow]:
-        """Chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
+        """Return chart points (n, nv), straight from each to the next, as rows of the wire's position columns.
 
-        An orientation doesn't say which way it was turned to, and who reads it takes the shorter one: where two points
-        are `LONGEST_TURN` or more apart there are rows between them.
+        An orientation doesn't say which way it was turned to, and its reader takes the shorter one: points
+        `LONGEST_TURN` or more apart have rows between them.
         """
         if self.is_euclidean:
             return self.wire_rows(zs)
@@ -360,7 +351,7 @@ class PlanningGroup:
         return found
 
     def random(self, rng: np.random.Generator) -> Configuration:
-        """A configuration, shape (nq,), drawn evenly within the limits.
+        """Draw a configuration, shape (nq,), evenly within the limits.
 
         Angles without limits are drawn from one turn, or where whole turns count within `WIND` of the origin's;
         rotations from all, positions within `ROAM` of the origin's.
@@ -378,11 +369,7 @@ class PlanningGroup:
         return self.from_chart(z)
 
     def starting_at(self, start: Positions) -> PlanningGroup:
-        """The same group with the whole turns of a start: the wire's angles begin at the values given there.
-
-        Args:
-            start: Values by joint name; of planned joints, fit for them [rad or m].
-        """
+        """Return the group with the whole turns of a start: the wire's angles begin at these values by joint name."""
         turns = np.zeros(self.nv)
         for joint in self.joints:
             value = start.get(joint.name)
@@ -404,14 +391,7 @@ class PlanningGroup:
         velocity_scaling: float,
         acceleration_scaling: float,
     ) -> PlanningGroup:
-        """The same group with other limits by joint name, then scaled.
-
-        Args:
-            velocity: Of planned joints and of those that follow them [rad/s or m/s]; a follower's binds its source.
-            acceleration: The same [rad/s^2 or m/s^2].
-            velocity_scaling: Factor on all velocity limits.
-            acceleration_scaling: Factor on all acceleration limits.
-        """
+        """Return the same group with other limits by joint name, then scaled; a follower's limit binds its source."""
         if not (velocity or acceleration) and velocity_scaling == acceleration_scaling == 1.0:
             return self
         stated = [_with_rates(joint, velocity, acceleration) for joint in self.robot.joints]
@@ -425,12 +405,7 @@ class PlanningGroup:
 
 
 def with_bound_rates(joints: Sequence[Joint], stated: Sequence[Joint]) -> tuple[Joint, ...]:
-    """Planned joints with the rates that they may have, so that those that follow them keep their own limits.
-
-    Args:
-        joints: The planned joints.
-        stated: All joints of the robot, with the limits that were stated for each.
-    """
+    """Return planned joints with the rates at which their followers keep the limits stated for all joints."""
     bound = {joint.name: joint for joint in bind_rates(stated)}
     of_rates = [f"{rate}{what}" for rate in ("velocity", "acceleration") for what in ("", "_source", "_owner")]
     return tuple(
@@ -491,16 +466,7 @@ def _at_v(joint: Joint) -> slice:
 
 
 def reference_of(model: Any, robot: RobotModel, q_reference: RobotConfiguration) -> np.ndarray:
-    """The part of a whole configuration that a reduced model has.
-
-    Args:
-        model: Pinocchio model of some of the robot's joints.
-        robot: The robot.
-        q_reference: Configuration of the whole robot, shape (robot.model.nq,).
-
-    Returns:
-        Shape (model.nq,): in the space of that model, which the caller knows.
-    """
+    """Return the part, shape (model.nq,), of a whole configuration (robot.model.nq,) that a reduced model has."""
     q: np.ndarray = pin.neutral(model)
     for index in range(1, model.njoints):
         joint, whole = model.joints[index], robot.joint(model.names[index])

@@ -29,8 +29,7 @@ class SerialChain:
     """A group of joints as a chain of links.
 
     Attributes:
-        group: The joints.
-        joints: The joints of its model.
+        joints: The joints of the group's model.
         table: The chain as the kernels read it.
         leads: Whether its first joint is the tip, and nothing holds it (a moving base); else the last link ends in it.
         carriers: Index in the group's model of the joint that carries each link, shape (n,).
@@ -48,11 +47,7 @@ class SerialChain:
         return len(self.carriers)
 
     def places(self, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
-        """Where joints and links are at a configuration, shape (nq,).
-
-        Returns:
-            Places of the joints and of the end, shape (n + 1, 3) [m, world]; rotations of the links, shape (n, 3, 3).
-        """
+        """Return places of joints and end (n + 1, 3) [m] and rotations of links (n, 3, 3) at a configuration (nq,)."""
         placements = np.empty((len(self.joints.parents), 3, 4))
         joint_placements(self.joints, q, placements)
         links = placements[self.carriers]
@@ -62,7 +57,7 @@ class SerialChain:
 
 
 def link_chain(group: PlanningGroup) -> SerialChain:
-    """A group of joints as a chain of links.
+    """Return a group of joints as a chain of links.
 
     Raises:
         InvalidGroup: if it isn't one of ball joints or universal joints alone, standing still or floating freely.

@@ -1,7 +1,6 @@
 """Path constraints of a frame: its axis in a cone, its origin near a plane, line or point, an even turn.
 
-Each is one number that must not exceed a limit, with its gradient, and a bound of how much it changes while the frame
-turns and moves by no more than so much.
+Each is a number that must not exceed a limit, with its gradient, and a bound of its change under motion of the frame.
 """
 
 from __future__ import annotations
@@ -52,9 +51,8 @@ class PathConstraint(Protocol):
         ...
 
     def project_velocity(self, placement: Any) -> tuple[np.ndarray, np.ndarray]:
-        """The parts of linear and angular velocity that change it there, each as rows of an orthogonal projection.
+        """Return the parts of linear and angular velocity that change it: rows (k, 3) of an orthogonal projection.
 
-        Both are of shape (k, 3).
         Those of the linear velocity are the same everywhere, those of the angular velocity turn with the frame.
         """
         ...
@@ -66,14 +64,7 @@ class PathConstraint(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """An axis of a frame stays within a cone about a direction of the world.
-
-    Attributes:
-        frame: Name of the frame.
-        axis: Unit vector in the frame, shape (3,).
-        target: Unit vector in the world, shape (3,).
-        limit: Largest angle between them [rad].
-    """
+    """An axis (3,) of a frame stays within an angle [rad] of a direction (3,) of the world; unit vectors."""
 
     frame: str
     axis: np.ndarray
@@ -86,10 +77,7 @@ class Cone:
         return float(np.arctan2(length(cross(axis, self.target)), axis @ self.target))
 
     def row(self, placement: Any) -> np.ndarray:
-        """As in `PathConstraint`, shape (6,).
-
-        Turning about the common normal from target to axis widens the angle; anywhere, where they are parallel.
-        """
+        """Return the row (6,): turning about the common normal widens the angle; 0 where they are parallel."""
         normal = cross(self.target, placement.rotation @ self.axis)
         sine = length(normal)
         return np.concatenate([np.zeros(3), normal / sine if sine > 0.0 else np.zeros(3)])
@@ -113,7 +101,6 @@ class Near:
     """A frame's origin stays near a point, or a plane or line through it.
 
     Attributes:
-        frame: Name of the frame.
         point: The point, shape (3,) [m, world].
         across: Directions in which distance counts, orthonormal rows: of a plane one, of a line two, of a point three.
         limit: The largest distance [m].
@@ -149,37 +136,17 @@ class Near:
 
 
 def plane(frame: str, point: np.ndarray, normal: np.ndarray, tolerance: float) -> Near:
-    """The origin of a frame stays near a plane.
-
-    Args:
-        frame: Name of the frame.
-        point: On the plane, shape (3,) [m, world].
-        normal: Of the plane, shape (3,), of any length.
-        tolerance: Largest distance [m].
-    """
+    """Keep the origin of a frame near a plane through a point (3,) [m, world] with a normal (3,) of any length."""
     return Near(frame, point, (normal / np.linalg.norm(normal))[None], tolerance)
 
 
 def line(frame: str, point: np.ndarray, direction: np.ndarray, tolerance: float) -> Near:
-    """The origin of a frame stays near a line.
-
-    Args:
-        frame: Name of the frame.
-        point: On the line, shape (3,) [m, world].
-        direction: Of the line, shape (3,), of any length.
-        tolerance: Largest distance [m].
-    """
+    """Keep the origin of a frame near a line through a point (3,) [m, world] with a direction (3,) of any length."""
     return Near(frame, point, np.linalg.svd(direction[None])[2][1:], tolerance)
 
 
 def point(frame: str, place: np.ndarray, tolerance: float) -> Near:
-    """The origin of a frame stays near a point.
-
-    Args:
-        frame: Name of the frame.
-        place: The point, shape (3,) [m, world].
-        tolerance: Largest distance [m].
-    """
+    """Keep the origin of a frame near a place (3,) [m, world]."""
     return Near(frame, place, np.eye(3), tolerance)
 
 
@@ -188,7 +155,6 @@ class EvenTurn:
     """A frame turns evenly while its origin goes from one point to another.
 
     Attributes:
-        frame: Name of the frame.
         begin: Where it is at first, a pinocchio.SE3 [m, world].
         shift: From there to where its origin is in the end, shape (3,) [m, world]; zero: it is turned as at first.
         turn: Rotation vector from how it is turned at first to how it is in the end, in the world's axes, shape (3,).
@@ -238,14 +204,7 @@ class EvenTurn:
 
 
 class ConstrainedFrames:
-    """The constraints of a motion of a group, evaluated at chart points; owns scratch data (one per thread).
-
-    Attributes:
-        group: The group.
-        constraints: k of them.
-        limits: What their numbers must not exceed, shape (k,) [rad or m].
-        indices: Of their frames, in the group's model.
-    """
+    """k constraints of a group with limits (k,) [rad or m], at chart points; owns scratch data (one per thread)."""
 
     def __init__(self, group: PlanningGroup, constraints: tuple[PathConstraint, ...]) -> None:
         self.group = group
@@ -267,10 +226,7 @@ class ConstrainedFrames:
         return values, np.array(rows)
 
     def jacobians(self, z: ChartPoint) -> list[np.ndarray]:
-        """Jacobian, shape (6, model.nv), of each constraint's frame at a chart point, shape (nv,).
-
-        At the frame's origin in the world's axes, linear rows first.
-        """
+        """Return Jacobians (6, model.nv) of the frames, linear rows first, in the world's axes, at a point (nv,)."""
         model, q = self.group.model, self.group.expand_from_chart(z)
         return [
             pin.computeFrameJacobian(model, self._data, q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED).reshape(6, -1)

@@ -148,10 +148,10 @@ def _planned_joints(robot: RobotModel, group: str | Sequence[str] | None, tip: s
 
 
 def _default_joints(robot: RobotModel, tip: str) -> tuple[str, ...]:
-    """Names of the joints that are planned for where a request names none.
+    """Return the joints that are planned for where a request names none: those between the root and the tip.
 
-    They are the joints between the root and the tip. If none of them can move by itself, they are the source joints of
-    those that are mimic joints. If nothing moves the robot's own tip, they are all joints that can move.
+    If none of them can move by itself, they are the source joints of those that are mimic joints. If nothing moves the
+    robot's own tip, they are all joints that can move.
     """
     above = [joint for name in joints_to(robot.model, tip) if (joint := robot.joint(name)) is not None]
     own = [joint for joint in above if joint.is_driven]

@@ -29,13 +29,7 @@ _TERMS = 6
 
 
 def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangents:
-    """Tangents T(z) z', shape (n, nv), of rates at chart points.
-
-    Args:
-        group: The planned joints.
-        zs: Chart points, shape (n, nv) [rad or m].
-        rates: z' at each, shape (n, nv) [rad/s or m/s]; or any other rows that the map is to be applied to.
-    """
+    """Return tangents T(z) z', shape (n, nv), of rates or other rows (n, nv) at chart points (n, nv)."""
     found = cast(Tangents, np.array(rates, float))
     if group.is_euclidean:
         return found
@@ -54,14 +48,7 @@ def tangents(group: PlanningGroup, zs: ChartPoints, rates: ChartRates) -> Tangen
 def tangent_accelerations(
     group: PlanningGroup, zs: ChartPoints, rates: ChartRates, accelerations: ChartRates
 ) -> Tangents:
-    """Rates of change of the tangents T(z) z' along a motion, T(z) z'' + T' z', shape (n, nv).
-
-    Args:
-        group: The planned joints.
-        zs: Chart points, shape (n, nv) [rad or m].
-        rates: z' at each, shape (n, nv) [rad/s or m/s].
-        accelerations: z'' at each, shape (n, nv) [rad/s^2 or m/s^2].
-    """
+    """Return T(z) z'' + T' z', shape (n, nv), of chart points, rates and accelerations, each of shape (n, nv)."""
     found = tangents(group, zs, accelerations)
     if group.is_euclidean:
         return found

@@ -26,15 +26,15 @@ Refine = Callable[[ChartPoints], ChartPoints]
 
 @dataclass(frozen=True, eq=False)
 class IkResult(ReadOnly):
-    """What was found.
+    """The solutions of inverse kinematics.
 
     Attributes:
-        solutions: Chart points of distinct configurations, each of shape (nv,), within the limits and accepted; first
-            those reached from the given starts, in their order, then each as far as can be from those before.
-        reason: Why there are none or not as many as asked; empty if there are.
-        details: The values that the reason speaks about.
+        solutions: Chart points (nv,) of distinct configurations in the limits and accepted; first those reached from
+            the given starts, in their order, then each as far as can be from those before.
+        reason: Why there are fewer than asked for; else empty.
+        details: The values in the reason.
         rejected: Those found that were not accepted.
-        cause: What stands in the way where nothing was found, not even something that was not accepted; else None.
+        cause: The obstacle if nothing was found, not even something that was not accepted.
         exhausted: Whether nothing was accepted, the last starts led to nothing new, and all that was found is in
             `rejected`: the same search with another rule for what is accepted finds the same.
     """
@@ -65,27 +65,24 @@ def solve(
     most: int = SEARCH.most_rejected,
     deadline: Deadline = UNLIMITED,
 ) -> IkResult:
-    """Distinct configurations of a group that bring its tip to a pose.
+    """Find distinct configurations of a group that bring its tip to a pose.
 
     Descents from the given starts and then from random ones, several at once, until there are enough to choose those
-    that lie far from each other (`kernels.pose_search`). Configurations that differ by whole turns alone count as one
-    until there are no others. Joints that don't move the tip are as in the first start. Nothing is proved where
-    nothing is found, except what is out of reach.
+    that lie far from each other. Configurations that differ by whole turns alone count as one until there are no
+    others. Joints that don't move the tip are as in the first start. Nothing is proved where nothing is found, except
+    what is out of reach.
 
     Args:
         group: The joints that may move; its `tip` is brought to the target.
-        target: Where to.
+        target: The pose.
         starts: Chart points to start from, each of shape (nv,).
         count: How many solutions to look for.
-        rng: Where random starts come from; the same state gives the same solutions.
-        refine: Moves configurations that reach the target, shape (n, nv), to better ones that do; None: leaves them.
-        accept: Which configurations may be a solution; None: all may.
+        rng: The same state gives the same solutions.
+        refine: Moves configurations that reach the target, shape (n, nv), to better ones that do.
+        accept: Decides which configurations may be a solution.
         fault: What is wrong with those that may not, for the reason.
         most: Random starts after which a pose counts as reachable only by what isn't accepted.
         deadline: Ends the search between rounds.
-
-    Returns:
-        The solutions, and a reason where there are fewer than `count`.
     """
     given = cast(ChartPoints, np.array(starts).reshape(-1, group.nv))
     base = given[0] if len(given) else group.chart(group.part_of(group.q_reference))
@@ -125,13 +122,7 @@ def solve(
 
 
 class _Found:
-    """Distinct solutions as they are found.
-
-    Attributes:
-        accepted: Chart points of those that may be solutions, in order, shape (n, nv).
-        rejected: Of those that may not, shape (m, nv), m at most `SEARCH.most_kept`.
-        fresh: How many the last descents added.
-    """
+    """Distinct solutions, accepted (n, nv) and at most `SEARCH.most_kept` rejected ones; `fresh` were added last."""
 
     def __init__(self, search: PoseSearch, refine: Refine | None, accept: Accept | None) -> None:
         self._measure, self._refine, self._accept = search.chain.measure, refine, accept
@@ -173,14 +164,9 @@ def _enough(found: _Found, count: int, drawn: int, most: int) -> bool:
 
 
 def _choose(search: PoseSearch, points: ChartPoints, from_starts: int, nearest: bool, count: int) -> list[ChartPoint]:
-    """As many of some chart points (n, nv) as are asked for, far from each other; then the same by whole turns.
+    """Choose some of chart points (n, nv), far from each other; then the same by whole turns.
 
-    Args:
-        search: The search.
-        points: Solutions.
-        from_starts: How many of them, the first, are chosen anyway.
-        nearest: Whether else the nearest to the base is the first.
-        count: How many are asked for.
+    The first `from_starts` are chosen anyway; without such the nearest to the base, if `nearest`.
     """
     if nearest and from_starts == 0:
         first = int(np.argmin(np.linalg.norm((points - search.base) / search.chain.measure.units, axis=1)))

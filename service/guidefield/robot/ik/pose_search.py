@@ -24,13 +24,9 @@ EXACT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class PoseTarget:
-    """A pose for the tip, and how far from it the tip may be, along and about the axes of the target's own frame.
+    """A pose of the tip with tolerances along and about the target's own axes, (3,) each [m, rad]; inf if free.
 
-    Attributes:
-        placement: ``T_world_target``, pinocchio.SE3.
-        position_tolerance: Shape (3,) [m]; infinite where an axis is free.
-        orientation_tolerance: Shape (3,), about each axis, as components of the rotation vector from target to tip
-            [rad]; infinite where an axis is free.
+    Those about the axes are components of the rotation vector from target to tip.
     """
 
     placement: Any
@@ -93,12 +89,11 @@ SEARCH = SearchSettings()
 
 
 class PoseSearch:
-    """One target of one group; remembers how close descents came.
+    """Descents of one group to one target.
 
     Attributes:
-        chain: What moves the tip.
-        base: Chart point (nv,) whose coordinates those have that don't move the tip, and near which whole turns are
-            chosen.
+        chain: The chain that moves the tip.
+        base: Chart point (nv,) that gives coordinates that don't move the tip, and near which whole turns are chosen.
         closest: Excesses over the tolerances, translation and rotation vector, of the least error met, shape (6,).
     """
 
@@ -122,7 +117,7 @@ class PoseSearch:
         return self._closest[1:]
 
     def drawn(self, count: int, rng: np.random.Generator) -> ChartPoints:
-        """Random chart points (count, nv), those nearest to the target first.
+        """Draw chart points (count, nv), those nearest to the target first.
 
         What has no limits is within pi of 0, or within `WIND` of the base where it is an angle whose whole turns count.
         """
@@ -156,7 +151,7 @@ class PoseSearch:
         return near
 
     def turned(self, z: ChartPoint) -> list[np.ndarray]:
-        """For each coordinate of a chart point (nv,), the values within its limits that mean the same configuration.
+        """Return, for each coordinate of a point (nv,), the values in its limits that mean the same configuration.
 
         One where there are no limits: all whole turns are the same configuration then.
         """

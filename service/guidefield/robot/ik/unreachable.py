@@ -29,13 +29,7 @@ class Cause(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Unreached:
-    """Why a pose is not reached.
-
-    Attributes:
-        cause: What stands in the way.
-        reason: The same as a sentence.
-        values: Those that the sentence speaks about.
-    """
+    """The cause why a pose is not reached, the same as a sentence, and the values in this."""
 
     cause: Cause
     reason: str
@@ -48,12 +42,7 @@ class Unreached:
 
 
 def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | None:
-    """That a pose is farther away than the chain is long, which is certain; None where it isn't.
-
-    Args:
-        chain: What moves the tip.
-        target: Where to.
-    """
+    """Prove that a pose is farther away than the chain is long; None where it isn't."""
     begin = target.placement.actInv(chain.table.first[3::4])
     beyond = np.maximum(np.abs(begin) - target.position_tolerance, 0.0)
     short = math.sqrt(float(beyond @ beyond)) - chain.reach - EXACT
@@ -68,11 +57,11 @@ def out_of_reach(chain: ChainToTip, target: PoseTarget) -> Unreached | None:
 def why_unreached(
     group: PlanningGroup, target: PoseTarget, search: PoseSearch, tried: str, rng: np.random.Generator
 ) -> Unreached:
-    """What stands in the way of a pose that no descent reached; by descents, so nothing of it is proved.
+    """Find what stands in the way of a pose that no descent reached; by descents, so nothing of it is proved.
 
     Args:
         group: The joints that may move.
-        target: Where to.
+        target: The pose.
         search: The search that failed.
         tried: How much was tried, for the sentence.
         rng: Where random starts come from.
@@ -119,10 +108,7 @@ def _turn_needed(group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng
 def _limit_in_the_way(
     group: PlanningGroup, target: PoseTarget, base: ChartPoint, rng: np.random.Generator
 ) -> tuple[str, dict[str, Any]] | None:
-    """The joint whose limit would have to give way most, in the solution for which limits would have to least.
-
-    As a sentence, and the values that it speaks about.
-    """
+    """Find the limit in the way, in the solution for which limits have to give way least; a sentence, its values."""
     bounded = PoseSearch(group, target, base)
     free = PoseSearch(group, target, base, unlimited(bounded.chain))
     points = bounded.near_base(free.descend(bounded.drawn(SEARCH.why_starts, rng)))

@@ -35,9 +35,7 @@ _STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "hu
 def read_collada(content: bytes) -> Objects:
     """Read a COLLADA file, each node as an object. Skins are read as the mesh in its bind pose, lines are left out.
 
-    Raises:
-        MeshFault: if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no
-            mesh.
+    MeshFault if it isn't COLLADA, is malformed, names something that isn't there, or has a geometry that is no mesh.
     """
     document = _Document(_root(content))
     collected = Collected()
@@ -48,11 +46,7 @@ def read_collada(content: bytes) -> Objects:
 
 
 def read_up_axis(content: bytes) -> str:
-    """Return the axis that a COLLADA file says to be up: `x`, `y` or `z`; y where it says none.
-
-    Raises:
-        MeshFault: if the file isn't COLLADA, or the axis is none of these.
-    """
+    """Return the axis that a COLLADA file says to be up, `x`, `y` or `z`, else y; MeshFault if it is another."""
     asset = _child(_root(content), "asset")
     stated = None if asset is None else _child(asset, "up_axis")
     axis = "Y_UP" if stated is None else (stated.text or "").strip()
@@ -62,20 +56,12 @@ def read_up_axis(content: bytes) -> str:
 
 
 def read_unit(content: bytes) -> float:
-    """Return the length of a COLLADA file's unit [m].
-
-    Raises:
-        MeshFault: if the file isn't COLLADA, or the unit isn't positive.
-    """
+    """Return the length of a COLLADA file's unit [m]; MeshFault if it isn't positive."""
     return collada_unit(_root(content))
 
 
 def collada_unit(root: Element) -> float:
-    """Return the length of a document's unit [m]; 1 where it states none.
-
-    Raises:
-        MeshFault: if it isn't a positive number.
-    """
+    """Return the length of a document's unit [m], 1 where it states none; MeshFault if it isn't a positive number."""
     asset = _child(root, "asset")
     unit = None if asset is None else _child(asset, "unit")
     stated = "1" if unit is None else unit.get("meter", "1")

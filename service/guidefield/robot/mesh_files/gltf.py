@@ -27,27 +27,17 @@ MAX_ZEROS = 1_000_000
 
 
 def read_gltf(content: bytes, folder: Path | None) -> Objects:
-    """Read a glTF file, each node as an object.
+    """Read a glTF file of either form, each node as an object; its buffers are in a folder.
 
-    Skins and morph targets are read as the mesh at its node, lines and points are left out.
-
-    Args:
-        content: The file, of either form.
-        folder: Folder of its buffers; None where there are none beside it.
-
-    Raises:
-        MeshFault: if it is malformed, its geometry is packed, or a buffer isn't in the folder.
+    Skins and morph targets are read as the mesh at its node, lines and points are left out. MeshFault if it is
+    malformed, its geometry is packed, or a buffer isn't in the folder.
     """
     document, binary = _document(content)
     return _Gltf(document, binary, folder).objects()
 
 
 def buffer_files(content: bytes) -> list[str]:
-    """Return the names of the files beside a glTF file that hold its buffers.
-
-    Raises:
-        MeshFault: if it is no glTF file.
-    """
+    """Return the names of the files beside a glTF file that hold its buffers; MeshFault if it is no glTF file."""
     buffers = _document(content)[0].get("buffers", [])
     uris = [one.get("uri") for one in buffers if isinstance(one, Mapping)]
     return [unquote(uri) for uri in uris if isinstance(uri, str) and not uri.startswith("data:")]
@@ -196,11 +186,7 @@ class _Gltf:
 
 
 def beside(folder: Path | None, name: str) -> Path:
-    """Return the file in a folder, or below it, that a mesh file names.
-
-    Raises:
-        MeshFault: if it isn't there.
-    """
+    """Return the file in a folder, or below it, that a mesh file names; MeshFault if it isn't there."""
     path = None if folder is None else (folder / name).resolve()
     if folder is None or path is None or not path.is_relative_to(folder.resolve()):
         raise MeshFault(f"names the buffer {name!r}, which must be in its folder")

@@ -13,7 +13,7 @@ AREA_TOLERANCE = 1e-9
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Cut polygons into triangles that turn as they do; those of fewer than three corners are left out.
+    """Cut polygons into triangles (t, 3) that turn as they do; those of fewer than three corners are left out.
 
     A quadrilateral is cut at its reflex corner, else between its first and third corner. A larger convex polygon is a
     fan about its first corner, another one is cut into ears; one that crosses itself is a fan.
@@ -22,9 +22,6 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
         vertices: Shape (v, 3).
         corners: Vertices of all polygons, one polygon after the other, shape (c,).
         sizes: Number of corners of each polygon, shape (p,).
-
-    Returns:
-        Triangles in the order of their polygons, shape (t, 3).
     """
     if len(corners) == 3 * len(sizes) and (sizes == 3).all():
         return corners.reshape(-1, 3)
@@ -43,15 +40,7 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
 
 
 def triangulate_with_holes(vertices: np.ndarray, rings: Sequence[np.ndarray]) -> np.ndarray:
-    """Cut a polygon with holes into triangles that turn as its outline does.
-
-    Args:
-        vertices: Shape (v, 3).
-        rings: Vertices of the outline, then of each hole.
-
-    Returns:
-        Shape (t, 3).
-    """
+    """Cut a polygon of vertices (v, 3), given by its outline and holes, into triangles (t, 3) that turn like it."""
     corners = np.concatenate(rings)
     flat, _ = _flattened(vertices[corners], len(rings[0]))
     ears = _ears(flat, np.cumsum([len(ring) for ring in rings]))
@@ -125,13 +114,7 @@ Triangles = tuple[np.ndarray, np.ndarray]
 
 
 class Objects(NamedTuple):
-    """The triangles of a mesh file, and the objects that they belong to.
-
-    Attributes:
-        vertices: Shape (v, 3) [m, the file's frame].
-        triangles: Shape (t, 3), those of an object one after the other.
-        firsts: Name and first triangle of each object, in their order; none where the file divides nothing.
-    """
+    """Vertices (v, 3) [m] and triangles (t, 3) of a mesh file, and the name and first triangle of each object."""
 
     vertices: np.ndarray
     triangles: np.ndarray
@@ -139,15 +122,7 @@ class Objects(NamedTuple):
 
 
 def floats(text: bytes, what: str) -> np.ndarray:
-    """Return the numbers of a text that blanks separate, shape (n,).
-
-    Args:
-        text: Nothing but numbers.
-        what: Their name in an error.
-
-    Raises:
-        MeshFault: if a word isn't a number.
-    """
+    """Return the numbers of a text that blanks separate, shape (n,); MeshFault if a word isn't a number."""
     words = text.split()
     try:
         values = np.fromstring(text, np.float64, sep=" ") if words else np.empty(0)
@@ -168,11 +143,7 @@ def integers(text: bytes, what: str) -> np.ndarray:
 
 
 def check_indices(indices: np.ndarray, count: int) -> None:
-    """Check that indices, shape (n,), are those of vertices.
-
-    Raises:
-        MeshFault: if one is below 0 or not below the count.
-    """
+    """Check that indices, shape (n,), are below a count; MeshFault if not."""
     if len(indices) and not (indices.min() >= 0 and indices.max() < count):
         wrong = int(indices.min()) if indices.min() < 0 else int(indices.max())
         raise MeshFault(f"has a face with the vertex {wrong} (counted from 0), but only {count} vertices")
@@ -204,11 +175,7 @@ class Collected:
         self._count = self._total = self._nodes = 0
 
     def visit(self, depth: int, name: str = "") -> None:
-        """Count a node at a depth; what is added until the next one is an object of its name.
-
-        Raises:
-            MeshFault: if there are more than `MAX_NODES`, or it is deeper than `MAX_DEPTH`.
-        """
+        """Count a node; what is added until the next one is an object of its name. MeshFault beyond the limits."""
         self._nodes += 1
         if depth > MAX_DEPTH:
             raise MeshFault(f"has nodes that are nested more than {MAX_DEPTH} deep, or contain themselves")
@@ -217,15 +184,7 @@ class Collected:
         self._firsts.append((name, self._total))
 
     def add(self, mesh: Triangles, placement: np.ndarray) -> None:
-        """Add an instance of a mesh; a placement that mirrors it turns its triangles, so that they face outwards.
-
-        Args:
-            mesh: Its vertices and triangles.
-            placement: Affine map from the mesh's frame to the file's, shape (4, 4).
-
-        Raises:
-            MeshFault: if there are more than `MAX_TRIANGLES`.
-        """
+        """Add a mesh by an affine map (4, 4); one that mirrors it turns its triangles. MeshFault beyond a limit."""
         vertices, triangles = mesh
         self._total += len(triangles)
         if self._total > MAX_TRIANGLES:

@@ -33,11 +33,7 @@ class _Element:
 
 
 def read_ply(content: bytes) -> Triangles:
-    """Read a PLY file; all but positions, faces and strips is left out.
-
-    Raises:
-        MeshFault: if it is malformed or cut short.
-    """
+    """Read a PLY file; all but positions, faces and strips is left out. MeshFault if it is malformed or cut short."""
     order, elements, body = _header(content)
     values: dict[str, list[np.ndarray]] = {}  # by element, of each property its flat values
     sizes: dict[str, list[np.ndarray]] = {}

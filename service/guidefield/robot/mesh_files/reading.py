@@ -61,7 +61,7 @@ PAGES = (b"<!doctype html", b"<html")
 
 
 class FileMesh(NamedTuple):
-    """The triangles of a mesh file; both arrays are read-only.
+    """The triangles of a mesh file, read-only.
 
     Attributes:
         vertices: Shape (v, 3) [m], those that triangles use, each once.
@@ -74,11 +74,7 @@ class FileMesh(NamedTuple):
 
 
 def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
-    """Read a mesh file.
-
-    Args:
-        path: The file; its content says of which kind it is, or its suffix where that is unclear.
-        scale: Factors along its axes, shape (3,).
+    """Read a mesh file, by its content or, where that is unclear, its suffix, with factors (3,) along its axes.
 
     Raises:
         MeshFault: if it can't be read, has no triangles, or a vertex isn't within `FARTHEST_VERTEX`.
@@ -88,15 +84,7 @@ def read_mesh(path: Path, scale: np.ndarray | None = None) -> FileMesh:
 
 
 def read_objects(path: Path, scale: np.ndarray | None = None) -> list[tuple[str, FileMesh]]:
-    """Read the objects of a mesh file: nodes, groups or solids with their names, "" for those without one.
-
-    Args:
-        path: The file, as for `read_mesh`.
-        scale: Factors along its axes, shape (3,).
-
-    Raises:
-        MeshFault: as `read_mesh`.
-    """
+    """Read the objects of a mesh file as `read_mesh`: nodes, groups or solids with their names, "" if unnamed."""
     vertices, triangles, firsts = _scaled_objects(path, scale)
     names, begins = ["", *(name for name, _ in firsts)], [0, *(first for _, first in firsts)]
     ends = [*begins[1:], len(triangles)]
@@ -127,11 +115,7 @@ def _scaled_objects(path: Path, scale: np.ndarray | None) -> Objects:
 
 
 def plain_file(path: Path) -> tuple[str, bytes]:
-    """Return the name and content of a mesh file as any reader takes it: with the ending of what it holds, no mark.
-
-    Raises:
-        MeshFault: if the file can't be read.
-    """
+    """Return the name and content of a mesh file as any reader takes it: with the ending of what it holds, no mark."""
     kind, content = _kind_and_content(path)
     return path.name if kind == path.suffix.lower() else f"{path.name}{kind}", content
 
@@ -154,11 +138,7 @@ def _kind_of(content: bytes, suffix: str) -> str:
 
 
 def content_of(path: Path) -> bytes:
-    """Return the bytes of a mesh file.
-
-    Raises:
-        MeshFault: if it can't be opened, is empty, or is something that stands in for a file.
-    """
+    """Return the bytes of a file; MeshFault if it can't be opened, is empty, or something stands in for it."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -173,11 +153,7 @@ def content_of(path: Path) -> bytes:
 
 
 def companions(path: Path) -> list[str]:
-    """Return the files that hold part of a mesh, as paths relative to its folder: the buffers of a glTF file.
-
-    Raises:
-        MeshFault: if the file can't be read, or one isn't in its folder.
-    """
+    """Return the files, relative to its folder, that hold part of a mesh: buffers of glTF; MeshFault if beyond it."""
     if path.suffix.lower() not in (".gltf", ".glb"):
         return []
     names = list(dict.fromkeys(buffer_files(content_of(path))))
@@ -185,32 +161,18 @@ def companions(path: Path) -> list[str]:
 
 
 def unit_of(path: Path) -> float:
-    """Return the length of the unit by which a file's numbers become metres; 1 for all kinds but COLLADA.
-
-    Raises:
-        MeshFault: if the file can't be read.
-    """
+    """Return the length of the unit by which a file's numbers become metres; 1 for all kinds but COLLADA."""
     return read_unit(content_of(path)) if path.suffix.lower() == ".dae" else 1.0
 
 
 def up_axis(path: Path) -> str:
-    """Return the axis that is up in a mesh file by its kind, `x`, `y` or `z`, which `read_mesh` doesn't turn.
-
-    A glTF file has y up, a COLLADA file says it, and for all others it is z.
-
-    Raises:
-        MeshFault: if a COLLADA file can't be read.
-    """
+    """Return the axis that is up in a file: y of glTF, as stated of COLLADA, else z; `read_mesh` doesn't turn it."""
     kind, content = _kind_and_content(path)
     return read_up_axis(content) if kind == ".dae" else "y" if kind in (".gltf", ".glb") else "z"
 
 
 def ignored_unit(path: Path) -> str | None:
-    """Return the name of a unit other than metres that a file states and that isn't applied, as 3MF files do.
-
-    Raises:
-        MeshFault: if the file can't be read.
-    """
+    """Return the name of a unit other than metres that a file states and that isn't applied, as 3MF files do."""
     if path.suffix.lower() != ".3mf":
         return None
     unit = stated_unit(content_of(path))
@@ -258,8 +220,7 @@ _GROUP = re.compile(rb"^[ \t]*g[ \t]+([^\n]*)", re.MULTILINE)
 def read_obj(content: bytes) -> Objects:
     """Read an OBJ file, its objects, or groups where it has none. Lines and points are left out.
 
-    Raises:
-        MeshFault: if it is malformed, or has free forms.
+    MeshFault if it is malformed, or has free forms.
     """
     text = _lines(content).replace(b"\\\n", b" ")
     if b"#" in text:
@@ -290,13 +251,7 @@ def read_obj(content: bytes) -> Objects:
 
 
 def _firsts(heads: Sequence[re.Match[bytes]], places: Sequence[int], before: np.ndarray) -> tuple[tuple[str, int], ...]:
-    """Return the name and the first triangle of each object of a text.
-
-    Args:
-        heads: Its heads, each with its name.
-        places: Where each face begins.
-        before: Number of triangles before each face and at the end, shape (f + 1,).
-    """
+    """Return name and first triangle of each object by its head, places of faces, triangles before these (f + 1,)."""
     rows = before[np.searchsorted(places, [head.start() for head in heads])].tolist()
     return tuple((head[1].decode(errors="replace").strip(), row) for head, row in zip(heads, rows, strict=True))
 
@@ -319,8 +274,7 @@ _KEYWORD = re.compile(rb"(ST)?C?N?(4?n?)OFF")
 def read_off(content: bytes) -> Triangles:
     """Read an OFF file; normals, colours and texture coordinates are left out.
 
-    Raises:
-        MeshFault: if it is binary, of other than three dimensions, cut short or malformed.
+    MeshFault if it is binary, of other than three dimensions, cut short or malformed.
     """
     lines = [line for line in (row.partition(b"#")[0].split() for row in _lines(content).split(b"\n")) if line]
     if lines and (keyword := _KEYWORD.fullmatch(lines[0][0])):
@@ -359,13 +313,10 @@ _END = re.compile(rb"^[ \t]*end[ \t]*solid\b", re.MULTILINE | re.IGNORECASE)
 
 
 def read_stl(content: bytes) -> Objects:
-    """Read an STL file; one of text by its solids.
+    """Read an STL file; one of text by its solids. MeshFault if it is cut short or malformed.
 
     Its first word doesn't tell its kind: many a binary file begins with ``solid``. The length does, which a binary file
     states as a number of facets.
-
-    Raises:
-        MeshFault: if it is cut short or malformed.
     """
     stated = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
     if _is_binary_stl(content):

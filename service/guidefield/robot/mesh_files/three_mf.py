@@ -36,11 +36,7 @@ _STRICT = {"resolve_entities": False, "no_network": True, "load_dtd": False, "hu
 
 
 def read_three_mf(content: bytes) -> Objects:
-    """Read a 3MF file, by its objects.
-
-    Raises:
-        MeshFault: if it is no archive, is malformed, or names what isn't in it.
-    """
+    """Read a 3MF file, by its objects; MeshFault if it is no archive, is malformed, or names what isn't in it."""
     package = _Package(content)
     collected = Collected()
     build = _child(package.model(package.start), "build")
@@ -62,11 +58,7 @@ def read_three_mf(content: bytes) -> Objects:
 
 
 def stated_unit(content: bytes) -> str:
-    """Return the name of the unit that a 3MF file states, which is a key of `UNITS`.
-
-    Raises:
-        MeshFault: if it is no archive, is malformed, or states another one.
-    """
+    """Return the unit that a 3MF file states, a key of `UNITS`; MeshFault if it is malformed, or states another one."""
     package = _Package(content)
     unit = package.model(package.start).get("unit", "millimeter")
     if unit not in UNITS:

@@ -39,13 +39,7 @@ _ALONE = threading.Lock()
 
 @dataclass(frozen=True, eq=False)
 class CompiledModel:
-    """An MJCF as MuJoCo has compiled it.
-
-    Attributes:
-        model: `mujoco.MjModel`.
-        files: Every file that was read: the MJCF, what it includes, meshes, textures.
-        warnings: MuJoCo's own.
-    """
+    """An MJCF as MuJoCo has compiled it: `mujoco.MjModel`, every file that was read, and MuJoCo's warnings."""
 
     model: Any
     files: tuple[Path, ...]
@@ -58,11 +52,7 @@ def is_mjcf(text: str) -> bool:
 
 
 def compile_file(path: Path) -> CompiledModel:
-    """Compile an MJCF file and all that it names.
-
-    Raises:
-        RobotInvalid: if the package `mujoco` is missing, or if MuJoCo refuses the file; with MuJoCo's reason.
-    """
+    """Compile an MJCF file and all that it names; RobotInvalid without `mujoco`, or with MuJoCo's reason."""
     mujoco = import_mujoco()
 
     def load() -> tuple[Any, tuple[Path, ...]]:
@@ -97,12 +87,9 @@ def compile_text(text: str) -> CompiledModel:
 
 
 def _bounded(text: str, most: int) -> str:
-    """Return an MJCF without its buffers; it may stand for no more than `most` elements, nor for larger pictures.
+    """Return an MJCF without its buffers; RobotInvalid if it stands for more than `most` elements, or larger pictures.
 
     A line of MJCF can stand for any number of bodies, which MuJoCo would make without asking.
-
-    Raises:
-        RobotInvalid: if it isn't XML, or stands for more.
     """
     root = root_of(text, "MJCF", [])
     buffers = [element for element in root.iterchildren(etree.Element) if _tag(element) in _BUFFERS]
@@ -143,11 +130,7 @@ def _numbers(element: Element, attribute: str) -> list[float]:
 
 
 def import_mujoco() -> Any:
-    """The package `mujoco`.
-
-    Raises:
-        RobotInvalid: if it isn't installed.
-    """
+    """Import the package `mujoco`; RobotInvalid if it isn't installed."""
     try:
         import mujoco  # type: ignore[import-untyped]
     except ImportError:
@@ -176,11 +159,7 @@ WORLD = "world"
 
 
 class UniqueNames:
-    """Gives out names, each once.
-
-    Args:
-        taken: Names that are given already.
-    """
+    """Gives out names, each once, and none of those that are taken."""
 
     def __init__(self, taken: Iterable[str]) -> None:
         self._taken = set(taken)
@@ -195,11 +174,9 @@ class UniqueNames:
 
 
 def named(model: Any, kind: str) -> list[str]:
-    """Name of each element of a kind, "" where it has none.
+    """Return the name of each element of a kind, "" where it has none.
 
-    Args:
-        model: `mujoco.MjModel`.
-        kind: MuJoCo's word for the kind: `body`, `joint`, `geom`, `site`, `key`, `equality`, `tendon`, `flex`, `mesh`.
+    MuJoCo's words for kinds are `body`, `joint`, `geom`, `site`, `key`, `equality`, `tendon`, `flex`, `mesh`.
     """
     mujoco = import_mujoco()
     counts = {"body": "nbody", "joint": "njnt", "equality": "neq"}

@@ -44,12 +44,8 @@ def colliding(model: Any) -> Any:
 class GeomWriter:
     """Writes the geoms of a model into the links of their bodies.
 
-    Args:
-        model: `mujoco.MjModel`.
-        links: <link> of each body.
-
     Attributes:
-        meshes: The files of meshes, by what the URDF calls them.
+        meshes: The files of meshes, by the URDF's names.
         collisions: Index of the geom behind each <collision>, by link, in their order.
         scenery: Names of planes and height fields that collide: no part of a robot, and left out.
     """
@@ -67,8 +63,7 @@ class GeomWriter:
     def write(self, world: bool) -> None:
         """Write every geom; those of the world's body only where they are part of the robot.
 
-        Raises:
-            RobotInvalid: if the surface of a geom isn't known, or a file can't be written.
+        RobotInvalid if the surface of a geom isn't known, or a file can't be written.
         """
         model, may_collide = self._model, colliding(self._model)
         shown = np.asarray(model.geom_group) < VISIBLE_GROUPS
@@ -174,7 +169,7 @@ AT_REFERENCE = "reference"
 def disabled_pairs(
     model: Any, geoms: Mapping[str, Sequence[int]], rest: np.ndarray, warnings: list[str]
 ) -> dict[frozenset[str], str]:
-    """Pairs of links that aren't tested, with reasons.
+    """Return pairs of links that aren't tested, with reasons.
 
     Those that MuJoCo leaves out because of an <exclude>, or because they are parent and child, are left out here. Those
     that only contype and conaffinity keep apart are tested here all the same, except where they touch at rest: masks
@@ -245,12 +240,7 @@ def _masks_meet(model: Any, first: Sequence[int], second: Sequence[int]) -> bool
 
 
 class _Touching:
-    """Tells whether geoms touch at one configuration, by MuJoCo's own distance.
-
-    Args:
-        model: `mujoco.MjModel`.
-        q: MuJoCo's configuration, shape (nq,).
-    """
+    """Tests whether geoms touch at one configuration of MuJoCo's, shape (nq,), by its own distance."""
 
     def __init__(self, model: Any, q: np.ndarray) -> None:
         self._model, self._mujoco = model, import_mujoco()
@@ -301,7 +291,7 @@ def positions(model: Any, joints: Mapping[int, str], q: np.ndarray) -> Positions
 
 @dataclass(frozen=True, eq=False)
 class MjcfRobot:
-    """What an MJCF became.
+    """The URDF of an MJCF.
 
     Attributes:
         urdf: The URDF, with a link for each body and named site, below the link `world`.
@@ -323,16 +313,10 @@ class MjcfRobot:
 
 
 def convert(compiled: CompiledModel, name: str, root_joint: str) -> MjcfRobot:
-    """Write a compiled MJCF as a URDF.
+    """Write a compiled MJCF as a URDF; RobotInvalid if it has a part that can't be judged or planned for.
 
-    Args:
-        compiled: What MuJoCo made of it.
-        name: Of the robot.
-        root_joint: `fixed`: bodies with free joints stand where the file has them; `free`: they move, or the whole
-            robot if it has none; `planar`: the whole robot moves.
-
-    Raises:
-        RobotInvalid: if it has a part that can't be judged or planned for as it is; names it.
+    With a root joint `fixed`, bodies with free joints stand where the file has them; `free`: they move, or the whole
+    robot if it has none; `planar`: the whole robot moves.
     """
     model, warnings = compiled.model, list(compiled.warnings)
     if model.nflex:

@@ -23,12 +23,7 @@ from guidefield.robot.urdf.xml import Element
 
 @dataclass(frozen=True)
 class JointLaws:
-    """Equality constraints of joints with one value.
-
-    Attributes:
-        mimics: By joint: its source joint, multiplier and offset.
-        constants: By joint: the one value that it is held at.
-    """
+    """Equality constraints by joint: its source joint, multiplier and offset; or the one value that it is held at."""
 
     mimics: dict[int, tuple[int, float, float]] = field(default_factory=dict)
     constants: dict[int, float] = field(default_factory=dict)
@@ -37,10 +32,8 @@ class JointLaws:
 def joint_laws(model: Any, warnings: list[str]) -> JointLaws:
     """Read the linear equalities of joints, y - y0 = a0 + a1 (x - x0); y0 and x0 are the joints' reference values.
 
-    Args:
-        model: `mujoco.MjModel`.
-        warnings: Gets a sentence for each active constraint that isn't kept: those of bodies, sites, tendons and
-            flexes, of joints by a curve, and a second one of the same joint, or one that would close a circle.
+    The warnings get a sentence for each active constraint that isn't kept: those of bodies, sites, tendons and flexes,
+    of joints by a curve, and a second one of the same joint, or one that would close a circle.
     """
     mujoco = import_mujoco()
     laws, joints = JointLaws(), joint_names(model)
@@ -95,11 +88,9 @@ ENDLESS = 1e6
 
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """The URDF of a compiled MJCF, without shapes.
+    """The <robot> of a compiled MJCF, without shapes, and the <link> of each body.
 
     Attributes:
-        robot: <robot>.
-        links: <link> of each body, by MuJoCo's index.
         joints: Name of each joint that moves, by MuJoCo's index.
         balls: Names of ball joints; a URDF calls them floating.
     """
@@ -111,14 +102,7 @@ class KinematicTree:
 
 
 class _Tree:
-    """Writes links and joints.
-
-    Args:
-        model: `mujoco.MjModel`.
-        laws: What equality constraints ask of its joints.
-        free: Whether free joints move; else their bodies stand where the file has them.
-        name: Of the robot.
-    """
+    """Writes links and joints; without `free`, bodies with free joints stand where the file has them."""
 
     def __init__(self, model: Any, laws: JointLaws, free: bool, name: str) -> None:
         self._model, self._laws, self._free = model, laws, free
@@ -211,16 +195,9 @@ class _Tree:
 
 
 def kinematic_tree(model: Any, laws: JointLaws, free: bool, name: str) -> KinematicTree:
-    """The links and joints of a compiled MJCF: bodies and named sites are links, below the link `world`.
+    """Write bodies and named sites of a compiled MJCF as links below the link `world`, and its joints.
 
-    Args:
-        model: `mujoco.MjModel`.
-        laws: What equality constraints ask of its joints.
-        free: Whether free joints move; else their bodies stand where the file has them.
-        name: Of the robot.
-
-    Raises:
-        RobotInvalid: if a ball joint has a range; names it.
+    Without `free`, bodies with free joints stand where the file has them. RobotInvalid if a ball joint has a range.
     """
     tree = _Tree(model, laws, free, name)
     for body in range(1, model.nbody):

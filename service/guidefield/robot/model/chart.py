@@ -59,13 +59,7 @@ def velocity_names(joint: Joint) -> tuple[str, ...]:
 
 
 def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Chart coordinates, shape (nv,), of a joint's configuration values.
-
-    Args:
-        joint: The joint.
-        values: Its part of a configuration, shape (nq,).
-        reference: Its part of the configuration that rotation vectors start from, shape (nq,).
-    """
+    """Return chart coordinates (nv,) of a joint's values (nq,); rotation vectors start from a reference (nq,)."""
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.arctan2(values[1], values[0])])
     if joint.kind is JointKind.PLANAR:
@@ -76,13 +70,7 @@ def to_chart(joint: Joint, values: np.ndarray, reference: np.ndarray) -> np.ndar
 
 
 def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Configuration values, shape (nq,), of a joint's chart coordinates; the inverse of `to_chart`.
-
-    Args:
-        joint: The joint.
-        z: Its chart coordinates, shape (nv,) [rad or m].
-        reference: As in `to_chart`, shape (nq,).
-    """
+    """Return configuration values (nq,) of a joint's chart coordinates (nv,); the inverse of `to_chart`."""
     if joint.kind is JointKind.CONTINUOUS:
         return np.array([np.cos(z[0]), np.sin(z[0])])
     if joint.kind is JointKind.PLANAR:
@@ -93,13 +81,7 @@ def from_chart(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray
 
 
 def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """The same configuration's chart coordinates nearest to others, shape (nv,): whole turns are added.
-
-    Args:
-        joint: The joint.
-        z: Its chart coordinates, shape (nv,) [rad or m].
-        near: Those others, shape (nv,).
-    """
+    """Add whole turns to a joint's chart coordinates (nv,), to be nearest to others (nv,)."""
     turned = z.copy()
     if joint.kind in ANGLE:
         i = ANGLE[joint.kind]
@@ -112,12 +94,7 @@ def unwrapped(joint: Joint, z: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 
 def turned_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
-    """Chart coordinates, shape (nv,), of the same configuration of a joint, its rotation vector the other way round.
-
-    Args:
-        joint: A spherical or floating joint.
-        z: Its chart coordinates, shape (nv,) [rad or m]; a rotation vector of no length stays as it is.
-    """
+    """Turn the rotation vector in chart coordinates (nv,) the other way round; one of no length stays."""
     other, at = z.copy(), ROTATION[joint.kind]
     angle = math.hypot(*z[at].tolist())
     if angle > 0.0:
@@ -126,14 +103,9 @@ def turned_otherwise(joint: Joint, z: np.ndarray) -> np.ndarray:
 
 
 def tangent_map(joint: Joint, z: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Matrix, shape (nv, nv), from chart velocities to the joint's tangent velocities, in the moved frame.
+    """Return the matrix (nv, nv) from chart velocities at z (nv,) to tangent velocities, in the moved frame.
 
     The rotation vector's part is the right Jacobian of the exponential map; positions are turned into the moved frame.
-
-    Args:
-        joint: The joint.
-        z: Its chart coordinates, shape (nv,) [rad or m].
-        reference: As in `to_chart`, shape (nq,).
     """
     matrix = np.eye(joint.nv)
     if joint.kind is JointKind.PLANAR:
@@ -163,10 +135,9 @@ def unit(quaternion_xyzw: np.ndarray) -> tuple[float, float, float, float]:
 
 
 def turned(begin: tuple[float, float, float, float], a: float, b: float, c: float) -> tuple[float, float, float, float]:
-    """The orientation (x, y, z, w) that a rotation vector (a, b, c) leads to from another, a unit quaternion like it.
+    """Turn an orientation, a unit quaternion (x, y, z, w), by a rotation vector (a, b, c).
 
-    Of the two quaternions that mean it, it is that of which w is positive, or where that is below a half the largest
-    of the others.
+    Of the two quaternions w is positive, or where that is below a half the largest of the others.
     """
     x, y, z, w = begin
     angle = math.hypot(a, b, c)
@@ -179,7 +150,7 @@ def turned(begin: tuple[float, float, float, float], a: float, b: float, c: floa
 
 
 def _turn(begin_xyzw: np.ndarray, end_xyzw: np.ndarray) -> tuple[float, float, float]:
-    """Rotation vector from one orientation to another, by at most half a turn; quaternions of shape (4,).
+    """Return the rotation vector from one orientation to another, by at most half a turn; quaternions of shape (4,).
 
     From the quaternions themselves: towards half a turn Pinocchio's logarithm of a matrix is off by up to 6e-11.
     """

@@ -38,17 +38,10 @@ Meshes = Mapping[str, tuple[Path, np.ndarray, FileMesh]]
 
 
 def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
-    """Read the mesh of every `<collision>`, and put a primitive in its place.
+    """Read the mesh of every `<collision>`, and return the URDF with a sphere in place of each, for Pinocchio to parse.
 
-    Args:
-        facts: The URDF as checked; its meshes are absolute paths.
-        warnings: Gets a sentence for each file whose own unit isn't applied.
-
-    Returns:
-        The URDF with a sphere for each mesh, for Pinocchio to parse; and the meshes.
-
-    Raises:
-        RobotInvalid: if a mesh can't be read; names line, link and mesh.
+    The warnings get a sentence for each file whose own unit isn't applied. RobotInvalid, with line, link and mesh, if
+    one can't be read.
     """
     root = etree.fromstring(facts.text.encode())
     known: dict[tuple[str, str], FileMesh] = {}
@@ -86,19 +79,16 @@ def read_meshes(facts: UrdfFacts, warnings: list[str]) -> tuple[str, Meshes]:
 def settle(
     model: Any, geometry: Any, meshes: Meshes, uris: Mapping[str, str], size: float, warnings: list[str]
 ) -> tuple[GeometryChoice, ...]:
-    """Give each shape that stands for a mesh its triangles, or its hull where that is as tight.
+    """Give each shape that stands for a mesh its triangles, or its hull where that is as tight; return the choices.
 
     Args:
         model: Pinocchio model that the geometry belongs to.
         geometry: Pinocchio geometry model of the text that `read_meshes` returned; changed in place.
-        meshes: What it read.
-        uris: What the URDF calls a mesh, by the path of its file.
+        meshes: The meshes that it read.
+        uris: The URDF's URIs of meshes, by the paths of their files.
         size: The robot's.
         warnings: Gets a sentence for each link whose hull fills more than a tight one does, or whose mesh has no inside
             or is so large that its numbers are hardly metres.
-
-    Returns:
-        What was chosen for each shape.
     """
     choices = []
     areas = {id(mesh): mesh for *_, mesh in meshes.values() if _has_area(mesh)}

@@ -51,13 +51,9 @@ def configuration_from_wire(
     base: RobotConfiguration | None = None,
     error: type[GuidefieldError] = InvalidConfiguration,
 ) -> RobotConfiguration:
-    """Configuration of the whole robot, shape (nq,), from joint names and values.
+    """Return the configuration of the whole robot, shape (nq,), of values by joint name [rad or m].
 
-    Args:
-        robot: The robot.
-        positions: Values by joint name [rad or m]; joints left out keep the base's value.
-        base: Configuration to start from, shape (nq,); None for the robot's rest configuration.
-        error: What to raise.
+    Joints left out keep the value of a base, shape (nq,), or of the robot's rest configuration.
 
     Raises:
         InvalidConfiguration: (or `error`) for an unknown joint, a joint that follows another, a value of the wrong
@@ -134,10 +130,9 @@ def clamp(joints: Sequence[Joint], q: RobotConfiguration) -> RobotConfiguration:
 
 
 def values_from_wire(joint: Joint, value: JointValue, error: type[GuidefieldError]) -> np.ndarray:
-    """A joint's part of a configuration, shape (nq,), from its value on the wire.
+    """Return a joint's part of a configuration, shape (nq,), of its value on the wire.
 
-    Raises:
-        GuidefieldError: `error` for a value of the wrong length, or a quaternion whose norm isn't 1 within 1e-6.
+    Raises `error` for a value of the wrong length, or a quaternion whose norm isn't 1 within 1e-6.
     """
     expected = LENGTHS.get(joint.kind)
     if expected is None:

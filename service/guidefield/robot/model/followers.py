@@ -36,7 +36,7 @@ def laws(facts: UrdfFacts) -> dict[str, Mimic]:
 
 
 def unwrapped(facts: UrdfFacts) -> dict[str, str]:
-    """Continuous joints of a URDF whose whole turns count, each with a follower that is elsewhere after one.
+    """Return continuous joints whose whole turns count, each with a follower that is elsewhere after one.
 
     Such a joint is of kind revolute once it is loaded, without limits of its own.
     """
@@ -59,12 +59,7 @@ def with_unwrapped(model: Any, facts: UrdfFacts) -> Any:
 
 
 def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
-    """Set the joints that follow others, in place, to what they must be.
-
-    Args:
-        joints: The joints, with those that they follow among them.
-        q: Configuration in their order, shape (nq,).
-    """
+    """Set, in place, the joints that follow others in a configuration (nq,) of joints with those that they follow."""
     followers = [(joint, joint.mimic) for joint in joints if joint.mimic is not None]
     by_name = {joint.name: joint for joint in joints} if followers else {}
     for joint, mimic in followers:
@@ -75,15 +70,10 @@ def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
 
 
 def expansion(joints: Sequence[Joint], model: Any, space: Any) -> tuple[np.ndarray, np.ndarray]:
-    """The affine map from the chart of planned joints to that of a model with their followers.
+    """Return the affine map from the chart of planned joints to that of a model with their followers.
 
-    Args:
-        joints: The robot's joints.
-        model: Pinocchio model of planned joints and followers.
-        space: Pinocchio model of the planned joints alone.
-
-    Returns:
-        Matrix, shape (model.nv, space.nv), and offset, shape (model.nv,).
+    A matrix, shape (model.nv, space.nv), and an offset, shape (model.nv,); `space` is the model of planned joints
+    alone.
     """
     by_name, planned = {joint.name: joint for joint in joints}, joint_indices(space)
     matrix, offset = np.zeros((model.nv, space.nv)), np.zeros(model.nv)

@@ -58,10 +58,7 @@ def axis_of(joint: Any) -> np.ndarray:
 
 
 def joint_indices(model: Any) -> dict[str, int]:
-    """Pinocchio's index of each joint by name.
-
-    The world, which Pinocchio calls `universe`, is no joint: a joint of that name isn't taken for it.
-    """
+    """Return Pinocchio's index of each joint by name, but of the world, which it calls `universe`."""
     return {name: index for index, name in enumerate(model.names) if index}
 
 

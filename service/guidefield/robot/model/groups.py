@@ -13,14 +13,7 @@ from guidefield.robot.urdf.srdf import Srdf, SrdfChain, SrdfGroup
 def resolve_groups(
     model: Any, described: Srdf, joints: Sequence[Joint], warnings: list[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Joints of each SRDF group that can be planned for, in Pinocchio's order.
-
-    Args:
-        model: Pinocchio model.
-        described: The SRDF.
-        joints: Movable joints.
-        warnings: Gets a sentence for each group that is left out because none of its joints can be planned for.
-    """
+    """Return the joints of SRDF groups that can be planned for, in Pinocchio's order; warn of groups without any."""
     plannable = [joint.name for joint in joints if joint.is_driven]
     resolved = {}
     for name in described.groups:

@@ -68,7 +68,7 @@ def load(
     """Build a robot.
 
     Args:
-        name: What to call it.
+        name: Its name.
         source: Its text, folders and root joint; the model keeps the checked text, its meshes as absolute paths.
         semantics: SRDF, as text or read, if there is one.
         card: Defaults that the URDF doesn't settle.
@@ -151,11 +151,7 @@ def _with_passive(joints: Sequence[Joint], described: srdf.Srdf, warnings: list[
 
 
 def _check_root_joint(name: str, facts: UrdfFacts, root_joint: str) -> None:
-    """Refuse a joint with the name of the one by which the robot moves in the world: requests couldn't tell them apart.
-
-    Raises:
-        RobotInvalid: names the joint and its line.
-    """
+    """Refuse a joint named as the one by which the robot moves in the world: requests couldn't tell them apart."""
     if root_joint != "fixed" and (joint := facts.joints.get(ROOT_JOINT)) is not None:
         raise RobotInvalid(
             f"line {joint.line}: joint {ROOT_JOINT!r} has the name of the joint by which robot {name!r} moves in the"
@@ -173,11 +169,7 @@ def _planar_axes(facts: UrdfFacts, model: Any) -> dict[int, np.ndarray]:
 
 
 def _check_columns(name: str, joints: Sequence[Joint]) -> None:
-    """Refuse joints whose names make the same column of positions or velocities: replies couldn't tell them apart.
-
-    Raises:
-        RobotInvalid: names both joints and the column.
-    """
+    """Refuse joints whose names make the same column of positions or velocities: replies couldn't tell them apart."""
     for columns_of in (chart.position_names, chart.velocity_names):
         owners: dict[str, str] = {}
         for joint in joints:
@@ -283,13 +275,10 @@ NEARLY_ALONG_X = 0.9
 
 
 def plane_rotation(axis: np.ndarray) -> np.ndarray:
-    """Rotation, shape (3, 3), from a planar joint's own axes (first, second, normal) to the joint's frame.
+    """Return the rotation (3, 3) from a planar joint's own axes (first, second, normal) to the joint's frame.
 
-    The normal is the joint's axis. The first axis is the frame's x axis projected into the plane, or its y axis where
-    the normal is nearly along x; the second completes a right-handed frame.
-
-    Args:
-        axis: Shape (3,), of any length but zero.
+    The normal is the joint's axis (3,), of any length but zero. The first axis is the frame's x axis projected into the
+    plane, or its y axis where the normal is nearly along x; the second completes a right-handed frame.
     """
     normal = axis / np.abs(axis).max()
     normal = normal / np.linalg.norm(normal)
@@ -300,15 +289,10 @@ def plane_rotation(axis: np.ndarray) -> np.ndarray:
 
 
 def set_planar_axes(model: Any, geometry: Any | None, axes: Mapping[int, np.ndarray]) -> None:
-    """Let planar joints move in the plane normal to their axis and turn about it, in place.
+    """Let planar joints move, in place, in the plane normal to their axis (3,), by index, and turn about it.
 
     The joint's own frame is turned so that its z axis is the joint's axis. What the joint carries is turned back, so
     that links, frames and shapes stay where the URDF has them.
-
-    Args:
-        model: Pinocchio model.
-        geometry: Its collision geometry, if there is any.
-        axes: Axis, shape (3,), of each planar joint, by Pinocchio's index.
     """
     for index, axis in axes.items():
         turn = pin.SE3(plane_rotation(axis), np.zeros(3))

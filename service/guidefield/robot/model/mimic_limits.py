@@ -17,14 +17,10 @@ _NOBODY = LimitSource.DEFAULT
 
 
 def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ...]:
-    """The same joints; those that others follow only go where their followers stay within their own limits.
+    """Return the same joints, where those that others follow keep their followers within their limits; warn of changes.
 
     A follower whose limits would leave no room to move has none: a wrong sign of a multiplier is common, and a plan
     must not be refused for what no joint can be blamed for.
-
-    Args:
-        joints: Movable joints.
-        warnings: Gets a sentence for each joint whose range changes, and for each follower whose limits can't be kept.
     """
     by_name = {joint.name: joint for joint in joints}
     for follower in joints:
@@ -50,12 +46,9 @@ def bind_ranges(joints: Sequence[Joint], warnings: list[str]) -> tuple[Joint, ..
 
 
 def bind_rates(joints: Sequence[Joint]) -> tuple[Joint, ...]:
-    """The same joints; source joints are so slow that their mimic joints keep their own velocities and accelerations.
+    """Return the same joints, with sources so slow that their mimic joints keep their own limits of rates.
 
     A limit that nobody stated binds nothing else. Limits of several degrees of freedom stay: nothing follows them.
-
-    Args:
-        joints: Movable joints with the limits that were stated for each by itself.
     """
     by_name = {joint.name: joint for joint in joints}
     for follower in joints:

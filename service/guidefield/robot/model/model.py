@@ -45,10 +45,7 @@ class LimitSource(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another: value = multiplier * driver's unwrapped value + offset.
-
-    The driver follows none itself: chains are followed to their end (robot/model/followers.py).
-    """
+    """A joint that follows another, which follows none: value = multiplier * driver's unwrapped value + offset."""
 
     driver: str
     multiplier: float
@@ -60,8 +57,6 @@ class Joint:
     """One movable joint.
 
     Attributes:
-        name: Its name in the URDF.
-        kind: What it can do.
         index: Pinocchio's joint index.
         idx_q, nq: Where its values stand in a configuration, and how many they are.
         idx_v, nv: The same in the tangent space.
@@ -115,12 +110,11 @@ class PairLeftOut:
 
 @dataclass(frozen=True)
 class GeometryChoice:
-    """As what a collision shape is judged.
+    """How a collision shape is judged.
 
     Attributes:
-        name: Name of the shape, `<link>_<number>`.
-        link: The link it belongs to.
-        shape: What the URDF has: box, cylinder, sphere, mesh.
+        name: `<link>_<number>`.
+        shape: The URDF's: box, cylinder, sphere, mesh.
         judged_as: primitive, convex hull or triangle mesh.
         stand_off: How far the hull stands off the mesh [m]; 0 for a primitive.
     """
@@ -138,8 +132,6 @@ class RobotSource:
 
     Attributes:
         urdf_text: Its text; once loaded, with meshes as absolute paths. Of an MJCF, the URDF that was made from it.
-        urdf_path: The URDF's file, if it had one.
-        root_joint: How it stands in the world.
         files: Files that the text was made from, beside those that it names.
     """
 
@@ -157,18 +149,14 @@ class RobotModel:
         name: Its name in the catalog, or the URDF's own.
         model: Pinocchio model of every joint (mimic joints are joints of their own here).
         geometry: Collision geometry with the pairs of links that count.
-        joints: Movable joints in Pinocchio's order.
-        links: Link names in Pinocchio's order.
+        joints, links: Movable joints, and link names, in Pinocchio's order.
         tip: Frame that goals and guide planes are about, unless a request says otherwise.
         groups: Named sets of joints, from the SRDF.
         rest: Configuration, shape (model.nq,), of joints that a request leaves out.
-        rest_state: Name of the SRDF's state that it is, as far as that goes; None where it is that of no state.
-        geometry_choices: As what each shape is judged, in the geometry's order.
-        pairs_left_out: Pairs of links that are not tested, with reasons.
+        rest_state: Name of the SRDF's state that it is, as far as that goes.
+        geometry_choices: How each shape is judged, in the geometry's order.
         warnings: What was odd but harmless, for every reply about it.
-        source: Where it came from.
-        remarks: The same about a robot that comes with guidefield: told where it is described, for its users can't mend
-            it.
+        remarks: The same about a robot that comes with guidefield, told where it is described: its users can't mend it.
         held: Names of the links that are objects it holds.
         size: Of its reach over a usual one, 1 where that is usual: lengths that are chosen for it are that many times
             as large (`size`).
@@ -200,11 +188,7 @@ class RobotModel:
         return {joint.name: joint for joint in reversed(self.joints)}
 
     def require_collision_geometry(self) -> None:
-        """Refuse to say anything about collisions of a robot that has no collision geometry.
-
-        Raises:
-            RobotInvalid: if there is none.
-        """
+        """Refuse, by RobotInvalid, to speak about collisions of a robot without collision geometry."""
         if not self.geometry_choices:
             raise RobotInvalid(f"robot {self.name!r} {NO_GEOMETRY}", robot=self.name)
 
@@ -213,11 +197,7 @@ class RobotModel:
         return self.geometry_choices[index].link
 
     def frame_id(self, name: str) -> int:
-        """Pinocchio's index of a frame.
-
-        Raises:
-            UnknownFrame: if there is none of that name; lists those there are.
-        """
+        """Return Pinocchio's index of a frame; UnknownFrame, with those there are, if there is none of that name."""
         index = self._frame_ids.get(name)
         if index is None:
             index = frame_index(self.model, name)

@@ -1,4 +1,4 @@
-"""Neutral names for links and joints while Pinocchio parses a URDF, because Pinocchio resolves frames by name.
+"""Neutral names for links and joints while Pinocchio parses a URDF, and what its parser writes to stderr.
 
 Pinocchio gives names of its own (`universe`, `root_joint`) and resolves frames by name while it builds a model. A fixed
 joint called `universe` then loses its placement, and a joint called `root_joint` is merged with a moving root. With
@@ -58,11 +58,11 @@ class CapturedStderr:
 
 @contextmanager
 def captured_stderr() -> Iterator[CapturedStderr]:
-    """Redirect file descriptor 2 to a temporary file while the block runs.
+    """Redirect file descriptor 2 to a temporary file while the block runs, to quote a C++ library's reason in errors.
 
-    This is process-wide: whatever any thread or library writes to stderr meanwhile is caught too, and is not written
-    anywhere else. So keep the block short, and use it where one thread does the work. Captures of several threads wait
-    for each other; they may be nested. If the process has no stderr, it has none afterwards either.
+    This is process-wide: whatever any thread writes to stderr then is caught too, and is not written anywhere else. So
+    keep the block short. Captures of several threads wait for each other; they may be nested. If the process has no
+    stderr, it has none afterwards either.
     """
     with _ONE_AT_A_TIME:
         _flush()
@@ -108,12 +108,7 @@ def _flush() -> None:
 
 @dataclass(frozen=True)
 class NeutralNames:
-    """A URDF with neutral names.
-
-    Attributes:
-        text: The URDF for Pinocchio.
-        links, joints: The URDF's own name by neutral name.
-    """
+    """A URDF with neutral names, and its own names of links and joints by these."""
 
     text: str
     links: Mapping[str, str]
@@ -138,10 +133,7 @@ class NeutralNames:
 
 
 def neutral_names(urdf: str) -> NeutralNames:
-    """Give every link and joint of a checked URDF a neutral name.
-
-    Pinocchio orders the joints below a link by their names; the neutral ones keep that order.
-    """
+    """Give every link and joint of a checked URDF a neutral name; in the same order, as Pinocchio sorts joints."""
     root = etree.fromstring(urdf.encode())
     links = _ranked("L", [link.get("name") for link in root.findall("link")])
     joints = _ranked("J", [joint.get("name") for joint in root.findall("joint")])

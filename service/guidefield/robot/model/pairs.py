@@ -50,8 +50,7 @@ def settle(
 
     Pairs that the SRDF or MJCF disables are left out; without any in an SRDF, those that are adjacent (joined by one
     joint); and always those that touch in nearly every one of `SAMPLES` random configurations, for a plan would be
-    impossible otherwise.
-    Pairs that no sample found touching stay in: samples prove nothing, and a test costs a microsecond.
+    impossible otherwise. Pairs that no sample found touching stay in: samples prove nothing.
 
     Args:
         model: Pinocchio model.
@@ -60,7 +59,7 @@ def settle(
         links: Link of each shape of `geometry`.
         disabled: Pairs of links that the SRDF or MJCF disables, with its reasons.
         said_by: Which of them; an MJCF says of every pair whether it is tested.
-        rest: Configuration, shape (nq,), that is looked at besides the random ones.
+        rest: Configuration, shape (nq,), that is tested besides the random ones.
         size: The robot's.
     """
     joints_of = np.array([shape.parentJoint for shape in geometry.geometryObjects], np.int64)
@@ -128,7 +127,7 @@ def _shares_touching(
     disabled: Collection[frozenset[str]],
     size: float,
 ) -> dict[frozenset[str], float]:
-    """In what share of configurations each pair of links touches: at rest and at random ones, always the same.
+    """Return the share of configurations, at rest and random but repeatable, in which each pair of links touches.
 
     A pair that was apart so often that it can't always touch is tested no more, unless the SRDF disables it: its share
     is too small then, and below `ALWAYS`.
@@ -152,7 +151,7 @@ def _shares_touching(
 def _random_configuration(
     model: Any, joints: Sequence[Joint], rng: np.random.Generator, size: float
 ) -> RobotConfiguration:
-    """A configuration within the limits, followers where they belong; lengths within `ROAM`, angles within one turn.
+    """Draw a configuration within the limits, lengths within `ROAM`, angles within one turn.
 
     Angles that others follow count whole turns: they are drawn from all their limits, or within `WIND`.
     """

@@ -14,13 +14,9 @@ from guidefield.robot.model.frames import joint_indices
 
 
 def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
-    """The same Pinocchio model with other joints; the indices of joints and frames stay the same.
+    """Return the same Pinocchio model with joints replaced by index; the indices of joints and frames stay the same.
 
     Limits are kept where a joint has as many values as before; what replaces another has no limits of positions else.
-
-    Args:
-        model: Pinocchio model.
-        replacements: Pinocchio's joint model that takes the place of each joint, by index.
     """
     if not replacements:
         return model
@@ -29,16 +25,10 @@ def with_joints(model: Any, replacements: Mapping[int, Any]) -> Any:
 
 
 def lock_joints(model: Any, geometry: Any, locked: Collection[int], q: np.ndarray) -> tuple[Any, Any]:
-    """The models with some joints fixed.
+    """Return the models with some joints, by index, fixed at a configuration, shape (model.nq,).
 
     Frames keep their indices and names; joints keep their order. `pinocchio.buildReducedModel` does the same, but finds
     frames by name.
-
-    Args:
-        model: Pinocchio model.
-        geometry: Its collision geometry.
-        locked: Indices of the joints to fix.
-        q: Configuration, shape (model.nq,), at which they are fixed.
     """
     if not locked:
         return model, geometry
@@ -98,15 +88,9 @@ def _copy_limits(source: Any, target: Any, kept: Sequence[tuple[Any, Any]]) -> N
 
 
 def with_ball_joints(name: str, model: Any, marked: Collection[str]) -> Any:
-    """The same Pinocchio model with marked joints as spherical ones; indices of joints and frames stay the same.
+    """Replace marked floating joints, which only turn, by spherical ones in a Pinocchio model; indices stay the same.
 
-    Args:
-        name: The robot's name, for errors.
-        model: Pinocchio model, as parsed.
-        marked: Names of floating joints that only turn.
-
-    Raises:
-        RobotInvalid: if a marked joint doesn't exist or isn't floating.
+    RobotInvalid if a marked joint doesn't exist or isn't floating.
     """
     indices = joint_indices(model)
     for joint in marked:

@@ -31,33 +31,19 @@ MOST = np.pi
 
 @dataclass(frozen=True)
 class StatedRest:
-    """The rest configuration that was stated.
-
-    Attributes:
-        q: Configuration, shape (nq,).
-        state: Name of the SRDF's state that it is of, if any.
-    """
+    """The rest configuration that was stated, shape (nq,), and the name of its SRDF state, if any."""
 
     q: RobotConfiguration
     state: str | None
 
 
 def stated(model: Any, joints: Sequence[Joint], described: Srdf, card: RobotCard, warnings: list[str]) -> StatedRest:
-    """The card's rest values over a state of the SRDF over zero, each within its limits.
+    """Return the card's rest values over a state of the SRDF over zero, each within its limits.
 
     Of the SRDF's states the first is taken of `STATES` and then of all others that lies within the joints' limits;
-    states of several groups with one name are one. States of groups that aren't there come last.
-
-    Args:
-        model: Pinocchio model.
-        joints: Its joints.
-        described: The SRDF.
-        card: The robot's card.
-        warnings: Gets a sentence for each state that isn't taken though it is preferred, and for each value that is
-            clamped.
-
-    Raises:
-        RobotInvalid: if a value of the card doesn't fit its joint.
+    states of several groups with one name are one. States of groups that aren't there come last. The warnings get a
+    sentence for each preferred state that isn't taken, and for each clamped value. RobotInvalid if a value of the card
+    doesn't fit its joint.
     """
     name, values = _state(joints, described, card, warnings)
     values = {**values, **card.rest}
@@ -107,7 +93,7 @@ def _beyond(values: Positions, joints: Sequence[Joint]) -> list[str]:
 
 
 def _fitting(state: SrdfState, joints: Sequence[Joint], described: Srdf, warnings: list[str]) -> Positions:
-    """What an SRDF's state says of joints that take as many numbers: a root joint may be another than it was made for.
+    """Return the values of an SRDF's state that fit their joints: a root joint may be another than it was made for.
 
     A virtual joint stands for the root joint. Quaternions are written with few digits there; they get length 1.
     """
@@ -142,19 +128,10 @@ def settle(
     size: float,
     warnings: list[str],
 ) -> RobotConfiguration:
-    """The rest configuration, shape (nq,): what was stated if that is free of contact, else one near it that is.
+    """Return the stated rest configuration, shape (nq,), if it is free of contact, else one near it that is.
 
     Zero means nothing in many a URDF, and some SRDFs' states were never looked at. Where links touch each other, the
-    joints between them are moved, as little as seeded random trials find.
-
-    Args:
-        model: Pinocchio model.
-        geometry: Collision geometry with the pairs that count.
-        joints: The model's joints.
-        links: Link of each shape of `geometry`.
-        q: What was stated, shape (nq,).
-        size: The robot's.
-        warnings: Gets a sentence where links touch in what was stated.
+    joints between them are moved, as little as seeded random trials find, with a warning.
     """
     search = _Search(model, geometry, joints, MARGIN * size)
     if at_first := search.touching(q):
@@ -187,7 +164,7 @@ class _Search:
         return self._contacts.find_contacts(margin)
 
     def freed(self, q: RobotConfiguration) -> RobotConfiguration:
-        """A configuration near one that touches, in which fewer pairs touch, none if that is found.
+        """Return a configuration near one that touches, in which fewer pairs touch, none if that is found.
 
         One pair after the other is parted, by the joints between its links; no other may come to touch for it.
         """

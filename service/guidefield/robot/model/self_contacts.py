@@ -23,7 +23,7 @@ def collision_pairs(geometry: Any) -> np.ndarray:
 
 
 def scratch_space(geometry: Any) -> Any:
-    """Pinocchio's data for a geometry model, set so that answers are right, and don't depend on questions before.
+    """Make Pinocchio's data for a geometry model, set so that answers are right, and don't depend on questions before.
 
     Unless points of contact are asked for, as Pinocchio doesn't, Coal (3.0.3, without a margin) overlooks boxes that
     overlap by centimetres where an axis of one lies along an axis of the other. And it starts each search where the
@@ -60,15 +60,7 @@ SLACK = 1e-6
 
 
 class SelfContacts:
-    """Tests the collision pairs of a geometry model for contact, one configuration after the other.
-
-    Args:
-        model: Pinocchio model.
-        geometry: Collision geometry with the pairs that count; its shapes stay as they are.
-
-    Attributes:
-        exact_tests: The number of pairs whose meshes were asked so far.
-    """
+    """Tests collision pairs of a geometry model for contact; `exact_tests` counts those whose meshes were asked."""
 
     def __init__(self, model: Any, geometry: Any) -> None:
         self.geometry = all_as_met(geometry)

@@ -38,7 +38,7 @@ WIDEST_GAP = 0.02
 
 
 def triangulation(shape: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull, read-only.
+    """Return read-only vertices (v, 3) [m, the shape's frame] and triangles (t, 3) of a Coal mesh or hull.
 
     Coal hands out one triangle at a time, a microsecond each; the last meshes with the same vertices, as
     many triangles, and the same first, middle and last one are not read again.
@@ -103,12 +103,9 @@ def _remembered_hull(mesh: Any) -> Arrays:
 
 
 def hull_question(vertices: np.ndarray, triangles: np.ndarray, unit: float) -> tuple[str, Arrays, Callable[[], Arrays]]:
-    """Say what the hull of a mesh is kept under, depends on, and is found by; its lengths are in units then.
+    """Return name, inputs and computation of the hull of a mesh, (v, 3) and (t, 3), for `remembered`.
 
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Shape (t, 3).
-        unit: The robot's size as a power of two: all lengths of this file are so many times as large.
+    Its lengths are in units then: the robot's size as a power of two [m].
     """
     vertices = vertices if unit == 1.0 else vertices / unit
     return "hull and wall", {"vertices": vertices, "triangles": triangles}, lambda: _hull(vertices, triangles)
@@ -120,7 +117,7 @@ def hull_in_metres(found: Arrays, unit: float) -> Arrays:
 
 
 def _hull(vertices: np.ndarray, triangles: np.ndarray) -> Arrays:
-    """Hull of a mesh, how far it stands off, how much of hollows it fills, and why the mesh is a thin wall.
+    """Find the hull of a mesh, how far it stands off, the volume of hollows it fills, and why the mesh is a thin wall.
 
     Beyond `HULL_STAND_OFF` it is only said that it stands off further; where there is no hull, infinitely far.
     """
@@ -157,10 +154,7 @@ def _wall(vertices: np.ndarray, triangles: np.ndarray) -> str:
 
 
 def _filled(around: Surface, distance: float, body: Solid) -> float:
-    """What a hull about a mesh fills [m^3]: sealed hollows, and more of others than its stand-off all over explains.
-
-    An open mesh has no inside that could be filled.
-    """
+    """Return the volume that a hull fills: sealed hollows, and others beyond its stand-off [m^3]; 0 if open."""
     if not body.closed:
         return 0.0
     vertices, triangles = body.surface.vertices, body.surface.triangles

@@ -1,4 +1,4 @@
-"""The size of a robot: lengths that this house chooses are stated for a usual arm, and grow and shrink with a robot.
+"""The size of a robot: chosen lengths are stated for a usual arm, and grow and shrink with a robot.
 
 A Panda, a UR5, a Fetch and a Baxter reach 1.1 to 1.5 m, and all lengths were chosen with them. So robots of about their
 reach have the size 1, to the last bit; others the ratio of their reach to a usual one. What a user gives, and what is
@@ -40,10 +40,7 @@ lowest floor of the optimiser, and links that the stated rest has in contact.
 def find_size(model: Any, geometry: Any, meshes: Mapping[str, np.ndarray]) -> float:
     """Return the size of a robot: 1 where its reach is usual, else the ratio of its reach to `USUAL_REACH`.
 
-    Args:
-        model: Pinocchio model.
-        geometry: Its collision geometry.
-        meshes: Vertices (v, 3) [m] of the shapes that stand for meshes, in their own frames, by name.
+    `meshes` are vertices (v, 3) [m] of the shapes that stand for meshes, in their own frames, by name.
     """
     names = [joint.shortname() for joint in model.joints]
     if all(name in FREE or name.startswith("JointModelP") for name in names[1:]):

@@ -29,12 +29,11 @@ _SCALAR = (JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.PRISMATIC)
 
 
 def crosschecked(robot: RobotModel) -> RobotModel:
-    """The robot, with a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
+    """Add a warning for whatever yourdfpy reads otherwise than Pinocchio; faults are found by the intake.
 
     Compared are capsules, which yourdfpy doesn't know, the joints that can be given, and the placement of each link
-    with every joint bent, mimic joints where either reader puts them. Placements of robots with what yourdfpy doesn't
-    know are not compared: joints of several degrees of freedom, mimic joints of mimic joints, and rotations as
-    quaternions (URDF 1.1). No file is opened.
+    with every joint bent. Placements of robots with what yourdfpy doesn't know are not compared: joints of several
+    degrees of freedom, mimic joints of mimic joints, and rotations as quaternions (URDF 1.1). No file is opened.
     """
     told = _differences(robot)
     if len(told) > MOST_TOLD:
@@ -49,10 +48,7 @@ def _differences(robot: RobotModel) -> list[str]:
 
 
 def _capsules(robot: RobotModel, root: Any) -> list[str]:
-    """Sentences about capsules, which Pinocchio alone reads.
-
-    They are shapes of URDF 1.1, or cylinders that `<collision_checking>` makes capsules.
-    """
+    """Return sentences about capsules, also by `<collision_checking>`, which Pinocchio alone reads."""
     shapes = {link.get("name"): [shape.tag for shape in link.iterfind("collision/geometry/*")] for link in root}
     rounded = dict.fromkeys(
         choice.link
@@ -127,8 +123,8 @@ def _misplaced(robot: RobotModel, q: RobotConfiguration, other: Any) -> list[str
 def _placements(other: Any) -> dict[str, np.ndarray]:
     """Return the placement of each link relative to the root, (4, 4), as yourdfpy has them, joint by joint.
 
-    Asked for the root's, it looks for the best order of a product of as many matrices as there are joints between, and
-    the time for that grows with the cube of their number.
+    Asked for the root's, it optimises the order of the matrix product, in a time that grows with the cube of its
+    length.
     """
     children: dict[str, list[str]] = defaultdict(list)
     for joint in other.joint_map.values():

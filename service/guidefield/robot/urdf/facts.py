@@ -18,9 +18,7 @@ class JointFacts:
     """One joint as written.
 
     Attributes:
-        name: Its name.
         kind: Its type, a key of `JOINT_DOF`.
-        parent, child: The links that it connects.
         line: Where it stands in the text.
         lower, upper: Its `<limit>` [rad or m], 0 where an entry is left out; None without `<limit>`, and for types that
             have no range.
@@ -55,15 +53,14 @@ class UrdfFacts:
     """A URDF that has been checked.
 
     Attributes:
-        name: The robot's name.
         root: The link that has no parent.
         links: Link names in the order of the text.
         joints: Joints by name, in the order of the text.
-        collisions: What each link's geometry consists of, by link; links without any are left out.
-        mimics: Joints that follow another: name to (name of the joint followed, multiplier, offset). A joint that is
-            followed may itself follow another; there are no cycles.
+        collisions: Collision shapes by link; links without any are left out.
+        mimics: Followers: name to (name of the joint followed, multiplier, offset). A joint that is followed may itself
+            follow another; there are no cycles.
         warnings: What is odd but harmless.
-        meshes: What the text called each mesh file, by the path that stands in `text` now.
+        meshes: The URI of each mesh file, by the path that stands in `text` now.
         text: The URDF as checked, for the parsers that come next: without comments, numbers separated by single
             spaces, mesh files as absolute paths, and without those `<visual>` whose mesh can't be read.
     """

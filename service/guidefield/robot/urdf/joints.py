@@ -39,19 +39,10 @@ _RANGED = ("revolute", "prismatic")
 
 
 def check_joint(joint: Element, links: Collection[str], version: tuple[int, int], warnings: list[str]) -> JointFacts:
-    """Check one joint by itself.
+    """Check one joint by itself; RobotInvalid at the first fault, with its line.
 
-    The axis of a fixed or floating joint means nothing and isn't read. Nor is the range of a joint that has none:
-    continuous, planar and floating ones.
-
-    Args:
-        joint: The `<joint>`; axes that parsers would misread, limits in reverse order and leftovers are rewritten.
-        links: Names of all links.
-        version: Of the URDF.
-        warnings: Gets what is odd but harmless.
-
-    Raises:
-        RobotInvalid: at the first fault, with its line.
+    Axes that parsers would misread, limits in reverse order and leftovers are rewritten. The axis of a fixed or
+    floating joint means nothing and isn't read. Nor is the range of a continuous, planar or floating one.
     """
     name, kind = name_of(joint), joint.get("type")
     if kind not in JOINT_DOF:
@@ -90,18 +81,10 @@ def check_joint(joint: Element, links: Collection[str], version: tuple[int, int]
 def check_mimics(
     elements: Mapping[str, Element], joints: Mapping[str, JointFacts], warnings: list[str]
 ) -> dict[str, tuple[str, float, float]]:
-    """Check who follows whom.
+    """Check who follows whom: follower to (name of the joint followed, multiplier, offset), of those that move.
 
     A name that is wrong only in that it lacks the prefix of the follower (`left_finger2` follows `finger1`, and there
     is a `left_finger1`) is taken for the one with the prefix, with a warning: files made by macros have this fault.
-
-    Args:
-        elements: Every `<joint>` by name.
-        joints: What is known of each.
-        warnings: Gets what is odd but harmless.
-
-    Returns:
-        Followers that move: name to (name of the joint followed, multiplier, offset).
 
     Raises:
         RobotInvalid: if a joint mimics itself, nothing, or a joint without one value; or if mimics form a cycle.

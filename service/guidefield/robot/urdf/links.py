@@ -53,23 +53,11 @@ _Complaint = Callable[[Element, str], None]
 def check_link(
     link: Element, version: tuple[int, int], resolver: MeshResolver, warnings: list[str]
 ) -> tuple[CollisionFacts, ...]:
-    """Check one link, and settle where its meshes are.
+    """Check one link, settle where its meshes are, and return its collision shapes; RobotInvalid at the first fault.
 
     The parser behind Pinocchio reads inertia, visuals and collisions in this order, and at the first that it can't read
     it leaves out all that follow, so that a malformed `<visual>` costs the link its collision geometry. Therefore
     visuals and inertias that can't be read are left out, with a warning: nothing is judged by them.
-
-    Args:
-        link: The `<link>`; its mesh names become absolute paths, and a visual whose mesh can't be read is taken out.
-        version: Of the URDF.
-        resolver: Where meshes may come from.
-        warnings: Gets what is odd but harmless.
-
-    Returns:
-        Its collision shapes.
-
-    Raises:
-        RobotInvalid: at the first fault, with its line.
     """
     warn_of_repeated(link, "inertial", warnings)
     for inertial in link.findall("inertial"):
@@ -166,7 +154,7 @@ def _check_geometry(owner: Element, version: tuple[int, int], complain: _Complai
 def _thicken(shape: Element, warnings: list[str]) -> None:
     """Give a `<collision>` without extent along some direction a thickness, so that it has an inside.
 
-    A point, a line or a face is contained in what is judged then, which stands off by half of `THICKNESS`.
+    What is judged then contains the point, line or face, and stands off by half of `THICKNESS`.
     """
     thin = []
     for attribute, count in SHAPES[shape.tag].items():

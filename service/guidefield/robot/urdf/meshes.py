@@ -45,13 +45,7 @@ def catalog_share() -> Path:
 
 @dataclass(frozen=True)
 class Remark:
-    """A file that was taken for a mesh URI though that doesn't say so, or not clearly.
-
-    Attributes:
-        file: The file.
-        other: Another file that the URI may mean, where two packages have the same name.
-        package: That name.
-    """
+    """A file that an unclear mesh URI is taken for; another one, if two packages have the same name; and that name."""
 
     file: Path
     other: Path | None = None
@@ -60,13 +54,11 @@ class Remark:
 
 @dataclass(frozen=True)
 class MeshResolver:
-    """Finds the file that a mesh URI means, if it lies in an allowed folder.
-
-    A path with `..` or a link is judged by where it ends.
+    """Finds the file that a mesh URI means, if it lies in an allowed folder; `..` or a link is judged by where it ends.
 
     Attributes:
         package_dirs: Folders that hold packages, or are packages, in the order in which they are searched.
-        base: Folder that relative paths start from; None where there is none.
+        base: Folder that relative paths start from.
         packages: Folder of each package that is known by name; these are looked in first.
         given: Files that came with the robot, by the URIs that it has for them; these come before all others.
         enclosing: The folders about the URDF that may hold packages too, the nearest first.
@@ -74,7 +66,7 @@ class MeshResolver:
         folders: Every allowed folder: those of the other attributes.
         told: What an error says is allowed; None: the folders. Who asks over the wire is told no folder of ours.
         advice: What an error says to do about a mesh that isn't there.
-        remarks: What was found elsewhere than its URI says, or is ambiguous, by URI: for a warning.
+        remarks: Files found elsewhere than their URIs say, or ambiguous, by URI: for a warning.
     """
 
     package_dirs: tuple[Path, ...] = ()
@@ -95,7 +87,7 @@ class MeshResolver:
 
     @classmethod
     def for_wire(cls, package_dirs: Iterable[Path] = (), given: Mapping[str, Path] | None = None) -> MeshResolver:
-        """For robots that a client sends: what came with them, example-robot-data, and folders that the service allows.
+        """Take what a client sent with a robot, example-robot-data, and folders that the service allows.
 
         Nothing else is searched, and errors name no folder of this machine.
         """
@@ -112,11 +104,11 @@ class MeshResolver:
 
     @classmethod
     def for_file(cls, urdf_path: Path, package_dirs: Iterable[Path] = ()) -> MeshResolver:
-        """For a URDF in a local file.
+        """Take, for a URDF in a local file, more than the wire allows.
 
-        Besides what the wire allows: the folders about the URDF (`enclosing_folders`), the package around it, and the
-        folders of ROS_PACKAGE_PATH and AMENT_PREFIX_PATH. What isn't where its URI says is searched by the longest end
-        of its path, in the folders about the URDF and then in `package_dirs`.
+        The folders about the URDF (`enclosing_folders`), the package around it, and the folders of ROS_PACKAGE_PATH and
+        AMENT_PREFIX_PATH. What isn't where its URI says is searched by the longest end of its path, in the folders
+        about the URDF and then in `package_dirs`.
         """
         folder = urdf_path.resolve().parent
         given_dirs = tuple(package_dirs)
@@ -132,14 +124,10 @@ class MeshResolver:
         )
 
     def resolve(self, uri: str, suffixes: Sequence[str] = MESH_SUFFIXES) -> Path:
-        """Return the file that a URI means, as an absolute path without links.
+        """Return the file of a URI (package://, model://, file:// or a path), as an absolute path without links.
 
-        A URI may have escapes (`%20` is a blank); a file of the name as written comes first.
-        A mesh that is found elsewhere than its URI says is noted in `remarks`; nothing else is searched.
-
-        Args:
-            uri: `package://name/…`, `model://name/…`, `file://…`, or an absolute or relative path.
-            suffixes: Those that it may have.
+        A URI may have escapes (`%20` is a blank); a file of the name as written comes first. A mesh that is found
+        elsewhere than its URI says is noted in `remarks`; nothing else is searched.
 
         Raises:
             RobotInvalid: if the URI or its suffix is of another kind, the file is missing, lies outside the allowed
@@ -169,10 +157,8 @@ class MeshResolver:
     def package_folder(self, name: str, paths: Sequence[str] = ()) -> Path | None:
         """Return a package's folder, by its own name or that in its `package.xml`; None if there is none.
 
-        Args:
-            name: Of the package.
-            paths: Paths in it. The first folder that has one of them is taken: if no package of the name has, the
-                nearest folder of the robot's package, which is noted in `remarks`.
+        The first folder that has one of some paths is taken: if no package of the name has, the nearest folder of the
+        robot's package, which is noted in `remarks`.
         """
         inside = tuple(folder.resolve() for folder in self.folders)
         named = [folder for folder in self._holders(name) if exists(folder) and _is_within(folder.resolve(), inside)]

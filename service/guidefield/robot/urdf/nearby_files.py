@@ -113,12 +113,7 @@ def levels_about(enclosing: Sequence[Path], given: Sequence[Path]) -> list[Level
 
 @dataclass(frozen=True)
 class Match:
-    """The files whose paths end most like a path.
-
-    Attributes:
-        files: Them, each of other content; empty if there is none.
-        common: Count of names at the end of the path that they share with it.
-    """
+    """The files, each of other content, whose paths share the longest end with a path, and its number of names."""
 
     files: tuple[Path, ...] = ()
     common: int = 0
@@ -126,12 +121,9 @@ class Match:
 
 @dataclass
 class NearbyFiles:
-    """Files of folders, read from disk when they are first needed.
+    """Files of folders, read from disk when they are first needed; links to folders are not followed.
 
-    Links to folders are not followed.
-
-    Args:
-        levels: Folders in the order in which they are searched; one may hold those before it.
+    Levels are folders in the order in which they are searched; one may hold those before it.
     """
 
     levels: Sequence[Level]
@@ -160,10 +152,6 @@ class NearbyFiles:
 
         The nearest level decides in which at least two names are shared, or all that the path has, and so does a
         given folder; else the nearest in which the file's name is. Files of equal bytes are one.
-
-        Args:
-            path: The path.
-            in_package: True if its first name is that of a package.
         """
         names = [name for name in path.replace("\\", "/").split("/") if name not in ("", ".", "..")]
         weak, within = Match(), list[Path]()

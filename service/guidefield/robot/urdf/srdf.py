@@ -37,14 +37,7 @@ class SrdfGroup:
 
 @dataclass(frozen=True)
 class SrdfState:
-    """A state as written.
-
-    Attributes:
-        name: Its name; states of several groups may share one.
-        group: The group that it is of; empty where it names none.
-        values: Joint values; a joint with several numbers has a list of them.
-        line: Its line in the text.
-    """
+    """A state as written: its group, empty where it names none, and joint values, a list for several numbers."""
 
     name: str
     group: str
@@ -57,8 +50,6 @@ class Srdf:
     """The parts of an SRDF that planning needs.
 
     Attributes:
-        groups: By name.
-        states: In the order of the text.
         end_effectors: Parent link and group of each end effector.
         disabled: Pair of links to the reason given.
         untested: Links that are tested against nothing but what `enabled` names.
@@ -154,13 +145,7 @@ def _state(element: etree._Element) -> SrdfState:
 
 
 def unknown_names(described: Srdf, links: Collection[str], joints: Collection[str]) -> list[str]:
-    """A sentence for each kind of name in an SRDF that the robot doesn't have; such entries mean nothing.
-
-    Args:
-        described: The SRDF.
-        links: The robot's links.
-        joints: Its joints, fixed and virtual ones too.
-    """
+    """Return a sentence for each kind of name in an SRDF that the robot doesn't have; such entries mean nothing."""
     pairs = {name for pair in (*described.disabled, *described.enabled) for name in pair} | {*described.untested}
     grouped = {name for group in described.groups.values() for name in group.links}
     grouped |= {name for g in described.groups.values() for c in g.chains for name in (c.base, c.tip)}

@@ -30,13 +30,6 @@ OLDEST_VERSION, NEWEST_VERSION = (1, 0), (1, 2)
 def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
     """Check a URDF before Pinocchio sees it.
 
-    Args:
-        text: The URDF.
-        resolver: Where its meshes may come from.
-
-    Returns:
-        What was found out; its `text` is what Pinocchio should read.
-
     Raises:
         RobotInvalid: at the first fault; `details` hold its line and element, and the joint or link it is in.
     """
@@ -74,16 +67,7 @@ def check_urdf(text: str, resolver: MeshResolver) -> UrdfFacts:
 
 
 def check_geometry_complete(facts: UrdfFacts, geometry_model: Any, model: Any) -> None:
-    """Check that Pinocchio has read every collision shape.
-
-    Args:
-        facts: What the URDF says.
-        geometry_model: What Pinocchio made of it, as read: before shapes are replaced or split.
-        model: The Pinocchio model that it belongs to.
-
-    Raises:
-        RobotInvalid: if a `<collision>` got lost; names the link.
-    """
+    """Check that Pinocchio has read every collision shape; RobotInvalid, with the link, if a `<collision>` got lost."""
     read = dict.fromkeys(facts.links, 0)
     for shape in geometry_model.geometryObjects:
         frame = model.frames[shape.parentFrame]

@@ -26,13 +26,7 @@ _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 @dataclass(frozen=True)
 class Expanded:
-    """What a xacro file was expanded to.
-
-    Attributes:
-        text: The XML.
-        files: All files that were read, or looked for if they are optional; a change of one makes another robot.
-        warnings: What xacro said.
-    """
+    """An expanded xacro file: its XML, all files that were read or optionally looked for, and xacro's warnings."""
 
     text: str
     files: tuple[Path, ...]

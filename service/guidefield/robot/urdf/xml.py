@@ -1,4 +1,4 @@
-"""A URDF's text as XML elements, their numbers, and faults that name line and element."""
+"""XML of robots: its encoding, a URDF's text as elements, their numbers, and faults that name line and element."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LONGEST_DECLARATION = 1024
 
 
 def read_xml(path: Path) -> str:
-    """Read a URDF or SRDF file.
+    """Read a URDF or SRDF file, by its byte order mark or declaration, else as UTF-8.
 
     Raises:
         RobotInvalid: if it can't be opened, is empty or stands in for a file; if it isn't in the encoding that it
@@ -121,13 +121,7 @@ _STRICT = {
 
 
 def parse(text: str, warnings: list[str] | None = None) -> Element:
-    """The root element of a URDF, without comments and without leftovers of xacro.
-
-    Entities are neither declared nor expanded, nothing is fetched, and depth and size stay within libxml2's limits.
-
-    Args:
-        text: The URDF.
-        warnings: Gets a sentence for each kind of element that is left out.
+    """Parse a URDF to its root element, without comments and without leftovers of xacro, of which it warns.
 
     Raises:
         RobotInvalid: if the text is too long, isn't XML, has a DOCTYPE, is an unexpanded xacro file or isn't a <robot>.
@@ -143,17 +137,11 @@ def parse(text: str, warnings: list[str] | None = None) -> Element:
 
 
 def root_of(text: str, kind: str, warnings: list[str]) -> Element:
-    """The root element of a URDF, an SRDF, an MJCF or an SDF, read as strictly as `parse` says.
+    """Parse a "URDF", "SRDF", "MJCF" or "SDF"; RobotInvalid if it is too long, isn't XML or has a DOCTYPE.
 
-    Elements and attributes with a prefix that isn't declared, such as Gazebo's `sensor:camera`, are left out.
-
-    Args:
-        text: What is read.
-        kind: "URDF", "SRDF", "MJCF" or "SDF".
-        warnings: Gets a sentence for each prefix that isn't declared.
-
-    Raises:
-        RobotInvalid: if the text is too long, isn't XML, or has a DOCTYPE.
+    Entities are neither declared nor expanded, nothing is fetched, and depth and size stay within libxml2's limits.
+    Elements and attributes with a prefix that isn't declared, such as Gazebo's `sensor:camera`, are left out, with a
+    warning.
     """
     if len(text) > MAX_URDF_CHARACTERS:
         limit = MAX_URDF_CHARACTERS
@@ -203,13 +191,7 @@ def warn_of_repeated(element: Element, tag: str, warnings: list[str]) -> None:
 
 @contextlib.contextmanager
 def leaving_out(element: Element, end: str, warnings: list[str]) -> Iterator[None]:
-    """Leave out an element that nothing is judged by where its check raises a fault, which becomes a warning.
-
-    Args:
-        element: The element.
-        end: What becomes of that: the end of the warning.
-        warnings: Gets the warning.
-    """
+    """Leave out an element that nothing is judged by if its check raises a fault, which becomes a warning."""
     try:
         yield
     except RobotInvalid as error:
@@ -226,14 +208,7 @@ def name_of(element: Element) -> str:
 
 
 def numbers(element: Element, attribute: str, count: int, largest: float = math.inf) -> list[float] | None:
-    """Finite numbers of an attribute, or None where it is left out; rewrites it with single spaces between them.
-
-    Args:
-        element: Where the attribute is.
-        attribute: Its name.
-        count: How many numbers it must have.
-        largest: Largest magnitude of each.
-    """
+    """Return `count` finite numbers of an attribute, rewritten with single spaces, or None if it is left out."""
     text = element.get(attribute)
     if text is None:
         return None
@@ -263,12 +238,7 @@ def number(element: Element, attribute: str, default: float | None = None, large
 
 
 def check_origins(element: Element, version: tuple[int, int]) -> None:
-    """Check the `<origin>` of a joint, or of a part of a link.
-
-    Args:
-        element: What has the origin.
-        version: Of the URDF; a quaternion is read from 1.1 on, and would be left out silently before.
-    """
+    """Check the `<origin>` of a joint or part of a link; before version 1.1 a quaternion would be left out."""
     for origin in element.findall("origin"):
         numbers(origin, "xyz", 3, LARGEST_LENGTH)
         rpy, quaternion = numbers(origin, "rpy", 3), numbers(origin, "quat_xyzw", 4)
@@ -300,13 +270,10 @@ def _drop_undeclared(root: Element, warnings: list[str]) -> None:
 
 
 def drop_xacro(root: Element, warnings: list[str]) -> None:
-    """Take out leftovers of xacro that stand for nothing; refuse a file that isn't expanded.
+    """Take out leftovers of xacro that stand for nothing; RobotInvalid if the file isn't expanded.
 
     Definitions stand for nothing, and so do calls of macros that the file doesn't define and that hold nothing: other
     tools leave them out as well. Conditions, included files and calls of its own macros stand for parts of the robot.
-
-    Raises:
-        RobotInvalid: if the file isn't expanded.
     """
     found = [(element, etree.QName(element).localname) for element in root.iter(etree.Element) if _is_xacro(element)]
     defined = {element.get("name") for element, tag in found if tag == "macro"}
