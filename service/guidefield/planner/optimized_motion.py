@@ -17,6 +17,7 @@ import numpy as np
 
 from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
+from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
 from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
@@ -32,6 +33,7 @@ from guidefield.planner.optimize.settings import (
     guided,
     guided_of_many,
     in_few_pieces,
+    lengthened,
     of_many,
     sized,
 )
@@ -113,6 +115,8 @@ def optimize_motion(
         return None
     begun = _moving_part(motion) if moves else motion
     settings = settings_of(problem, passes=bool(crossed.passages))
+    if settings.rough:  # it is optimised in few pieces
+        settings = lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
     for attempt in range(2 + LOOKS):
