@@ -1,17 +1,21 @@
-"""What holds for every test: which examples are drawn, and what a terminal is like."""
+"""What holds for every test: which examples are drawn, in which order files come, and what a terminal is like."""
 
 from __future__ import annotations
 
+import gc
 import os
+from collections.abc import Generator
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
 
+from guidefield.collector import pause_collector
 from guidefield.kernels.jit.cache import keep_kernels_of
 
 # The same few examples every time, or more of another day: `tools/test --hypothesis-profile=afresh`.
 UNHURRIED = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("the-same", UNHURRIED, derandomize=True, max_examples=40)
+settings.register_profile("the-same", UNHURRIED, derandomize=True, max_examples=25)
 settings.register_profile("afresh", UNHURRIED, derandomize=False, print_blob=True)
 settings.load_profile("the-same")
 
@@ -22,3 +26,19 @@ os.environ["COLUMNS"] = "120"
 
 # Kernels of tests: their machine code is kept by all that they depend on, as that of the package is.
 keep_kernels_of("tests", Path(__file__).parent)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    with pause_collector():
+        return (yield)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take long come first, so that none is left alone in the end: journeys, then those with most to say."""
+    sizes = {path: path.stat().st_size for path in {item.path for item in items}}
+    items.sort(key=lambda item: ("journeys" not in item.path.parts, -sizes[item.path], item.path))
+
+
+def pytest_sessionfinish() -> None:
+    gc.freeze()  # pytest has all garbage looked for once more, which goes with the process
