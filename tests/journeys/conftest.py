@@ -1,4 +1,4 @@
-"""A service for the tests of a module, and those who ask it; a module that wants more workers starts its own."""
+"""A service for all journeys, and those who ask it; a module that wants other options starts its own."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from guidefield import Client
 from tests.journeys.service import CONNECTED_WITHIN, PlainClient, Service, plain_client, running_service
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running_service(tmp_path_factory.mktemp("data"), "--workers", "1") as service:
         yield service

@@ -78,7 +78,7 @@ def test_a_judgement_is_ended_early_and_one_that_waits_too_long_is_answered(wire
     with concurrent.futures.ThreadPoolExecutor(2) as threads:
         running = threads.submit(wire.ask, "guidefield/local/certify", {**SWINGS, "run_id": "swings"})
         await_that(lambda: wire.ask("guidefield/local/info?brief")["busy"])
-        waited = wire.ask("guidefield/local/certify", {**FREE, "run_id": "late", "allowed_time": 0.05})
+        waited = wire.ask("guidefield/local/certify", {**FREE, "run_id": "late-judgement", "allowed_time": 0.05})
         assert (waited["status"]["name"], waited["curve"]) == ("TIMED_OUT", "none")
         assert waited["status"]["details"] == {"stage": "queue", "allowed_time": 0.05}
         assert wire.ask("guidefield/local/runs/swings/cancel")["done"] == "run 'swings' ends"

@@ -10,7 +10,15 @@ import pytest
 
 from guidefield import Client, NoService, Potential, Scene, Sphere
 from guidefield.errors import UnknownObject
-from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, LONG, await_that, plain_client, running_service
+from tests.journeys.service import (
+    ANSWERED_WITHIN,
+    CONNECTED_WITHIN,
+    LONG,
+    await_death,
+    await_that,
+    plain_client,
+    running_service,
+)
 
 
 def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,8 +58,11 @@ def test_a_free_instance_is_found_and_another_one_when_it_dies(tmp_path: Path, m
                 await_that(lambda: len(seen.living()) == 2)
                 assert seen.freest(frozenset(), 0.0) == other
             # The instance dies in the middle of the run: the other one makes it, and there is one answer.
+            workers = services[first].workers()
             services[first].process.kill()
             services[first].process.wait()
+            for worker in workers:
+                await_death(worker)
             await_that(lambda: client.instance == other and client.info().busy)
             client.cancel("first")
             reply = running.result(ANSWERED_WITHIN)

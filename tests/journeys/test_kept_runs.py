@@ -20,7 +20,16 @@ from guidefield.cli.commands import app
 from guidefield.errors import DiskRefused, GuidefieldError, MalformedRequest
 from guidefield.messages.replies import PlanReply
 from guidefield.stores.run_file import FILE
-from tests.journeys.service import CONNECTED_WITHIN, LONG, Service, await_that, plain_client, running_service
+from tests.journeys.service import (
+    CONNECTED_WITHIN,
+    ENDED_WITHIN,
+    LONG,
+    Service,
+    await_death,
+    await_that,
+    plain_client,
+    running_service,
+)
 
 QUICK: dict[str, Any] = {
     "robot": "ur5",
@@ -42,13 +51,13 @@ def _ask_on(endpoint: str, user: str, answered: dict[str, PlanReply]) -> None:
 
 def test_what_was_answered_survives_that_the_service_is_killed(tmp_path: Path) -> None:
     answered: dict[str, dict[str, PlanReply]] = {user: {} for user in ("alice", "bob", "carol")}
-    with running_service(tmp_path, "--workers", "2") as service:
+    with running_service(tmp_path, "--workers", "1") as service:
         for user, replies in answered.items():
             threading.Thread(target=_ask_on, args=(service.endpoint, user, replies), daemon=True).start()
-        await_that(lambda: all(len(replies) > 3 for replies in answered.values()))
+        await_that(lambda: all(len(replies) > 1 for replies in answered.values()))
         os.kill(service.workers()[0], signal.SIGKILL)
         before = sum(len(replies) for replies in answered.values())
-        await_that(lambda: sum(len(replies) for replies in answered.values()) > before + 5)
+        await_that(lambda: sum(len(replies) for replies in answered.values()) > before + 1)
         threading.Thread(target=_ask_long, args=(service.endpoint,), daemon=True).start()
         with Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as operator:
             await_that(lambda: "long" in {run.run_id for run in operator.runs(status="RUNNING").runs})
@@ -81,14 +90,15 @@ def _ask_long(endpoint: str) -> None:
 def test_a_list_comes_in_pages_over_the_wire_and_beside_it(service: Service, client: Client) -> None:
     for number in range(5):
         client.plan({**QUICK, "run_id": f"page{number}", "seed": number})
-    first = client.runs(limit=2, robot="ur5")
-    rest = client.runs(robot="ur5", after=first.next)
+    (oldest,) = (run for run in client.runs(robot="ur5").runs if run.run_id == "page0")
+    first = client.runs(limit=2, robot="ur5", since=oldest.began)
+    rest = client.runs(robot="ur5", since=oldest.began, after=first.next)
     listed = [run.run_id for run in (*first.runs, *rest.runs)]
     assert listed == [f"page{number}" for number in (4, 3, 2, 1, 0)]
     assert (first.total, rest.next) == (5, None)
     assert [run.run_id for run in client.runs(text="NO SUCH SENTENCE / 10 % = ?").runs] == []
     done = CliRunner().invoke(app, ["runs", "list", "--data", str(service.data), "--robot", "ur5", "--json"])
-    assert [run["run_id"] for run in json.loads(done.output)["runs"]] == listed, "read while the service runs"
+    assert [run["run_id"] for run in json.loads(done.output)["runs"]][:5] == listed, "read while the service runs"
     with plain_client(service.endpoint) as wire:
         for words in ("after=x", "after=-1", f"after={10**30}", "limit=0", "limit=1001", "limit=many", "text="):
             assert wire.refusal(f"guidefield/local/runs?{words}")["name"] == "MALFORMED_REQUEST", words
@@ -121,7 +131,7 @@ def test_a_users_runs_are_nobody_elses(service: Service) -> None:
             eve.delete_run("dora:mine")
 
 
-def test_a_service_whose_database_is_damaged_plans_and_says_so(tmp_path: Path) -> None:
+def test_a_service_whose_database_is_damaged_plans_says_so_and_ends_on_ctrl_c(tmp_path: Path) -> None:
     (tmp_path / FILE).write_bytes(b"no database" * 10_000)
     with (
         running_service(tmp_path, "--workers", "1") as service,
@@ -139,6 +149,11 @@ def test_a_service_whose_database_is_damaged_plans_and_says_so(tmp_path: Path) -
             with pytest.raises(DiskRefused, match="damaged"):
                 ask()
         assert client.scenes()
+        workers = service.workers()
+        service.process.send_signal(signal.SIGINT)
+        assert service.process.wait(ENDED_WITHIN) == 0
+        for worker in workers:
+            await_death(worker)
     assert (tmp_path / FILE).read_bytes() == b"no database" * 10_000
 
 

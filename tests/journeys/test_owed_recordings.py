@@ -8,7 +8,6 @@ import random
 import signal
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -18,23 +17,24 @@ from guidefield.messages.identities import PLAIN
 from guidefield.recorder.reading import read_recording
 from guidefield.stores.recordings import Recordings
 from guidefield.stores.runs import RunDatabase
-from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, ENDED_WITHIN, SO_WITHIN, Service, running_service
+from tests.journeys.service import (
+    ANSWERED_WITHIN,
+    CONNECTED_WITHIN,
+    ENDED_WITHIN,
+    SO_WITHIN,
+    Service,
+    await_that,
+    running_service,
+)
 
 PLAN = PlanRequest(
     "panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], allowed_planning_time=ANSWERED_WITHIN
 )
 
 
-def await_that(so: Callable[[], bool]) -> None:
-    until = time.monotonic() + SO_WITHIN
-    while not so():
-        assert time.monotonic() < until
-        time.sleep(0.05)
-
-
 def stopped(service: Service) -> list[int]:
     """The processes that render recordings, once there are some, stopped."""
-    await_that(lambda: bool(service.renderers()))
+    await_that(service.renderers)
     for pid in service.renderers():
         os.kill(pid, signal.SIGSTOP)
     return service.renderers()
@@ -53,12 +53,7 @@ def await_rendered(service: Service, recordings: Recordings) -> None:
     await_that(so)
 
 
-def end_at_once(service: Service) -> None:
-    service.process.kill()
-    service.process.wait(ENDED_WITHIN)
-
-
-def test_who_asks_gets_a_recording_at_once_and_a_later_service_renders_the_others(tmp_path: Path) -> None:
+def test_no_recording_is_lost_by_an_end_or_by_kills_at_any_moment(tmp_path: Path) -> None:
     recordings, whole = Recordings(tmp_path / "recordings"), tmp_path / "whole.rrd"
     with (
         running_service(tmp_path, "--workers", "1") as service,
@@ -77,18 +72,49 @@ def test_who_asks_gets_a_recording_at_once_and_a_later_service_renders_the_other
         service.process.send_signal(signal.SIGTERM)
         service.process.wait(ENDED_WITHIN)
     assert recordings.kept(left.run_id).kind == "owed"
+    answered = [asked.run_id, left.run_id, *killed(tmp_path)]
     with (
         running_service(tmp_path, "--workers", "1") as service,
         Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
     ):
         await_rendered(service, recordings)
-        await_that(lambda: {run.recording for run in client.runs().runs} == {"rendered"})
+        await_that(lambda: {run.recording for run in client.runs(status="SUCCESS").runs} == {"rendered"})
+        assert {recordings.kept(run_id).kind for run_id in answered} == {"rendered"}
+        read_recording(recordings.path(answered[-1]))
         client.delete_run(left.run_id)
         assert list(recordings.folder.glob(f"{left.run_id}.*")) == []
+    assert {file.suffix for file in recordings.folder.iterdir()} == {".rrd"}
     database = RunDatabase(tmp_path)
     kept = database.of(PLAIN).read(asked.run_id).reply
     database.close()
     assert kept == asked
+
+
+def killed(data: Path) -> list[str]:
+    """Runs of a service of which one process after the other was killed while it answered, and then itself."""
+    draw, answered, over = random.Random(7), list[str](), threading.Event()
+
+    def plan(endpoint: str) -> None:
+        with contextlib.suppress(GuidefieldError), Client.connect(endpoint, wait=CONNECTED_WITHIN) as client:
+            while not over.wait(0.5):
+                with contextlib.suppress(GuidefieldError):  # its worker was killed
+                    answered.append(client.plan(PLAN).run_id)
+
+    with running_service(data, "--workers", "1") as service:
+        asking = threading.Thread(target=plan, args=(service.endpoint,), daemon=True)
+        asking.start()
+        for pids in (service.renderers, service.workers, service.renderers):
+            before = len(answered)
+            await_that(lambda before=before, pids=pids: len(answered) > before and pids())
+            time.sleep(draw.uniform(0.0, 0.3))
+            os.kill(pids()[0], signal.SIGKILL)
+        time.sleep(draw.uniform(0.0, 0.3))
+        service.process.kill()
+        service.process.wait(ENDED_WITHIN)
+        over.set()
+        asking.join(SO_WITHIN)
+    assert len(answered) > 2
+    return answered
 
 
 def test_an_eager_service_renders_before_it_takes_the_next_query(tmp_path: Path) -> None:
@@ -102,34 +128,3 @@ def test_an_eager_service_renders_before_it_takes_the_next_query(tmp_path: Path)
         assert recordings.kept(first.run_id).kind == "rendered"
         last = client.plan(PLAN)
     assert recordings.kept(last.run_id).kind == "rendered", "a service that is stopped lets its workers do that"
-
-
-def test_kills_at_any_moment_lose_no_recording(tmp_path: Path) -> None:
-    draw, answered = random.Random(7), list[str]()
-
-    def plan(endpoint: str, until: float) -> None:
-        with contextlib.suppress(GuidefieldError), Client.connect(endpoint, wait=CONNECTED_WITHIN) as client:
-            while time.monotonic() < until:
-                with contextlib.suppress(GuidefieldError):  # its worker was killed
-                    answered.append(client.plan(PLAN).run_id)
-
-    for _ in range(2):
-        with running_service(tmp_path, "--workers", "2") as service:
-            before = len(answered)
-            asking = threading.Thread(target=plan, args=(service.endpoint, time.monotonic() + 5.0), daemon=True)
-            asking.start()
-            await_that(lambda before=before: len(answered) > before)
-            for pids in (service.renderers, service.workers, service.renderers):
-                time.sleep(draw.uniform(0.1, 0.8))
-                for pid in pids()[:1]:
-                    os.kill(pid, signal.SIGKILL)
-            time.sleep(draw.uniform(0.0, 0.5))
-            end_at_once(service)
-            asking.join(SO_WITHIN)
-    recordings = Recordings(tmp_path / "recordings")
-    with running_service(tmp_path, "--workers", "1") as service:
-        await_rendered(service, recordings)
-    assert len(answered) > 2
-    assert {recordings.kept(run_id).kind for run_id in answered} == {"rendered"}
-    assert {file.suffix for file in recordings.folder.iterdir()} == {".rrd"}
-    read_recording(recordings.path(draw.choice(answered)))

@@ -52,8 +52,8 @@ def test_what_waits_is_ended_at_once_and_a_cancel_may_come_first(service: Servic
         withdrawn = waiting.result(ANSWERED_WITHIN)
         assert (withdrawn["status"]["name"], withdrawn["run_id"], withdrawn["path"]) == ("PREEMPTED", "waits", [])
         assert not running.done()
-        assert "if it arrives" in wire.ask("guidefield/local/runs/early/cancel")["done"]
-        early = wire.ask("guidefield/local/plan", {**LONG, "run_id": "early"})
+        assert "if it arrives" in wire.ask("guidefield/local/runs/withdrawn/cancel")["done"]
+        early = wire.ask("guidefield/local/plan", {**LONG, "run_id": "withdrawn"})
         assert early["status"]["message"] == "the run was cancelled before it began"
         wire.ask("guidefield/local/runs/runs/cancel")
         assert running.result(ANSWERED_WITHIN)["status"]["name"] == "PREEMPTED"

@@ -37,7 +37,9 @@ SHORT: dict[str, Any] = {
     "goal": {"type": "joints", "positions": {}},
     "guide_planes": [],
     "allowed_planning_time": 60.0,
+    "recording": "off",
 }
+RECORDED: dict[str, Any] = {**SHORT, "recording": "summary"}
 BRIEF = 1.0
 """How long somebody tries who won't get in [s]."""
 ROLES = {"--operator": ["cell"], "--user": ["alice", "bob"], "--onlooker": ["visitor"]}
@@ -96,7 +98,7 @@ def test_an_operator_may_do_everything(folder: Path, service: Service) -> None:
     with _as(folder, service, "cell") as client:
         assert client.kinematics(NEAR_A_BOX)
         heard: list[object] = []
-        reply = client.plan(SHORT, progress=heard.append)
+        reply = client.plan(RECORDED, progress=heard.append)
         assert reply.status.name == "SUCCESS"
         assert heard
         assert client.recording(reply.run_id)[:3] == b"RRF"
@@ -159,7 +161,7 @@ def test_a_user_may_do_everything_on_its_own_keys_and_nothing_on_others(folder: 
 
 def test_an_onlooker_may_look_on(folder: Path, service: Service) -> None:
     with _as(folder, service, "alice") as alice, _as(folder, service, "visitor") as visitor:
-        run_id = alice.plan(SHORT).run_id
+        run_id = alice.plan(RECORDED).run_id
         alice.store_scene(Scene("shown"))
         assert visitor.info().workers == 1
         assert f"alice:{run_id}" not in {run.run_id for run in visitor.runs().runs}

@@ -337,32 +337,29 @@ def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_
         clock.now = stream.ended.stops + PERIOD
         stands = stream.at(clock.now)
         assert stands.velocities == (0.0,) * 6
-        with running_service(tmp_path, "--workers", "1", port_of=service):
+        with running_service(tmp_path, "--workers", "1", port_of=service) as again:
             await_that(client.alive)
             stream.reopen(dict(zip(stream.position_names, stands.positions, strict=True)))
             assert stream.ended is None
             arrive(stream, clock, judge, 20.0)
+            asyncio.run(_hears_that_its_service_was_killed(again))
 
 
-def test_an_asyncio_client_hears_that_its_service_was_killed(tmp_path: Path) -> None:
-    async def go(service: Service) -> None:
-        asked = {**ASKED, "obstacles": [], "goal": GOAL}
-        async with (
-            await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
-            client.stream(asked, clock=Clock()) as stream,
-        ):
+async def _hears_that_its_service_was_killed(service: Service) -> None:
+    asked = {**ASKED, "obstacles": [], "goal": GOAL}
+    async with (
+        await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+        client.stream(asked, clock=Clock()) as stream,
+    ):
+        await stream.update()
+        assert await stream.answer(ANSWERED_WITHIN) is not None
+        service.process.kill()
+        async with asyncio.timeout(ANSWERED_WITHIN):
+            async for _ in stream:  # waits until the stream has ended
+                pass
+        assert stream.ended is not None
+        with pytest.raises(NoService, match="is gone"):
             await stream.update()
-            assert await stream.answer(ANSWERED_WITHIN) is not None
-            service.process.kill()
-            async with asyncio.timeout(ANSWERED_WITHIN):
-                async for _ in stream:  # waits until the stream has ended
-                    pass
-            assert stream.ended is not None
-            with pytest.raises(NoService, match="is gone"):
-                await stream.update()
-
-    with running_service(tmp_path, "--workers", "1") as service:
-        asyncio.run(go(service))
 
 
 @contextlib.contextmanager
