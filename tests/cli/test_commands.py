@@ -71,7 +71,7 @@ def test_a_request_from_a_file_is_answered_to_a_file(request_file: Path, tmp_pat
 
 
 def test_a_request_from_standard_input_is_answered_to_standard_output() -> None:
-    done = guidefield("plan", "-", stdin=json.dumps(POTENTIAL))
+    done = here("plan", "-", stdin=json.dumps(POTENTIAL))
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["potential"][0] > 0.0
 
@@ -165,7 +165,8 @@ def test_nobody_to_query_is_said(request_file: Path) -> None:
         assert ".rs:" not in done.stderr
 
 
-def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
+def test_a_service_is_queried(request_file: Path, plan_file: Path, tmp_path: Path) -> None:
+    recording = tmp_path / "run.rrd"
     with running_service(tmp_path / "data", "--workers", "1", "--name", "cell") as service:
         asked = ("query", str(request_file), "--connect", service.endpoint)
         done = guidefield(*asked, "--name", "cell")
@@ -173,6 +174,10 @@ def test_a_service_is_queried(request_file: Path, tmp_path: Path) -> None:
         assert done.stdout == here("plan", str(request_file)).stdout
         assert here(*asked).stdout == done.stdout
         assert "no service named 'local' is there; there is 'cell'" in here(*asked, "--name", "local").stderr
+        done = here("query", str(plan_file), "--connect", service.endpoint, "--record", str(recording))
+    assert done.returncode == 0, done.stderr
+    assert "SUCCESS" in done.stdout
+    assert recording.stat().st_size > 10_000
 
 
 def test_robots_are_listed_for_people_and_for_machines() -> None:
@@ -281,20 +286,11 @@ def plan_file(tmp_path: Path) -> Path:
 
 def test_a_plan_is_a_table_a_reply_and_a_recording(plan_file: Path, tmp_path: Path) -> None:
     reply, recording = tmp_path / "reply.json", tmp_path / "run.rrd"
-    done = guidefield("plan", str(plan_file), "-o", str(reply), "--record", str(recording))
+    done = here("plan", str(plan_file), "-o", str(reply), "--record", str(recording))
     assert done.returncode == 0, done.stderr
     for said in ("SUCCESS", "clearance", "certificate", "free: the trajectory", "time", "recording", "to open it"):
         assert said in done.stdout
     assert json.loads(reply.read_text())["recording"] == str(recording)
-    assert recording.stat().st_size > 10_000
-
-
-def test_a_plan_of_a_service_brings_its_recording(plan_file: Path, tmp_path: Path) -> None:
-    recording = tmp_path / "run.rrd"
-    with running_service(tmp_path / "data", "--workers", "1") as service:
-        done = here("query", str(plan_file), "--connect", service.endpoint, "--record", str(recording))
-    assert done.returncode == 0, done.stderr
-    assert "SUCCESS" in done.stdout
     assert recording.stat().st_size > 10_000
 
 

@@ -23,7 +23,7 @@ def centres(world, q):
     return world.bodies.centres_in_world(world.joint_placements)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.sampled_from((*SCENES, "strewn")), st.integers(0, 10**6))
 def test_separations_are_lower_bounds_of_signed_distances(name, seed):
     world = panda_in(name) if name != "strewn" else world_of(group("panda"), scattered(np.random.default_rng(seed), 12))
@@ -36,7 +36,7 @@ def test_separations_are_lower_bounds_of_signed_distances(name, seed):
     assert np.isfinite(bounds).mean() > 0.7
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.sampled_from((*SCENES, "strewn")), st.integers(0, 10**6))
 @example("wall_with_window", 3795)  # one in eleven, of a quarter usually
 def test_separations_of_parts_are_lower_bounds_and_many_are_closer(name, seed):

@@ -25,7 +25,7 @@ def placements_of(world, q):
     return np.array([one.homogeneous[:3] for one in (*robot, *(o.placement for o in world.scene.obstacles))])
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 @given(st.lists(st.integers(0, 10**6), min_size=1, max_size=3))
 def test_they_are_where_the_bodies_stand(seeds):
     world, kept = panda_in("bookshelf"), []

@@ -12,7 +12,7 @@ from guidefield.collision.convex_parts import PartsTable, UnservedError
 from guidefield.geometry.mesh_tree import mesh_tree
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(count=st.integers(1, 60), before=st.integers(0, 3), seed=st.integers(0, 1000))
 def test_every_triangle_is_once_in_the_tree_and_within_the_balls_above(count: int, before: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -108,7 +108,7 @@ def test_many_configurations_are_told_as_one_by_one():
     assert enclosed_each(world, []) == []
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 10**6))
 def test_winding_number_tells_what_trimesh_tells(seed):
     rng = np.random.default_rng(seed)

@@ -28,7 +28,7 @@ def boxes(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]
     return low, low + np.maximum(0.0, np.round(rng.normal(scale=rng.choice([0.01, 0.3, 3.0]), size=(count, 3)), 2))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.sampled_from([0, 1, CHILDREN, CHILDREN + 1, CHILDREN**2 + 1, 700]), st.integers(0, 12), st.integers(0, 10**6))
 def test_a_tree_finds_the_boxes_that_overlap(count, asked, seed):
     rng = np.random.default_rng(seed)
@@ -79,7 +79,7 @@ def test_boxes_along_own_axes_are_coals(seed):
         np.testing.assert_allclose(halves, 0.5 * np.ptp(one.box, axis=0), atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.integers(0, 10**6))
 def test_an_index_is_the_place_in_the_list_that_is_never_made(seed):
     rng = np.random.default_rng(seed)

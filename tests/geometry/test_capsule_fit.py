@@ -11,7 +11,7 @@ from guidefield.geometry.charges import Capsule, _enclosing_circle, fit_capsule
 from tests.kernels.evaluation import vectors
 from tests.oracles import distance_to_segment
 
-laws = settings(deadline=None, max_examples=25)
+laws = settings(deadline=None, max_examples=15)
 
 
 def outside(capsule: Capsule, points: np.ndarray) -> float:

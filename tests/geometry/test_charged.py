@@ -21,7 +21,7 @@ from tests.kernels.evaluation import triangles
 from tests.oracles import EPS
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(triangles)
 def test_rows_describe_the_triangle(corners: np.ndarray) -> None:
     tables = field_tables(corners[None])

@@ -14,7 +14,7 @@ from guidefield.geometry.solid import solid
 from tests.geometry import solids
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 10**6))
 def test_both_sides_make_the_whole(seed: int) -> None:
     rng = np.random.default_rng(seed)

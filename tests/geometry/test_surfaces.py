@@ -11,7 +11,7 @@ from guidefield.geometry.surfaces import Surface
 from guidefield.scene.flat import flat_polygons
 from tests.geometry.measures import areas, is_closed, volume
 
-laws = settings(deadline=None, max_examples=25)
+laws = settings(deadline=None, max_examples=15)
 
 lengths = st.floats(0.01, 10.0)
 

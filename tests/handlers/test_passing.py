@@ -92,7 +92,7 @@ def test_straight_steps_are_straight_but_for_their_corners(jerk: float | None) -
     corners = np.array([(0.35, -0.12), (0.35, 0.12), (0.51, 0.12), (0.51, -0.12), (0.35, -0.12)])
     bare, obstacles = Bare(reply, "ur5"), obstacles_of(request["scene"])
     for step, one, other in zip(reply.steps[1:5], corners, corners[1:], strict=False):
-        for moment in np.linspace(step.begin, step.end, 60):
+        for moment in np.linspace(step.begin, step.end, 25):
             bare.stand(at(reply, float(moment)))
             tip = bare.frame("tool0")
             spot, along = tip.translation[:2], (other - one) / np.linalg.norm(other - one)

@@ -142,7 +142,7 @@ def of_streamed_body(body: Body, direction: np.ndarray, _: float) -> np.ndarray:
     return np.array(_FURTHEST(solids, 0, np.c_[np.eye(3), np.zeros(3)].ravel(), *direction))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(data=st.data(), body=bodies(), sign=st.sampled_from((-1.0, 1.0)))
 def test_the_judge_of_streams_finds_the_support_point(data: Any, body: Body, sign: float) -> None:
     direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-150, 1e-9, 1e9, 1e150))))
@@ -164,7 +164,7 @@ def _reach(parts, direction, work):
     return reach_along(parts, 0, work, direction[0], direction[1], direction[2])
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=90)
 @given(data=st.data(), body=bodies())
 def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
     direction = data.draw(directions(body, st.sampled_from((1.0, 1.0, 1e-250, 1e-9, 1e9, 1e150))))
@@ -174,7 +174,7 @@ def test_gjk_finds_the_support_point(data: Any, body: Body) -> None:
     body.check(direction, found, False, SINGLE if body.kind == "box" else SHARE)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(data=st.data(), body=bodies())
 def test_a_part_reaches_as_far_as_the_body(data: Any, body: Body) -> None:
     direction = data.draw(directions(body, st.just(1.0)))
@@ -194,7 +194,7 @@ def _away(kind, row, points, out):
         store(out, 16 * k, one)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(data=st.data(), body=bodies())
 def test_in_lanes_a_primitive_reaches_no_farther_along_an_axis_than_is_said(data: Any, body: Body) -> None:
     kind = {"box": BOX, "cylinder": CYLINDER}.get(body.kind, CAPSULE)

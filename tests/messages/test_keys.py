@@ -122,7 +122,7 @@ def test_only_runs_and_streams_have_recordings() -> None:
 @given(
     st.lists(st.text(max_size=8), max_size=4), st.dictionaries(st.text(max_size=8), st.text(max_size=8)), st.binary()
 )
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=90)
 def test_any_query_is_a_request_or_says_why_not(key: list[str], parameters: dict[str, str], payload: bytes) -> None:
     for encoding in Encoding:
         query = keys.Query(tuple(key), parameters, payload, encoding)

@@ -32,7 +32,7 @@ def where_the_tip_is(name: str, seed: int) -> pin.SE3:
     return pin.SE3(data.oMf[planned.tip_id])
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(
     st.sampled_from(["panda", "ur5", "kinova"]),
     st.integers(0, 10**6),

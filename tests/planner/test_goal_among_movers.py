@@ -46,7 +46,7 @@ def asked(*obstacles: messages.Obstacle, goal: Any = RIGHT, start: np.ndarray = 
     return problem(PANDA, scene_of(*obstacles), goal, PANDA.from_chart(start), planes=(), **options)
 
 
-def require_free(made: Problem, found: Plan, step: float = 0.02) -> None:
+def require_free(made: Problem, found: Plan, step: float = 0.05) -> None:
     """Certified, within limits, from the start to the goal, and free of all as it stands at dense times."""
     assert found.status is Status.SUCCESS, found.message
     assert found.verdict.free

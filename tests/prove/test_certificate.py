@@ -56,7 +56,7 @@ def motions(world, seed: int) -> np.ndarray:
     return np.clip(start + np.cumsum(steps, axis=0) - steps[0], planned.lower, planned.upper)
 
 
-@settings(deadline=None, max_examples=20)  # `tools/doubt` looks at hundreds
+@settings(deadline=None, max_examples=12)  # `tools/doubt` looks at hundreds
 @given(st.integers(0, 3), st.integers(0, 10**6))
 def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
     world, judge = strewn(place) if place < 3 else (panda_in("bookshelf"), plain("bookshelf"))
@@ -71,7 +71,7 @@ def test_a_certified_motion_is_free_wherever_one_looks(place, seed):
         assert verdict.reason in (Reason.FREE, Reason.UNDECIDED) or world.in_collision(verdict.chart_point)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.integers(0, 2), st.integers(0, 10**6))
 def test_a_refusal_shows_where(place, seed):
     world, _ = strewn(place)
@@ -91,7 +91,7 @@ def test_a_refusal_shows_where(place, seed):
         assert not any(world.in_collision(q) for q in before)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.integers(2, 40))
 def test_a_refusal_of_many_short_pieces_certifies_what_is_before(place, seed, count):
     world, _ = strewn(place)
@@ -127,7 +127,7 @@ def _until(control: np.ndarray, t: float) -> np.ndarray:
     return np.array(rows)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 2), st.integers(0, 10**6))
 def test_a_needle_in_the_way_is_refused(place, seed):
     world, _ = strewn(place)
@@ -171,7 +171,7 @@ def test_a_needle_through_a_mesh_is_refused_though_its_hull_is_asked_first(seed)
     assert verdict.pair[1] == "needle"
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=6)
 @given(st.integers(0, 2), st.integers(0, 10**6), st.floats(0.3, 3.0))
 def test_the_clearance_asked_for_is_kept(place, seed, share):
     world, _ = strewn(place)
@@ -276,7 +276,7 @@ def test_a_motion_that_goes_into_an_obstacle_is_in_contact_and_not_undecided(pie
     "joints",
     ["slide y slide x", "y x mimic mimic", "continuous continuous y", "continuous x screw", "oblique oblique oblique"],
 )
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_other_joints_are_certified_as_soundly(joints, seed):
     rng = np.random.default_rng(seed)
     arm = grouped(box_arm(joints, 0))
@@ -284,7 +284,7 @@ def test_other_joints_are_certified_as_soundly(joints, seed):
     obstacles = [o for o in scattered(rng, 12, reach=1.2) if not world_of(arm, [o]).in_collision(at_rest)]
     world = world_of(arm, obstacles)
     outcomes = set()
-    for _ in range(25):
+    for _ in range(15):
         control = np.full(arm.nv, 0.1) + np.cumsum(rng.normal(size=(4, arm.nv)) * 0.25, axis=0)
         verdict = certify(world, control[None])
         outcomes.add(verdict.reason)

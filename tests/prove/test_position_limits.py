@@ -40,7 +40,7 @@ def extremes_by_roots(controls: np.ndarray) -> np.ndarray:
     return bezier(controls[:, None], inside)[:, 0]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10**6), st.integers(1, 5))
 def test_agrees_with_the_roots_of_the_derivative(seed, degree):
     rng = np.random.default_rng(seed)

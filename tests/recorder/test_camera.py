@@ -57,7 +57,7 @@ def test_names_what_hides_the_way_in_a_closed_room():
     assert len(eye.hiding) <= 3
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_what_hides_nothing_is_not_named(seed):
     rng = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ SHORT = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(SHORT)
 def test_what_is_short_is_plain_json(value):
     assert json.loads(readable(value)) == value

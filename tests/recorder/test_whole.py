@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -30,12 +31,19 @@ def run() -> MadeUp:
     return run
 
 
+@pytest.fixture(scope="module")
+def first(run: MadeUp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a recording in a store."""
+    folder = tmp_path_factory.mktemp("store")
+    run.record(folder / "run.rrd", Place(folder / "run.rrd", folder / "robots", whole=False))
+    return folder
+
+
 @pytest.fixture
-def stored(run: MadeUp, tmp_path: Path) -> tuple[Path, Path]:
-    """A recording in a store, and the folder of the meshes."""
-    file, robots = tmp_path / "run.rrd", tmp_path / "robots"
-    run.record(file, Place(file, robots, whole=False))
-    return file, robots
+def stored(first: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """A copy of that recording, and of the folder of the meshes."""
+    shutil.copytree(first, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "run.rrd", tmp_path / "robots"
 
 
 def test_what_leaves_a_store_holds_what_a_whole_recording_does(run, stored, tmp_path):
@@ -64,8 +72,9 @@ def test_a_run_costs_little_beside_its_robots_meshes(stored):
     assert len(self_contained(*stored)) < MOST_STORED + sum(file.stat().st_size for file in stored[1].iterdir())
 
 
-def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, stored, tmp_path):
-    file, robots = stored
+def test_meshes_are_kept_once_and_made_again_when_they_are_gone(run, tmp_path):
+    file, robots = tmp_path / "run.rrd", tmp_path / "robots"
+    run.record(file, Place(file, robots, whole=False))
     (meshes,) = robots.iterdir()
     made = meshes.stat().st_mtime_ns
     run.record(file, Place(file, robots, whole=False))

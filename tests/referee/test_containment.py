@@ -25,7 +25,7 @@ def hulls(*some: np.ndarray) -> Shapes:
     return Shapes(begins, np.zeros(count), np.zeros(count), np.zeros((count, 3)), np.concatenate(some))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.integers(0, 10**6))
 def test_points_stand_out_of_a_hull_by_no_more_than_is_said(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -76,7 +76,7 @@ RENAMED = [
 def test_every_name_places_every_body_alike(root: str) -> None:
     """Wherever joints are locked: of the whole robot, of its first joint alone, and of its last alone."""
     plain = load(UrdfText(text=arm(*PLAIN).text, root_joint=root))
-    for at, name in RENAMED if root == "fixed" else RENAMED[::4]:
+    for k, (at, name) in enumerate(RENAMED[::2] if root == "fixed" else RENAMED[::7]):
         links, joints = renamed(at, name)
         text = arm(links, joints).text
         if root != "fixed" and name == "root_joint" and at >= len(links):
@@ -86,8 +86,7 @@ def test_every_name_places_every_body_alike(root: str) -> None:
         model = load(UrdfText(text=text, root_joint=root))
         assert set(model.links) == set(links)
         assert not any("yourdfpy" in warning for warning in model.warnings), (name, model.warnings)
-        for moving in ({0}, {3}, {0, 1, 3}):
-            assert_alike(model, plain, links, joints, moving)
+        assert_alike(model, plain, links, joints, ({0}, {3}, {0, 1, 3})[k % 3])
 
 
 def assert_alike(model, plain, links, joints, moving) -> None:

@@ -12,7 +12,7 @@ from guidefield.errors import RobotInvalid
 from guidefield.messages.requests import UrdfText
 from guidefield.robot.catalog.catalog import Catalog
 
-EXAMPLES = int(os.environ.get("GUIDEFIELD_ODD_URDFS", "80"))
+EXAMPLES = int(os.environ.get("GUIDEFIELD_ODD_URDFS", "50"))
 BODY = '<collision><origin xyz="0 0 0.1" rpy="0 0 0"/><geometry><box size="0.1 0.1 0.2"/></geometry></collision>'
 MASS = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 LIMIT = '<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/>'

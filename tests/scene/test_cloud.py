@@ -20,7 +20,7 @@ from guidefield.scene.distance_tables import distance_tables
 from guidefield.scene.obstacle import build
 from guidefield.scene.scene import build as build_scene
 
-LAWS = settings(deadline=None, max_examples=30)
+LAWS = settings(deadline=None, max_examples=18)
 RADIUS = 0.03
 SOLID = surfaces.box((0.8, 0.6, 0.4))
 SCAN = surface_points(SOLID.vertices, SOLID.triangles, 0.03).points

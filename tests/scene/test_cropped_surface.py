@@ -45,7 +45,7 @@ def seen_in(mesh: solids.Mesh, centre: np.ndarray, radius: float) -> SurfaceTabl
     return tables
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
 def test_sides_within_the_ball_are_those_that_all_of_the_surface_tells(mesh: solids.Mesh, seed: int) -> None:
     centre, radius = ball_about(mesh, seed)
@@ -74,7 +74,7 @@ def test_beyond_the_ball_and_without_room_nothing_is_certain() -> None:
 
 @pytest.mark.parametrize("mesh", SOLIDS.values(), ids=SOLIDS)
 def test_what_is_about_it_is_free_and_in_the_ball(mesh: solids.Mesh) -> None:
-    for seed in range(4):
+    for seed in range(2):
         centre, radius = ball_about(mesh, seed)
         anchor = anchor_of(*mesh, centre, radius)
         np.testing.assert_array_equal(anchor[[*range(BALL, REACH), REACH]], [*centre, radius])

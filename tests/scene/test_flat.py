@@ -35,7 +35,7 @@ def shoelace(corners: np.ndarray) -> float:
     return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 10**6))
 def test_plane_of_a_moved_star_is_the_moved_plane(seed):
     rng = np.random.default_rng(seed)
@@ -122,7 +122,7 @@ def outlines(rng: np.random.Generator, kind: int) -> np.ndarray:
     return corners
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10**6), st.integers(0, 3))
 def test_the_first_edges_that_meet_are_found(seed, kind):
     corners = outlines(np.random.default_rng(seed), kind)

@@ -9,7 +9,7 @@ from guidefield.errors import SceneInvalid
 from guidefield.messages import scene as messages
 from guidefield.scene.guide_plane import GuidePlane, build
 
-LAWS = settings(deadline=None, max_examples=30)
+LAWS = settings(deadline=None, max_examples=18)
 seeds = st.integers(0, 2**32 - 1)
 EXACT = 1e-9
 """Rounding of a few products of numbers near 1."""

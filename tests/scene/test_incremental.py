@@ -127,15 +127,15 @@ def copied(scene: messages.Scene) -> messages.Scene:
     return decoded
 
 
-@settings(deadline=None, max_examples=6)
-@given(st.integers(0, 10**6), st.sampled_from([40, 300, 500]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
+@settings(deadline=None, max_examples=4)
+@given(st.integers(0, 10**6), st.sampled_from([40, 280]), st.sampled_from([0.0, 0.05, 0.4]), st.booleans())
 def test_tables_of_a_changed_scene_are_those_of_the_same_scene_alone(seed, count, odd, moves):
     rng, kept = np.random.default_rng(seed), BuiltScenes(Limit(16, 2**29))
     kinds = {"odd": odd, "moves": moves}
     message = freeze(messages.Scene("s", obstacles=[some(rng, f"o{k}", **kinds) for k in range(count)]))
     versions, seen = [message], [kept.of(message)]
     before = [bits(tables(seen[0]))]
-    for k in range(4):
+    for k in range(3):
         versions.append(apply_change(versions[-1], diff(rng, versions[-1], f"n{k}_", **kinds)))
         if rng.random() < 0.3:
             continue  # a version that nobody asks for

@@ -226,6 +226,7 @@ def test_a_tree_is_whole_or_not_begun_whenever_time_is_up() -> None:
 OTHER = """
 import hashlib
 from tests.scene.test_large_meshes import everything, met, new_scene
+print("begins", flush=True)
 scene = new_scene()
 print(hashlib.sha256(repr([everything(met(scene)), everything(scene)]).encode()).hexdigest())
 """
@@ -233,12 +234,13 @@ print(hashlib.sha256(repr([everything(met(scene)), everything(scene)]).encode())
 
 
 def test_two_processes_at_once_find_the_same() -> None:
-    others = [subprocess.Popen([sys.executable, "-c", OTHER], stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    told = {other.communicate(timeout=600)[0] for other in others}
-    assert [other.returncode for other in others] == [0, 0]
-    scene = new_scene()
-    own = repr([everything(met(scene)), everything(scene)]).encode()
-    assert told == {hashlib.sha256(own).hexdigest() + "\n"}
+    with subprocess.Popen([sys.executable, "-c", OTHER], stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "begins\n"
+        scene = new_scene()
+        own = repr([everything(met(scene)), everything(scene)]).encode()
+        told = other.communicate(timeout=600)[0]
+    assert (other.returncode, told) == (0, hashlib.sha256(own).hexdigest() + "\n")
     assert kinds() == {"mesh", "surface", "seen", "lanes", "bodies"}
 
 

@@ -15,7 +15,7 @@ def soup(vertices, triangles):
     return vertices[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 10**6), st.integers(4, 60))
 def test_a_hull_is_convex_and_solid(seed, count):
     points = np.random.default_rng(seed).normal(size=(count, 3)) * [1.0, 0.5, 2.0]
@@ -115,7 +115,7 @@ def test_a_mesh_inside_out_is_turned():
     assert "clockwise" in surface.warnings[0]
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(1, 2**20 - 2))
 def test_triangles_that_face_inwards_are_turned(mask):
     vertices, triangles = l_prism()
@@ -163,7 +163,7 @@ def test_two_cubes_that_share_an_edge_are_solid_but_no_hull():
     assert surface.hull is None
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.integers(0, 10**6))
 def test_pieces_are_those_of_a_graph_search(seed):
     rng = np.random.default_rng(seed)

@@ -50,7 +50,7 @@ def test_it_rests_before_and_after_and_turns_about_one_axis_between() -> None:
 
 
 @given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_no_point_is_faster_than_the_speed_that_is_said(start: float, span: float, seed: int) -> None:
     motion, rng = ObstacleMotion.of(SWING), np.random.default_rng(seed)
     centre, radius = rng.normal(size=3), 0.3
@@ -61,7 +61,7 @@ def test_no_point_is_faster_than_the_speed_that_is_said(start: float, span: floa
 
 
 @given(st.floats(0.0, 5.0), st.floats(1e-4, 0.5), st.integers(0, 2**31))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_no_plane_comes_closer_to_a_point_at_rest_than_it_is_said_to_pass_it(
     start: float, span: float, seed: int
 ) -> None:

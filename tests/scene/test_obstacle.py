@@ -14,7 +14,7 @@ from guidefield.messages.values import Float32Array, Placement, Uint32Array
 from guidefield.scene.obstacle import BUILDERS, build, build_all
 from tests.scene.solids import box_mesh, l_prism, mesh_message
 
-LAWS = settings(deadline=None, max_examples=30)
+LAWS = settings(deadline=None, max_examples=18)
 seeds = st.integers(0, 2**32 - 1)
 GJK = 2e-6
 """Coal's accuracy for distances of convex bodies."""
@@ -84,7 +84,7 @@ def random_primitive(rng: np.random.Generator):
     ][rng.integers(5)]
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(seeds)
 def test_signed_distance_of_primitives_is_the_formulas(seed):
     rng = np.random.default_rng(seed)
@@ -175,7 +175,7 @@ def polygon_distance(corners: np.ndarray, point: np.ndarray) -> float:
     return abs(z) if inside else np.hypot(z, min(gaps))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(seeds)
 @example(176191)  # half a millimetre off
 def test_polygon_that_is_not_convex_is_judged_as_its_area(seed):

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.scene.slice_plane import LEAST_MARGIN, SlicePlane, planes_along
 from tests.scene.slices import horizontal
 
-LAWS = settings(deadline=None, max_examples=25)
+LAWS = settings(deadline=None, max_examples=15)
 paths = st.integers(0, 2**32 - 1).map(
     lambda seed: np.random.default_rng(seed).normal(size=(12, 3)) @ np.diag([1.0, 0.5, 0.01]) + [0.3, -0.2, 0.6]
 )

@@ -105,7 +105,7 @@ def test_the_same_updates_get_the_same_bits() -> None:
     rows = []
     for _ in range(2):
         with opened(ball(), seed=3) as stream:
-            rows.append(msgspec.json.encode(told(stream, 40, Observation("ball", 0.0, Placement((0.5, 0.3, 0.5))))))
+            rows.append(msgspec.json.encode(told(stream, 25, Observation("ball", 0.0, Placement((0.5, 0.3, 0.5))))))
     assert rows[0] == rows[1]
 
 
@@ -274,7 +274,7 @@ def on_the_way(stream: CertifiedStream, time: float) -> Observation:
     return Observation("ball", time, Placement(tuple(data.oMf[stream.group.tip_id].translation.tolist())))
 
 
-@pytest.mark.parametrize("latency", [0.02, 0.04, 0.1])
+@pytest.mark.parametrize("latency", [0.02, 0.1])
 def test_what_appears_before_the_last_piece_begins_is_told(latency: float) -> None:
     """Nothing that is executed is left out where pieces are on their way."""
     with opened(ball(speed=0.0), goal=JointsGoal({"shoulder_pan_joint": 3.0}), latency=latency) as stream:
@@ -328,7 +328,7 @@ def test_of_an_update_that_is_refused_nothing_is_taken(wrong: str) -> None:
     assert answer.reason == "appeared"
 
 
-@pytest.mark.parametrize("latency", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("latency", [0.05, 0.2])
 def test_pieces_that_are_on_their_way_are_followed(latency: float) -> None:
     """A client that says what it executes, while several pieces haven't begun, isn't held up."""
     with opened(goal=GOAL, latency=latency) as stream:
@@ -522,8 +522,7 @@ def test_drifting_boxes_are_reflected_and_never_faster_than_declared() -> None:
     assert np.linalg.norm(mover.position - [0.0, 0.0, 0.4]) <= 1.0
 
 
-@pytest.mark.parametrize("gap", [0.05, 0.08])
-def test_a_goal_that_something_stands_near_is_reached(gap: float) -> None:
+def test_a_goal_that_something_stands_near_is_reached() -> None:
     """Closer than ways keep elsewhere, and further than what has to be kept while the robot comes to it."""
     with opened(ball(speed=0.3)) as stream:
         goal = stream.executing.ends.copy()
@@ -531,9 +530,9 @@ def test_a_goal_that_something_stands_near_is_reached(gap: float) -> None:
             goal[stream.group.position_names.index(name)] = value
         x, y, height = tip_with(stream, goal).position
         low, high = 0.0, 0.6
-        for _ in range(30):
+        for _ in range(20):
             middle = 0.5 * (low + high)
             gaps = gaps_at(stream, goal, coal.Sphere(0.1), np.array([x, y, height + middle]))
-            low, high = (middle, high) if min(gaps.values()) < gap else (low, middle)
+            low, high = (middle, high) if min(gaps.values()) < 0.05 else (low, middle)
         answers = told(stream, 100, Observation("ball", 0.0, Placement((x, y, height + high))))
     assert any(isinstance(one, Piece) and one.reaches_goal for one in answers)

@@ -44,7 +44,7 @@ def scene(seed: int, count: int) -> Scene:
     return build(messages.Scene(name="test", obstacles=obstacles))
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=9)
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 20))
 def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> None:
     made = scene(seed, count)
@@ -74,7 +74,7 @@ def test_a_primitives_tables_are_those_of_its_shape(seed: int, count: int) -> No
         np.testing.assert_allclose(vertices, alone.vertices, rtol=0, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=9)
 @given(seed=st.integers(0, 10_000), count=st.integers(0, 40))
 def test_boxes_hold_their_obstacles_and_no_more(seed: int, count: int) -> None:
     made = scene(seed, count)

@@ -261,7 +261,7 @@ class TestBytes:
         assert TYPES.write(message, name).hex() == theirs
         assert TYPES.write(TYPES.read(bytes.fromhex(theirs), name), name).hex() == theirs
 
-    @settings(max_examples=30)
+    @settings(max_examples=18)
     @given(st.data())
     def test_any_message_as_the_rules_say_and_back(self, data: Any):
         travels = [one for one in TABLE if "/msg/" in one or one.endswith(("_Request", "_Response"))]

@@ -105,7 +105,7 @@ class TestJoints:
 
 
 class TestPoses:
-    @settings(max_examples=30)
+    @settings(max_examples=18)
     @given(QUATERNIONS, TOLERANCES, st.booleans(), st.integers(0, 1), st.integers(0, 2**32 - 1))
     def test_every_rotation_that_the_goal_allows_moveit_allows(
         self, wanted: np.ndarray, tolerances: tuple[float, float, float], free: bool, kind: int, seed: int
@@ -125,7 +125,7 @@ class TestPoses:
                 continue
             assert moveit_allows_turn(R_wanted, R_wanted @ pin.exp3(vector), tolerances, kind)
 
-    @settings(max_examples=30)
+    @settings(max_examples=18)
     @given(
         QUATERNIONS,
         QUATERNIONS,
@@ -146,7 +146,7 @@ class TestPoses:
             local = (world - [0.4, 0.1, 0.5]) @ matrix(region)
             assert np.all([_inside(shape, one) for one in local])
 
-    @settings(max_examples=30)
+    @settings(max_examples=18)
     @given(
         QUATERNIONS,
         TOLERANCES,
@@ -254,7 +254,7 @@ class TestPaths:
     def kept(self, *asked: Any) -> list[Any]:
         return path_constraints_of(*asked, ARM, START)
 
-    @settings(max_examples=30)
+    @settings(max_examples=18)
     @given(QUATERNIONS, TOLERANCES, st.booleans(), st.integers(0, 2**32 - 1))
     def test_every_rotation_within_the_cones_moveit_allows(
         self, wanted: np.ndarray, tolerances: tuple[float, float, float], free: bool, seed: int

@@ -55,7 +55,7 @@ def highest(shape: coal.ShapeBase, pose: pin.SE3, normal: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("kind", [BOX, CYLINDER, CAPSULE, HALF_SPACE])
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(seed=st.integers(0, 10_000))
 def test_an_axis_separates_by_the_distance(kind: int, seed: int) -> None:
     """Points outside are beyond what the primitive reaches by their distance, those inside not at all."""

@@ -35,10 +35,10 @@ def test_a_hole_within_a_shell_of_balls_is_found() -> None:
     assert len(cells) > 0
     assert (np.abs(cells[:, :3]).max(axis=1) < 0.08).all()
     # every point of the hole is in a cell that was found
-    points = np.random.default_rng(0).uniform(-0.1, 0.1, (3000, 3))
+    points = np.random.default_rng(0).uniform(-0.1, 0.1, (600, 3))
     hole = points[~solids.in_balls(points, balls)]
     near = np.abs(hole[:, None] - cells[None, :, :3]).max(axis=2) <= cells[:, 3]
-    assert len(hole) > 100
+    assert len(hole) > 20
     assert near.any(axis=1).all()
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.kernels.cover.connected import lowest_connected
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(st.integers(1, 60), st.integers(0, 60), st.sampled_from([2, 3]), st.integers(0, 10**6))
 def test_each_piece_is_told_by_its_lowest_vertex(count: int, simplices: int, corners: int, seed: int) -> None:
     drawn = np.random.default_rng(seed).integers(0, count, (simplices, corners))

@@ -30,7 +30,7 @@ def distances(triangles: np.ndarray, place: np.ndarray) -> np.ndarray:
     return found
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(
     st.integers(1, 300),
     st.floats(0.0, 3.0),

@@ -34,7 +34,7 @@ clouds = st.tuples(st.integers(0, 10**6), st.integers(1, 9), st.sampled_from([1.
 )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 @given(clouds)
 def test_it_contains_the_points_and_is_the_smallest(points: np.ndarray) -> None:
     ball = enclosing(points)
@@ -53,7 +53,7 @@ def test_known_balls() -> None:
     assert enclosing(sphere) == pytest.approx([0, 0, 0, 1], abs=1e-3)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 10**6), st.integers(1, 12))
 def test_a_ball_around_balls_contains_them_and_is_small(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 from guidefield.kernels.cover.overlapping_boxes import swept_pairs
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(1, 40), st.integers(0, 10**6))
 def test_the_pairs_are_those_of_all_compared(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)

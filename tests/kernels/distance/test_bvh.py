@@ -18,7 +18,7 @@ def runs(sizes: list[int], seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarra
     return corners, members, np.cumsum(counts) - counts, counts
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(SIZES, st.integers(0, 10**6))
 def test_balls_are_about_the_middles_of_boxes_and_reach_the_farthest_corner(sizes: list[int], seed: int) -> None:
     corners, members, starts, counts = runs(sizes, seed)
@@ -31,7 +31,7 @@ def test_balls_are_about_the_middles_of_boxes_and_reach_the_farthest_corner(size
         np.testing.assert_allclose(ball[3], np.linalg.norm(points - middle, axis=1).max(), rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(SIZES, st.integers(0, 10**6))
 def test_the_first_half_of_a_run_is_on_one_side_along_its_widest(sizes: list[int], seed: int) -> None:
     corners, members, starts, counts = runs(sizes, seed)

@@ -51,13 +51,13 @@ def asked_at(mesh: solids.Mesh, seed: int) -> np.ndarray:
     """Places in the box about a mesh, on its axes, near its surface, and next to where its corners are."""
     rng, (low, high) = np.random.default_rng(seed), (mesh[0].min(axis=0), mesh[0].max(axis=0))
     middle, size = 0.5 * (low + high), np.linalg.norm(high - low)
-    axes = middle + 0.5 * (high - low) * np.linspace(-1.2, 1.2, 25)[:, None, None] * np.eye(3)
+    axes = middle + 0.5 * (high - low) * np.linspace(-1.2, 1.2, 13)[:, None, None] * np.eye(3)
     near = solids.on_surface(mesh, 60, rng)
-    near = near[rng.choice(len(near), 120)] + rng.normal(size=(120, 3)) * size * 10.0 ** rng.uniform(-7, -2, (120, 1))
-    return np.concatenate([solids.in_box_of(mesh, 250, rng), axes.reshape(-1, 3), near, middle[None]])
+    near = near[rng.choice(len(near), 60)] + rng.normal(size=(60, 3)) * size * 10.0 ** rng.uniform(-7, -2, (60, 1))
+    return np.concatenate([solids.in_box_of(mesh, 120, rng), axes.reshape(-1, 3), near, middle[None]])
 
 
-@pytest.mark.parametrize("share", [0.003, 0.03, 0.2, 0.6])
+@pytest.mark.parametrize("share", [0.003, 0.2])
 @pytest.mark.parametrize("mesh", CLOSED.values(), ids=CLOSED)
 def test_a_cutoff_changes_nothing_below_it(mesh: solids.Mesh, share: float) -> None:
     tables = tables_of(mesh_message(*mesh))
@@ -116,7 +116,7 @@ def voxels(seed: int, side: int = 5) -> tuple[np.ndarray, solids.Mesh]:
     return full, (vertices, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(5))
 def test_in_cells_that_are_full_it_is_inside_whatever_touches_there(seed: int) -> None:
     full, (vertices, triangles) = voxels(seed)
     tables = tables_of(mesh_message(vertices, triangles))

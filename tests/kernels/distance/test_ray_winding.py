@@ -28,7 +28,7 @@ def windings(points: np.ndarray, mesh: solids.Mesh) -> np.ndarray:
 
 @pytest.mark.parametrize("mesh", BODIES.values(), ids=BODIES)
 def test_agrees_with_the_solid_angle(mesh: solids.Mesh) -> None:
-    points = solids.in_box_of(mesh, 1500, np.random.default_rng(0))
+    points = solids.in_box_of(mesh, 800, np.random.default_rng(0))
     assert (windings(points, mesh) == np.rint(solids.winding(points, mesh))).all()
 
 
@@ -50,7 +50,7 @@ def test_where_rays_meet_edges_and_corners() -> None:
     assert (windings(points + np.array([1.0, 0.0, 0.0]), mesh) == 0).all()
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_ray_through_a_corner_or_an_edge_is_not_believed(seed: int) -> None:
     vertices, triangles = mesh = solids.lying(solids.torus(around=8, across=6), seed)
     middles = vertices[triangles[:, :2]].mean(axis=1)

@@ -12,7 +12,7 @@ from guidefield.geometry import surfaces
 from tests.kernels.evaluation import Field, field, gradient_by_differences, rigid_motions, vectors
 from tests.oracles import EPS, SolidCase, distance_to_triangle, solid_cases
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 sizes = st.tuples(*[st.floats(0.02, 1.5)] * 3).map(np.array)
 

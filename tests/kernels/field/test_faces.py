@@ -22,7 +22,7 @@ from tests.oracles import (
 POTENTIAL_ULPS = 8
 GRADIENT_ULPS = 16
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 MESHES = [case for case in solid_cases() if case.kind == "mesh"]
 

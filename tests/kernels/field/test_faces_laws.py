@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 from tests.kernels.evaluation import field, rigid_motions, triangles, vectors
 from tests.oracles import EPS, distance_to_triangle
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 
 @laws

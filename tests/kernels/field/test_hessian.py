@@ -11,7 +11,7 @@ from tests.oracles import EPS, PolygonCase, distance_to_triangle, polygon_cases
 
 HESSIAN_ULPS = 64
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 
 def hessian(point: np.ndarray, corners: np.ndarray) -> np.ndarray:

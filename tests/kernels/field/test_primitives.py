@@ -14,7 +14,7 @@ from tests.oracles import EPS, SolidCase, distance_to_segment, solid_cases
 
 capsule_field = from_python(capsule_at)
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 SPHERES = [case for case in solid_cases() if case.kind == "sphere"]
 CAPSULES = [case for case in solid_cases() if case.kind == "capsule_surrogate"]

@@ -11,7 +11,7 @@ from guidefield.geometry.charged import convex_quads
 from tests.kernels.evaluation import field, gradient_by_differences, rigid_motions, vectors
 from tests.oracles import EPS, PolygonCase, distance_to_triangle, fan, polygon_cases
 
-laws = settings(deadline=None, max_examples=30)
+laws = settings(deadline=None, max_examples=18)
 
 CONVEX = [case for case in polygon_cases() if len(case.vertices) > 3 and "nonconvex" not in case.tags]
 

@@ -16,7 +16,7 @@ from guidefield.kernels.simd.vector import load, store
 from tests.kernels.evaluation import field, vectors
 from tests.oracles import EPS
 
-LAWS = settings(deadline=None, max_examples=50)
+LAWS = settings(deadline=None, max_examples=30)
 LANES = 16
 """As many as any precision has."""
 

@@ -15,7 +15,7 @@ def peaks(kernel, times, positions, velocities):
     return speeds, accelerations
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_sample_exceeds_them_and_one_reaches_them(seed):
     times, positions, velocities = random_knots(seed)
@@ -51,7 +51,7 @@ def test_from_rest_to_rest_in_one_piece_is_fastest_in_the_middle():
     assert accelerations[0, 0] == pytest.approx(6.0, rel=1e-15)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_shares_are_those_of_the_peaks_and_of_the_jerk_between_the_ends(seed):
     times, positions, velocities = random_knots(seed)
@@ -70,7 +70,7 @@ def test_runs_undecorated():
     np.testing.assert_allclose(peaks(piece_peaks.py_func, *knots), peaks(piece_peaks, *knots), rtol=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_states_are_those_of_the_curve_in_any_order_of_times(seed):
     times, positions, velocities = random_knots(seed)

@@ -46,7 +46,7 @@ def largest(objective, rows, bounds, x_range):
     return -found.fun
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_agrees_with_a_linear_program_at_every_point(seed):
     first, second, steps, caps, limits = random_path(seed)
@@ -61,7 +61,7 @@ def test_agrees_with_a_linear_program_at_every_point(seed):
         assert x[i + 1] == pytest.approx(x_next, rel=1e-6, abs=FEASIBLE)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.1, 10.0))
 def test_limits_k_times_as_large_allow_squared_speeds_k_times_as_large(seed, factor):
     first, second, steps, caps, limits = random_path(seed)

@@ -30,7 +30,7 @@ def distances_to_polyline(points: np.ndarray, path: np.ndarray) -> np.ndarray:
     return nearest
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS, steps=st.integers(1, 5))
 def test_it_is_scipys_spline_of_its_control_points(seed: int, steps: int) -> None:
     curve = curve_along(walk(seed, 5))
@@ -41,7 +41,7 @@ def test_it_is_scipys_spline_of_its_control_points(seed: int, steps: int) -> Non
         np.testing.assert_allclose(derivatives, other(at, order), atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS)
 def test_it_keeps_the_ends_and_the_range_of_its_path(waypoints: np.ndarray) -> None:
     path = distinct(waypoints)
@@ -56,7 +56,7 @@ def test_it_keeps_the_ends_and_the_range_of_its_path(waypoints: np.ndarray) -> N
     np.testing.assert_allclose(second[[0, -1]], 0.0, atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS)
 def test_twice_as_many_control_points_are_at_half_the_distance_from_the_path(seed: int) -> None:
     path = walk(seed, 6)
@@ -73,7 +73,7 @@ def test_the_way_back_is_the_same_curve() -> None:
     np.testing.assert_allclose(dense(curve_along(path[::-1]))[::-1], dense(curve_along(path)), atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS, spacing=st.floats(0.05, 3.0))
 def test_places_along_a_path_are_on_it_and_close(waypoints: np.ndarray, spacing: float) -> None:
     path = distinct(waypoints)

@@ -14,7 +14,7 @@ rate = st.floats(0.1, 30.0)
 ends = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(ends, rate, rate, st.floats(1.0, 5000.0), st.booleans())
 def test_it_is_as_fast_as_its_limits_allow(z: list[float], v: float, a: float, j: float, limited: bool) -> None:
     limits = Limits(np.full(3, v), np.full(3, a), np.array([j, np.inf, j]) if limited else np.full(3, np.inf))

@@ -62,7 +62,7 @@ def test_the_speed_is_as_toppras(paths, seed):
     assert 0.998 < optimal.duration / toppras_duration(waypoints, 16) < 1.025
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS)
 def test_the_motion_takes_little_longer_than_the_optimal_speed(seed):
     for waypoints, most in ((walk(seed), 1.12), (even(seed), 1.04)):
@@ -88,7 +88,7 @@ def test_unevenly_spaced_waypoints_on_a_line_cost_little():
     assert duration <= 1.02 * soonest(np.array([0.0 * direction, direction])).duration
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS)
 def test_twice_as_many_pieces_are_closer_to_the_curve(seed):
     curve = curve_along(walk(seed))
@@ -103,7 +103,7 @@ def test_twice_as_many_pieces_are_closer_to_the_curve(seed):
     assert away[1] < max(0.2 * away[0], 1e-3)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(waypoints=ANY_WAYPOINTS, jerk=st.one_of(st.none(), st.floats(1.0, 1e4)), finer=st.sampled_from([1, 2, 8]))
 @example(waypoints=np.array([[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]), jerk=None, finer=1)
 @example(waypoints=np.array([[0.0], [1.0], [1.0 - 1e-7], [3.0]]), jerk=None, finer=1)
@@ -122,7 +122,7 @@ def test_any_path_is_timed_within_its_limits_from_rest_to_rest(waypoints, jerk, 
     assert_within_limits(trajectory, jerk)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS)
 def test_some_joint_is_at_a_limit_nearly_all_the_time(seed):
     trajectory = soonest(even(seed))
@@ -131,7 +131,7 @@ def test_some_joint_is_at_a_limit_nearly_all_the_time(seed):
     assert np.mean(load > 0.9) > 0.8
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS)
 def test_no_joint_is_faster_than_alone(seed):
     waypoints = walk(seed)
@@ -139,7 +139,7 @@ def test_no_joint_is_faster_than_alone(seed):
     assert soonest(waypoints).duration >= max(alone)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS, factor=st.floats(0.3, 3.0))
 def test_velocities_k_times_and_accelerations_k_squared_times_as_large_take_a_kth_of_the_time(seed, factor):
     usual = soonest(even(seed))
@@ -147,7 +147,7 @@ def test_velocities_k_times_and_accelerations_k_squared_times_as_large_take_a_kt
     assert faster.duration == pytest.approx(usual.duration / factor, rel=ROUNDING)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS)
 def test_the_way_back_takes_as_long(seed):
     # up to the grid: on it, the greatest acceleration now need not be the best for later where a joint turns back

@@ -11,7 +11,7 @@ from tests.knots import random_knots
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS)
 def test_agrees_with_scipy(seed):
     knots = random_knots(seed)
@@ -27,7 +27,7 @@ def test_agrees_with_scipy(seed):
     assert trajectory.peak_jerk == pytest.approx(np.abs(jerks).max(), rel=1e-9)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(seed=SEEDS)
 def test_bezier_points_are_the_same_curve(seed):
     trajectory = Trajectory(*random_knots(seed))

@@ -26,7 +26,7 @@ def smooth_curve(waypoints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return knots, scipy.interpolate.CubicSpline(knots, waypoints, bc_type="natural")(knots, 1)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS)
 def test_a_smooth_curve_brought_within_keeps_its_ends_and_is_smooth(seed):
     waypoints, lower, upper = clamped_walk(seed)
@@ -39,7 +39,7 @@ def test_a_smooth_curve_brought_within_keeps_its_ends_and_is_smooth(seed):
     np.testing.assert_allclose(smooth(knots, 1), rates, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=18, deadline=None)
 @given(seed=SEEDS)
 def test_bounded_slopes_keep_a_curve_within(seed):
     rng = np.random.default_rng(seed)

@@ -154,7 +154,7 @@ def test_it_is_the_same_every_time() -> None:
     np.testing.assert_array_equal(first.velocities, second.velocities)
 
 
-@settings(max_examples=15)
+@settings(max_examples=9)
 @given(st.integers(0, 10_000), st.sampled_from([None, 20.0]), st.sampled_from(["y x", "slide y x", "planar y"]))
 def test_every_motion_is_within_limits_and_no_slower_than_one_joint_needs(
     seed: int, jerk: float | None, joints: str

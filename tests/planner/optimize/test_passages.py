@@ -99,7 +99,7 @@ def test_its_hessian_is_positive_and_leaves_free_what_time_makes_up_for() -> Non
     assert along @ whole @ along < 1e-3 * sideways @ whole @ sideways * (along @ along) / (sideways @ sideways)
 
 
-@settings(max_examples=20)
+@settings(max_examples=12)
 @given(st.integers(0, 10_000), st.floats(0.0, 0.02), st.floats(2.0, 6.0))
 def test_a_motion_is_brought_exactly_to_all_places_and_its_ends_stay(seed: int, radius: float, at: float) -> None:
     spline = curve(seed)

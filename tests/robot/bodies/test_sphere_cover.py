@@ -46,7 +46,7 @@ def test_a_link_is_contained(name: str, part: str) -> None:
     body, found = shape(name, part)
     mesh = triangulation(body)
     rng = np.random.default_rng(0)
-    assert solids.in_balls(solids.on_surface(mesh, 3000, rng), found.cover.spheres).all()
+    assert solids.in_balls(solids.on_surface(mesh, 1500, rng), found.cover.spheres).all()
     points = solids.in_box_of(mesh, 400, rng)
     inside = points[np.abs(solids.winding(points, mesh)) > 0.5]
     assert len(inside) > 100
@@ -97,7 +97,7 @@ def test_whatever_touches_a_mesh_touches_its_cover_and_what_touches_inside_touch
     low, high = (extreme(triangulation(body)[0], axis=0) for extreme in (np.min, np.max))
     obstacle, request, result = coal.Box(0.03, 0.05, 0.08), coal.CollisionRequest(), coal.CollisionResult()
     touched = 0
-    for _ in range(800):
+    for _ in range(400):
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
         here = coal.Transform3s(turn, rng.uniform(low - 0.05, high + 0.05))
@@ -113,7 +113,7 @@ def test_whatever_touches_a_mesh_touches_its_cover_and_what_touches_inside_touch
             outer = (found.cover.groups[:, :3] - here.getTranslation()) @ turn
             outer_gaps = np.linalg.norm(np.maximum(np.abs(outer) - [0.015, 0.025, 0.04], 0.0), axis=1)
             assert (outer_gaps <= found.cover.groups[:, 3])[np.unique(groups[reached])].all()
-    assert touched > 100
+    assert touched > 50
 
 
 def test_it_is_computed_once_and_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -113,7 +113,7 @@ def test_starts_beyond_the_limits_are_brought_back():
     assert (result.solutions[0] <= planned.upper).all()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(0, 2**32), st.lists(st.sampled_from([0.0, 0.01, 0.3, np.inf]), min_size=6, max_size=6))
 def test_tolerances_are_a_box_in_the_goals_frame(seed, tolerances):
     planned = group("panda")
@@ -191,7 +191,7 @@ def test_moving_base_and_goal_alike_changes_nothing():
     assert np.allclose(there.solutions, here.solutions, rtol=0.0, atol=1e-4)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.lists(st.floats(-4.0, 4.0), min_size=3, max_size=3), st.sampled_from([0.0, 0.2, np.inf]))
 def test_what_is_called_out_of_reach_is_at_least_so_far(position, tolerance):
     planned = group("panda")

@@ -104,7 +104,7 @@ def at_any(planned: PlanningGroup, rng: np.random.Generator) -> np.ndarray:
     return z
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(chains(most=8, kinds=WOUND), st.integers(0, 2**16))
 def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: UrdfText, seed: int) -> None:
     robot = load(urdf)
@@ -129,7 +129,7 @@ def test_models_and_kernels_have_followers_where_the_formula_has_them(urdf: Urdf
         np.testing.assert_allclose(whole.oMi[joint.index].homogeneous, expected[joint.name], atol=1e3 * EXACT)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=18)
 @given(chains(most=8, kinds=(*KINDS, "mimic", "continuous")), st.integers(0, 2**16))
 def test_the_chain_to_the_tip_ends_no_further_than_it_reaches(urdf: UrdfText, seed: int) -> None:
     planned = grouped(urdf) if load(urdf).joints else None

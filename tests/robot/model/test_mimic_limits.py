@@ -104,7 +104,7 @@ def test_limits_that_stand_for_none_are_brought_within_what_can_be_judged():
 RANGE = st.tuples(st.floats(-3, 0), st.floats(0, 3))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(RANGE, RANGE, st.floats(-2, 2).filter(lambda m: m == 0.0 or abs(m) > 1e-3), st.floats(-1, 1), st.integers(0, 99))
 def test_no_random_configuration_puts_a_follower_beyond_its_limits(first, second, multiplier, offset, seed):
     robot = load(arm(("revolute", *first, ""), ("revolute", *second, mimic(1, multiplier, offset))))

@@ -58,7 +58,7 @@ def test_a_joint_that_follows_one_of_another_name_is_told() -> None:
     assert any("'Left_index_L2'" in warning for warning in told)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(chains(8))
 def test_random_chains_are_read_alike(sent: UrdfText) -> None:
     told = [warning for warning in Catalog().load(sent).warnings if "yourdfpy" in warning]
