@@ -187,6 +187,8 @@ MAX_FULLY_MEASURED, SAMPLE_SIZE = 64, 32
 _SMALL = frozenset({int, float, str, bool, type(None)})
 """Types whose size doesn't count."""
 
+_CONTAINERS = tuple, list, dict
+
 
 def size_of(answer: object) -> int:
     """Estimate the memory of a result [bytes]: its arrays, without those of objects with results, or shared ones."""
@@ -196,21 +198,24 @@ def size_of(answer: object) -> int:
 
 
 def _add_sizes(value: Any, sizes: dict[int, int]) -> None:
-    if type(value) in _SMALL or id(value) in sizes or (sizes and isinstance(value, SharedAnswer)):
+    if type(value) in _SMALL or id(value) in sizes:
         return
     if isinstance(value, np.ndarray):
         owner = id(value if value.base is None else value.base)  # of which there may be several views
         sizes[owner] = max(value.nbytes, sizes.get(owner, 0))
     elif isinstance(value, bytes):
         sizes[id(value)] = len(value)
-    elif isinstance(value, tuple | list | dict):
+    elif isinstance(value, SharedAnswer) and sizes:
+        return
+    elif isinstance(value, _CONTAINERS):
         sizes[id(value)] = 8 * len(value)
         if len(value) > MAX_FULLY_MEASURED and not isinstance(value, dict):
             some = value[:: len(value) // SAMPLE_SIZE]
             sizes[id(value)] += len(value) * sum(map(size_of, some)) // len(some)
             return
         for one in value.values() if isinstance(value, dict) else value:
-            _add_sizes(one, sizes)
+            if type(one) not in _SMALL:
+                _add_sizes(one, sizes)
     elif hasattr(value, "to_record_batch"):  # a chunk of a recording
         sizes[id(value)] = value.to_record_batch().nbytes
     elif hasattr(value, "num_tris"):

@@ -125,7 +125,10 @@ class Curve(ReadOnly):
     def at(self, times: np.ndarray) -> ChartPoints:
         """Points at times (n,), shape (n, nv) [rad or m]."""
         piece, share = find_pieces(self.times, times)
-        points: ChartPoints = restricted(self.pieces[piece], share, share)[:, 0]
+        row, at = self.pieces[piece], share[:, None, None]
+        while row.shape[1] > 1:
+            row = row[:, :-1] + at * (row[:, 1:] - row[:, :-1])
+        points: ChartPoints = row[:, 0]
         return points
 
     def point_at(self, time: float) -> ChartPoint:
@@ -148,7 +151,7 @@ def find_pieces(knots: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nd
     Returns:
         Indices of pieces, and shares from 0 to 1, each of shape (n,).
     """
-    piece = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
+    piece = np.minimum(np.maximum(np.searchsorted(knots, times, side="right") - 1, 0), len(knots) - 2)
     spans = knots[piece + 1] - knots[piece]
-    passed = np.clip(times - knots[piece], 0.0, spans)
+    passed = np.minimum(np.maximum(times - knots[piece], 0.0), spans)
     return piece, np.divide(passed, spans, out=np.zeros_like(passed), where=spans > 0.0)

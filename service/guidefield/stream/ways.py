@@ -55,14 +55,7 @@ class Room:
         tolerance: How far each coordinate may be off [rad or m]: what that sweeps is kept as well.
     """
 
-    def __init__(
-        self,
-        group: PlanningGroup,
-        world: World,
-        bounds: JointBounds,
-        least: float,
-        tolerance: float,
-    ) -> None:
+    def __init__(self, group: PlanningGroup, world: World, bounds: JointBounds, least: float, tolerance: float) -> None:
         self._speeds = bounds.rates[:, 0].copy()
         self._lower, self._upper = bounds.lower, bounds.upper
         self._sides = drawn_sides(STREAM.sides, self._speeds)
@@ -115,13 +108,7 @@ class Room:
         return all(straight_free(among, points[k], points[k + 1]) for k in range(len(points) - 1))
 
     def way(
-        self,
-        drifting: Drifting,
-        kept: Kept,
-        z0: ChartPoint,
-        z1: ChartPoint,
-        samples: np.ndarray,
-        cuts: np.ndarray,
+        self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint, samples: np.ndarray, cuts: np.ndarray
     ) -> ChartPoints | None:
         """A way from z0 to z1, each (nv,), shape (m, nv); None: none was found.
 

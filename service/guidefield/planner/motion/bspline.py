@@ -53,14 +53,14 @@ class End(ReadOnly):
         still = cast(ChartRate, np.zeros_like(position))
         return cls(position, still, still)
 
-    def points(self, step: float) -> ChartPoints:
-        """The three control points about it, for pieces of a length [s]: shape (3, nv).
+    def put_points(self, step: float, points_out: ChartPoints) -> None:
+        """Write the three control points about it, for pieces of a length [s], shape (3, nv).
 
         Where the basis is (1, 4, 1) / 6 its derivatives are (-1, 0, 1) / (2 h) and (1, -2, 1) / h².
         """
         middle = self.position - step**2 / 6.0 * self.acceleration
         across, bend = step * self.velocity, 0.5 * step**2 * self.acceleration
-        return cast(ChartPoints, np.array([middle + bend - across, middle, middle + bend + across]))
+        points_out[0], points_out[1], points_out[2] = middle + bend - across, middle, middle + bend + across
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,11 @@ class BSpline(ReadOnly):
     @classmethod
     def between(cls, start: End, end: End, inner: ChartPoints, step: float, begin: float = 0.0) -> BSpline:
         """With inner control points, shape (m - 3, nv), and pieces of a length, from a time on [s]."""
-        return cls(np.concatenate([start.points(step), inner, end.points(step)]), step, start, end, begin)
+        points = cast(ChartPoints, np.empty((len(inner) + 2 * ENDS, len(start.position))))
+        start.put_points(step, points[:ENDS])
+        points[ENDS:-ENDS] = inner
+        end.put_points(step, points[-ENDS:])
+        return cls(points, step, start, end, begin)
 
     @property
     def pieces(self) -> int:

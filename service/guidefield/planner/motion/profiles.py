@@ -157,11 +157,7 @@ def _with(knots: np.ndarray, velocity: float, acceleration: float, limit: float,
 
 
 def stopping(
-    position: ChartPoint,
-    velocity: ChartRate,
-    acceleration: ChartRate,
-    acceleration_limits: ChartRate,
-    jerks: ChartRate,
+    position: ChartPoint, velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate
 ) -> Trajectory:
     """The motion to rest, without acceleration, each joint by itself.
 

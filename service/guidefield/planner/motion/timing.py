@@ -54,8 +54,7 @@ class PathCurve(ReadOnly):
         """Chart points (k, nv) at parameters (k,), from 0 to `pieces`."""
         pieces = np.clip(parameters.astype(np.int64), 0, self.pieces - 1)
         return cast(
-            ChartPoints,
-            np.einsum("ka,kaj->kj", basis(parameters - pieces), self.points[pieces[:, None] + 1 + BEFORE]),
+            ChartPoints, np.einsum("ka,kaj->kj", basis(parameters - pieces), self.points[pieces[:, None] + 1 + BEFORE])
         )
 
     def derivatives(self, steps: int) -> tuple[ChartRates, ChartRates]:

@@ -21,6 +21,8 @@ from guidefield.planner.optimize.sampled_robot import sampled_robot
 from guidefield.planner.optimize.settings import SAMPLED_ROBOT, OptimizationSettings
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly, read_only
+from guidefield.robot.group.alike import memoized_for_alike
+from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import ConstrainedFrames, kept_frames
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.distance_tables import distance_tables, moving_tables
@@ -85,7 +87,8 @@ def _counts(
     zs: ChartPoints, kept: tuple[float, float], clearance: float, settings: OptimizationSettings, *, in_time: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights, ranges and floors of samples between chart points over their sizes (s + 1, nv), each of shape (s,)."""
-    lengths = np.linalg.norm(np.diff(zs, axis=0), axis=1)
+    steps = zs[1:] - zs[:-1]
+    lengths = np.sqrt((steps * steps).sum(axis=1))
     total = max(float(lengths.sum()), 1e-300)
     until = np.cumsum(lengths) - 0.5 * lengths
     from_end = np.minimum(until, total - until)
@@ -93,7 +96,7 @@ def _counts(
     least = np.where(until < 0.5 * total, *(_floor(one, settings) for one in kept))
     rise = np.minimum(from_end / settings.floor_ramp, 1.0) ** 2
     stands_for = 0.5 * (lengths + total / len(lengths)) if in_time else lengths
-    far = float(np.clip(settings.floor_share * min(kept), settings.floor, settings.farthest_floor)) + clearance
+    far = min(max(settings.floor_share * min(kept), settings.floor), settings.farthest_floor) + clearance
     return (
         settings.weight / total * stands_for * (1.0 + settings.end_weight * (1.0 - near)),
         settings.range * (settings.least_range + (1.0 - settings.least_range) * near),
@@ -103,7 +106,7 @@ def _counts(
 
 def _floor(kept: float, settings: OptimizationSettings) -> float:
     """Below which distance points cost more at an end that keeps so much [m]."""
-    return float(np.clip(settings.floor_share * kept, settings.least_floor, settings.floor))
+    return min(max(settings.floor_share * kept, settings.least_floor), settings.floor)
 
 
 @memoized_by_value(256)
@@ -155,6 +158,8 @@ def constraint_samples(
     Args:
         passed: Where it comes nearest to each passage, in pieces from the start.
     """
+    if not sections.frames.constraints:
+        return _no_samples(sections.frames.group)
     bounds, _, of_samples, shares, _ = places(pieces, settings.constraint_samples * samples)
     asked = sections.asked[np.searchsorted(np.array(passed), bounds[:-1], side="right")]
     asked.setflags(write=False)
@@ -168,6 +173,12 @@ def constraint_samples(
         settings.constraint_weight,
         settings.tight,
     )
+
+
+@memoized_for_alike
+def _no_samples(group: PlanningGroup) -> KeptSamples:
+    nowhere, none = places(0, 1), Sections.whole(ConstrainedFrames(group, ()))
+    return KeptSamples(kept_frames(none.frames), nowhere[2], nowhere[3], none.groups, none.asked[:0], 1.0, 0.0, 0.0)
 
 
 def better(problem: Problem, motion: Trajectory, other: Trajectory, settings: OptimizationSettings) -> bool:

@@ -6,10 +6,11 @@ quadratic model as long as that brings much, and only then the clearance is look
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -70,8 +71,7 @@ class Question(ReadOnly):
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Look(ReadOnly):
+class Look(NamedTuple):
     """A motion and its clearance.
 
     Attributes:
@@ -101,6 +101,28 @@ class _Memory(NamedTuple):
         return cls(hessians, seen)
 
 
+@functools.cache
+def _machine_code(kernel: Any) -> Any:
+    """What calls a kernel that was called before without a look at the types of arguments."""
+    return next(iter(kernel.overloads.values())).entry_point if len(kernel.overloads) == 1 else kernel
+
+
+class _CheckedOnce:
+    """A kernel whose arguments are of the same types in each call: numba looks at them in the first call alone.
+
+    At the seventy arrays of a look's arguments it looks for 17 us, of the 60 that an easy look takes.
+    """
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel, self._call = kernel, kernel
+
+    def __call__(self, *arguments: Any) -> Any:
+        found = self._call(*arguments)
+        if self._call is self._kernel:
+            self._call = _machine_code(self._kernel)
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
     """The objective on the samples of the motion with which it began.
@@ -120,6 +142,8 @@ class Descent(ReadOnly):
     unit: float
     room: DescentRoom
     hessians: tuple[_Memory, _Memory]
+    clearance_along: _CheckedOnce
+    newton_descent: _CheckedOnce
 
     @classmethod
     def of(cls, question: Question, spline: BSpline, samples: int) -> Descent:
@@ -147,7 +171,8 @@ class Descent(ReadOnly):
         room, unit = room_for_descent(n, nv, question.times), question.duration / spline.pieces
         places = len(placed.pieces) + len(question.passages)
         hessians = _Memory.of(places, nv), _Memory.of(places, nv)
-        return cls(question, placed, near, samples, constrained, ends, unit, room, hessians)
+        calls = _CheckedOnce(clearance_along), _CheckedOnce(newton_descent)
+        return cls(question, placed, near, samples, constrained, ends, unit, room, hessians, *calls)
 
     def look(
         self,
@@ -172,7 +197,7 @@ class Descent(ReadOnly):
         hessians = memory.hessians
         gradient, pieces, basis = np.empty((n, nv)), np.empty(len(hessians), np.int64), np.empty((len(hessians), 4))
         border, by_times, corner = np.empty((2, n, nv)), np.empty(2), np.empty((2, 2))
-        value, count = clearance_along(
+        value, count = self.clearance_along(
             question.robot,
             question.tables,
             question.moving,
@@ -207,7 +232,7 @@ class Descent(ReadOnly):
         model = ClearanceModel(
             value, spline.points, spline.step, spline.begin, gradient, *places, border, by_times, corner
         )
-        read_only(*model)
+        read_only(gradient, pieces, basis, border, by_times, corner)
         kept = self.constrained
         if here and question.sections.frames.constraints:  # which hold where depends on what was passed by then
             kept = constraint_samples(question.sections, spline.pieces, here, self.count, question.settings)
@@ -240,7 +265,7 @@ class Descent(ReadOnly):
         """
         spline, rules = look.spline, self.question.rules
         points = spline.points.copy()
-        step, begin, taken = newton_descent(
+        step, begin, taken = self.newton_descent(
             look.model,
             self.ends,
             self.question.limits,

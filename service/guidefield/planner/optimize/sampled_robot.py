@@ -32,23 +32,23 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     Args:
         ends: Chart points at which links may be as close as they are, shape (m, nv).
     """
-    moving, pairs = _moving(problem.group), _pairs(problem)
+    moving, pairs = _moving(problem.group), _pairs(problem.group, problem.world.pairs.own.tobytes())
     robot = _of_group(problem.group)._replace(
         joints=group_joints(problem.group),
         ignored=_ignored(problem, moving),
         pairs=pairs,
         pair_ranges=np.full(len(pairs), SAMPLED_ROBOT.range * problem.group.size),
     )
-    read_only(*robot)
+    read_only(robot.ignored, robot.pair_ranges)
     closest = np.full(len(pairs), np.inf)
     for z in ends:
         distances = np.empty(len(pairs))
         pair_distances(robot, tables, np.ascontiguousarray(z), distances)
         closest = np.minimum(closest, distances)
     least, most = (length * problem.group.size for length in (SAMPLED_ROBOT.least_range, SAMPLED_ROBOT.range))
-    robot = robot._replace(pair_ranges=np.clip(closest, least, most))
-    read_only(*robot)
-    return robot
+    ranges = np.minimum(np.maximum(closest, least), most)
+    read_only(ranges)
+    return robot._replace(pair_ranges=ranges)
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,14 +210,17 @@ def _ignored(problem: Problem, moving: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(ignored[list(moving)])
 
 
-def _pairs(problem: Problem) -> np.ndarray:
-    """Moving body (its place among them) and other body of the robot's own pairs, both ways, shape (k, 2)."""
-    moving, own = list(_moving(problem.group)), problem.world.pairs.own
-    place = np.full(problem.world.pairs.links, -1)
+@memoized_for_alike
+def _pairs(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
+    """Moving body (its place among them) and other body of own pairs (own, 2) of int64, both ways, shape (k, 2)."""
+    moving, own = list(_moving(group)), np.frombuffer(own_pairs, np.int64).reshape(-1, 2)
+    place = np.full(len(group.geometry.geometryObjects), -1)
     place[moving] = np.arange(len(moving))
     both = np.stack([own, own[:, ::-1]], axis=1).reshape(-1, 2)  # arrays, as a chain of 96 links has 9,120 rows
     there = place[both[:, 0]] >= 0
-    return np.column_stack([place[both[there, 0]], both[there, 1]]).astype(np.int64)
+    pairs = np.column_stack([place[both[there, 0]], both[there, 1]]).astype(np.int64)
+    read_only(pairs)
+    return pairs
 
 
 def _links(group: PlanningGroup) -> DistanceTables:

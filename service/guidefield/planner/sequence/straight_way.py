@@ -270,11 +270,7 @@ class Deviation(NamedTuple):
 
 
 def certify_straight(
-    way: StraightWay,
-    group: PlanningGroup,
-    turns: np.ndarray,
-    pieces: ChartCurves,
-    deadline: Deadline = UNLIMITED,
+    way: StraightWay, group: PlanningGroup, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
     """Judge whether a frame keeps to its straight way along a motion.
 
