@@ -226,11 +226,14 @@ def test_the_arrays_of_values_are_read_only() -> None:
 
 def test_every_setting_says_what_it_is_and_what_chose_it() -> None:
     for path in (path for path in SOURCES if path.name == "settings.py"):
+        lines = ["", *path.read_text().splitlines()]
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef):
-                names = [ast.unparse(part.target) for part in node.body if isinstance(part, ast.AnnAssign)]
                 told = (ast.get_docstring(node) or "").partition("Attributes:")[2]
-                assert [name for name in names if not re.search(rf"\b{name}\b.*:", told)] == [], path
+                for part in (part for part in node.body if isinstance(part, ast.AnnAssign)):
+                    name, beside = ast.unparse(part.target), lines[part.lineno].partition("# ")[2]
+                    above = lines[part.lineno - 1].strip().startswith("# ")
+                    assert beside or above or re.search(rf"\b{name}\b.*:", told), (path, name)
                 assert "frozen=True" in ast.unparse(node.decorator_list[0])
 
 

@@ -82,16 +82,11 @@ def keep_schedule(
 
 @dataclass(frozen=True)
 class _Estimate:
-    """About when a way may be arrived on.
-
-    Attributes:
-        arrival: When [s].
-        unhindered: How long it takes if nothing moves [s].
-    """
+    """About when a way may be arrived on."""
 
     way: HeldPath
-    arrival: float
-    unhindered: float
+    arrival: float  # when [s]
+    unhindered: float  # how long it takes if nothing moves [s]
 
 
 class _Search:

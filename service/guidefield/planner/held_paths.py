@@ -127,17 +127,13 @@ def _in_part_of_the_time(problem: Problem) -> Problem:
 
 @dataclass(frozen=True, eq=False)
 class HeldPath(ReadOnly):
-    """A way to a goal among obstacles that are held.
-
-    Attributes:
-        detour: Whether it goes by a place to wait at, so that it may not be made shorter.
-    """
+    """A way to a goal among obstacles that are held."""
 
     name: str
     problem: Problem
     found: PathSoFar
     at_rest: bool = False
-    detour: bool = False
+    detour: bool = False  # whether it goes by a place to wait at, so that it may not be made shorter
 
 
 def quick_paths(problem: Problem, goals: ChartPoints) -> Iterator[HeldPath]:

@@ -34,14 +34,10 @@ STOPS = "no motion within limits was found that doesn't stop: this one comes to 
 
 @dataclass(frozen=True, eq=False)
 class MovingEnds(ReadOnly):
-    """How a motion comes to rest at first, and gets up to speed in the end.
-
-    Attributes:
-        goals: Chart points (m, nv) of the goals that can be reached so.
-    """
+    """How a motion comes to rest at first, and gets up to speed in the end."""
 
     stop: Trajectory
-    goals: ChartPoints
+    goals: ChartPoints  # chart points (m, nv) of the goals that can be reached so
     runs: tuple[Trajectory, ...]
 
     @property

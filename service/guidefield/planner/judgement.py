@@ -37,15 +37,11 @@ SPACING = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Leaving:
-    """How a motion that begins in contact goes on.
-
-    Attributes:
-        piece: Index of the piece on which it has left them, or on which they come closer.
-    """
+    """How a motion that begins in contact goes on."""
 
     verdict: Verdict
     contacts: tuple[Contact, ...]
-    piece: int
+    piece: int  # index of the piece on which it has left them, or on which they come closer
     share: float
     leaves: bool
 
@@ -138,16 +134,12 @@ class GivenProblem(Conditions):
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """What is said about a motion.
-
-    Attributes:
-        enclosed: Whether what is refused is a body wholly inside another at the start.
-        leaving: How a contact at the start is left; None where there is none, or it may not be left.
-    """
+    """What is said about a motion."""
 
     verdict: Verdict
     uses: Uses
-    enclosed: bool = False
+    enclosed: bool = False  # whether what is refused is a body wholly inside another at the start
+    # how a contact at the start is left; None where there is none, or it may not be left
     leaving: Leaving | None = None
 
     @property

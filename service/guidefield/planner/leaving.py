@@ -43,13 +43,9 @@ WAY_OUT_SAMPLES = 24
 
 @dataclass(frozen=True, eq=False)
 class Left(ReadOnly):
-    """A contact that is left.
+    """A contact that is left."""
 
-    Attributes:
-        start, end: Chart points of the straight motion, shape (nv,); the end is free.
-    """
-
-    start: ChartPoint
+    start: ChartPoint  # chart points of the straight motion, shape (nv,); the end is free
     end: ChartPoint
     contacts: tuple[Contact, ...]
 

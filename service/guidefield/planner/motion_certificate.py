@@ -25,24 +25,15 @@ LAST_JUDGEMENT = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Finished(ReadOnly):
-    """A motion at the end of planning, and the certificate's verdict about it.
+    """A motion at the end of planning, and the certificate's verdict about it."""
 
-    Attributes:
-        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
-        path: Chart points that it runs through, shape (n, nv) [rad or m].
-        crossings: By index of each guide plane that was reached, its index in `path`.
-        trajectory: What the robot would execute; None where a stage failed before.
-        failure: Why a stage failed; None where none did.
-        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
-    """
-
-    verdict: Verdict
-    path: ChartPoints
-    crossings: Mapping[int, int]
-    trajectory: Trajectory | None = None
-    failure: Ending | None = None
+    verdict: Verdict  # the certificate's judgement of `trajectory`, or of `path` where there is no trajectory
+    path: ChartPoints  # chart points that it runs through, shape (n, nv) [rad or m]
+    crossings: Mapping[int, int]  # by index of each guide plane that was reached, its index in `path`
+    trajectory: Trajectory | None = None  # what the robot would execute; None where a stage failed before
+    failure: Ending | None = None  # why a stage failed; None where none did
     warnings: tuple[str, ...] = ()
-    judged_from: float = 0.0
+    judged_from: float = 0.0  # since when the trajectory is judged: before that it leaves a contact at the start [s]
 
 
 def judge(problem: Problem, trajectory: Trajectory) -> Verdict:

@@ -50,14 +50,11 @@ HURRIED = "time was up while the motion was optimised: with a longer `allowed_pl
 
 @dataclass(frozen=True, eq=False)
 class Crossed(ReadOnly):
-    """The guide planes that an optimised motion crosses.
-
-    Attributes:
-        at_ends: By index of each other guide plane that was reached, the knot that stays on it: the first or the last.
-    """
+    """The guide planes that an optimised motion crosses."""
 
     passages: tuple[Passage, ...]
     on_way: tuple[int, ...]
+    # by index of each other guide plane that was reached, the knot that stays on it: the first or the last
     at_ends: Mapping[int, int]
 
     @classmethod

@@ -83,20 +83,15 @@ def standing(z: ChartPoint) -> Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class PathSoFar(ReadOnly):
-    """The motion found so far, and why it goes no further where a stage failed.
-
-    Attributes:
-        crossings: By index of each guide plane that was reached, its index in `path`.
-        proven: Whether its straight pieces are certified, not only free at samples.
-        others: Other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker.
-        failure: Why the stage after it found nothing; None while none failed.
-    """
+    """The motion found so far, and why it goes no further where a stage failed."""
 
     path: ChartPoints
+    # by index of each guide plane that was reached, its index in `path`
     crossings: Mapping[int, int] = field(default_factory=dict)
-    proven: bool = True
+    proven: bool = True  # whether its straight pieces are certified, not only free at samples
+    # other ways from the same start to a goal, shape (n, nv) each, free at samples: they may prove quicker
     others: tuple[ChartPoints, ...] = ()
-    failure: Ending | None = None
+    failure: Ending | None = None  # why the stage after it found nothing; None while none failed
 
     @classmethod
     def at_start(cls, problem: Problem) -> PathSoFar:
@@ -136,12 +131,9 @@ class PathSoFar(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class ScheduledPath(PathSoFar):
-    """The motion found so far among obstacles that move: at rest at each point of its path.
+    """The motion found so far among obstacles that move: at rest at each point of its path."""
 
-    Attributes:
-        times: When it is at each of them, shape (n,), increasing [s].
-    """
-
+    # when it is at each of them, shape (n,), increasing [s]
     times: np.ndarray = field(default_factory=lambda: np.zeros(1))
     profile: Profile = CUBIC
 

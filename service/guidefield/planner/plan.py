@@ -40,27 +40,20 @@ class Planner(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Plan(ReadOnly):
-    """What came of planning; it cannot be made without a certificate's verdict.
-
-    Attributes:
-        verdict: The certificate's judgement of `trajectory`, or of `path` where there is no trajectory.
-        path: What the planner found: chart points (n, nv), the best partial motion where it failed.
-        trajectory: What the robot would execute; None where the planner failed.
-        crossings: By index of each guide plane that was reached, its index in `path`.
-        judged_from: Since when the trajectory is judged: before that it leaves a contact at the start [s].
-    """
+    """What came of planning; it cannot be made without a certificate's verdict."""
 
     status: Status
     message: str
-    verdict: Verdict
-    path: ChartPoints
-    trajectory: Trajectory | None = None
+    verdict: Verdict  # the certificate's judgement of `trajectory`, or of `path` where there is no trajectory
+    path: ChartPoints  # what the planner found: chart points (n, nv), the best partial motion where it failed
+    trajectory: Trajectory | None = None  # what the robot would execute; None where the planner failed
+    # by index of each guide plane that was reached, its index in `path`
     crossings: Mapping[int, int] = field(default_factory=dict)
     stages: tuple[StageLeft, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
     details: dict[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    judged_from: float = 0.0
+    judged_from: float = 0.0  # since when the trajectory is judged: before that it leaves a contact at the start [s]
 
 
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:

@@ -97,21 +97,13 @@ class MotionInTime(Protocol):
 
 @dataclass(frozen=True)
 class Closest:
-    """The smallest distance of some pairs along a motion.
+    """The smallest distance of some pairs along a motion."""
 
-    Attributes:
-        distance: The smallest that was found, attained at `time` [m]; infinite without such a pair.
-        bound: What is kept all along, certified [m]: `tolerance` less, or smaller where there was no time to tell.
-        time: When [s].
-        pair: Names of the two bodies, a link first; None without such a pair.
-        tolerance: By how much the bound is smaller where there was time to tell [m].
-    """
-
-    distance: float
-    bound: float
-    time: float
-    pair: tuple[str, str] | None
-    tolerance: float
+    distance: float  # the smallest that was found, attained at `time` [m]; infinite without such a pair
+    bound: float  # what is kept all along, certified [m]: `tolerance` less, or smaller where there was no time to tell
+    time: float  # when [s]
+    pair: tuple[str, str] | None  # names of the two bodies, a link first; None without such a pair
+    tolerance: float  # by how much the bound is smaller where there was time to tell [m]
 
     @property
     def exact(self) -> bool:
@@ -121,52 +113,32 @@ class Closest:
 
 @dataclass(frozen=True, eq=False)
 class Clearance(ReadOnly):
-    """How far a motion keeps from everything: exact over its whole length, and samples along it.
-
-    Attributes:
-        inner: The same less `END_LENGTH` of the way at each end; None if nothing is left.
-        times: Of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move.
-        lengths: Joint distance travelled at them, shape (k,) [rad or m].
-        mean: Mean distance from obstacles over every third sample [m].
-        ends: The smaller of the distances from obstacles at start and goal [m].
-    """
+    """How far a motion keeps from everything: exact over its whole length, and samples along it."""
 
     obstacle: Closest
-    inner: Closest | None
+    inner: Closest | None  # the same less `END_LENGTH` of the way at each end; None if nothing is left
     own: Closest
-    times: np.ndarray
-    lengths: np.ndarray
-    mean: float
-    ends: float
+    times: np.ndarray  # of samples, shape (k,) [s]: evenly by joint distance, by time among obstacles that move
+    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad or m]
+    mean: float  # mean distance from obstacles over every third sample [m]
+    ends: float  # the smaller of the distances from obstacles at start and goal [m]
     curve: Curve
     world: World
 
 
 @dataclass(frozen=True, eq=False)
 class ClearanceProfile(ReadOnly):
-    """Distances along a motion, exact at its samples.
+    """Distances along a motion, exact at its samples."""
 
-    Attributes:
-        times: Shape (n,) [s]; those at which distances are smallest are among them.
-        configurations: Of the group, shape (n, nq).
-        lengths: Joint distance travelled, shape (n,) [rad or m].
-        obstacle_distance: From moving links to obstacles, shape (n,) [m]; infinite without obstacles.
-        obstacle_pair: Names of the closest pair (link, obstacle), or None.
-        witness: The closest points, shape (n, 2, 3) [m, world].
-        self_distance: From the robot to itself, shape (n,) [m]; infinite without pairs.
-        self_pair: Names of the closest links, or None.
-        potentials: Evaluates the potential U at every second of many samples, and the last: times (k,) [s] and values
-            (k,) [m].
-    """
-
-    times: np.ndarray
-    configurations: Configurations
-    lengths: np.ndarray
-    obstacle_distance: np.ndarray
-    obstacle_pair: tuple[tuple[str, str] | None, ...]
-    witness: np.ndarray
-    self_distance: np.ndarray
-    self_pair: tuple[tuple[str, str] | None, ...]
+    times: np.ndarray  # shape (n,) [s]; those at which distances are smallest are among them
+    configurations: Configurations  # of the group, shape (n, nq)
+    lengths: np.ndarray  # joint distance travelled, shape (n,) [rad or m]
+    obstacle_distance: np.ndarray  # from moving links to obstacles, shape (n,) [m]; infinite without obstacles
+    obstacle_pair: tuple[tuple[str, str] | None, ...]  # names of the closest pair (link, obstacle), or None
+    witness: np.ndarray  # the closest points, shape (n, 2, 3) [m, world]
+    self_distance: np.ndarray  # from the robot to itself, shape (n,) [m]; infinite without pairs
+    self_pair: tuple[tuple[str, str] | None, ...]  # names of the closest links, or None
+    # evaluates the potential U at every second of many samples, and the last: times (k,) [s] and values (k,) [m]
     potentials: Callable[[], tuple[np.ndarray, np.ndarray]]
 
     @cached_property
@@ -177,21 +149,13 @@ class ClearanceProfile(ReadOnly):
 
 @dataclass(frozen=True)
 class Figures:
-    """Length, duration and smoothness of a motion.
+    """Length, duration and smoothness of a motion."""
 
-    Attributes:
-        joint_path_length: Length in the chart [rad or m].
-        tip_path_length: Length of the tip's way [m].
-        duration: [s].
-        peak_jerk: Largest jerk within a piece of the trajectory [rad/s^3 or m/s^3].
-        smoothness: Bending energy of the way in the chart times its length, dimensionless; 0 for a straight motion.
-    """
-
-    joint_path_length: float
-    tip_path_length: float
-    duration: float
-    peak_jerk: float
-    smoothness: float
+    joint_path_length: float  # length in the chart [rad or m]
+    tip_path_length: float  # length of the tip's way [m]
+    duration: float  # [s]
+    peak_jerk: float  # largest jerk within a piece of the trajectory [rad/s^3 or m/s^3]
+    smoothness: float  # bending energy of the way in the chart times its length, dimensionless; 0 for a straight motion
 
 
 UNMEASURED = "time was up before distances were measured: `clearance` and `self_clearance` are left out"
@@ -263,19 +227,12 @@ def certify_and_measure(trajectory: MotionInTime, problem: Conditions, deadline:
 
 
 class _AskedAlong(NamedTuple):
-    """What is asked for along a motion.
+    """What is asked for along a motion."""
 
-    Attributes:
-        times: Of samples, shape (k,) [s].
-        lengths: Joint distance travelled at them, shape (k,) [rad or m].
-        coarse: Those at which distances are asked for, shape (l,) [s].
-        spans: The whole motion, and the inner span if there is one [s].
-    """
-
-    times: np.ndarray
-    lengths: np.ndarray
-    coarse: np.ndarray
-    spans: list[tuple[float, float]]
+    times: np.ndarray  # of samples, shape (k,) [s]
+    lengths: np.ndarray  # joint distance travelled at them, shape (k,) [rad or m]
+    coarse: np.ndarray  # those at which distances are asked for, shape (l,) [s]
+    spans: list[tuple[float, float]]  # the whole motion, and the inner span if there is one [s]
     curve: Curve
 
 
@@ -359,23 +316,14 @@ def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
 
 
 class TravelledWay(NamedTuple):
-    """A motion as curves, and how far it has travelled.
+    """A motion as curves, and how far it has travelled."""
 
-    Attributes:
-        pieces: Control points of the curves, shape (m, k, nv) [rad or m].
-        begins: When they begin and the last one ends, shape (m + 1,) [s].
-        times: Many times along it, shape (n,) [s].
-        lengths: Joint distance travelled by then, shape (n,) [rad or m].
-        stride: Equal joint distances up to its length are so far apart [rad or m].
-        evenly: When it has travelled them, shape (k,) [s].
-    """
-
-    pieces: ChartCurves
-    begins: np.ndarray
-    times: np.ndarray
-    lengths: np.ndarray
-    stride: float
-    evenly: np.ndarray
+    pieces: ChartCurves  # control points of the curves, shape (m, k, nv) [rad or m]
+    begins: np.ndarray  # when they begin and the last one ends, shape (m + 1,) [s]
+    times: np.ndarray  # many times along it, shape (n,) [s]
+    lengths: np.ndarray  # joint distance travelled by then, shape (n,) [rad or m]
+    stride: float  # equal joint distances up to its length are so far apart [rad or m]
+    evenly: np.ndarray  # when it has travelled them, shape (k,) [s]
 
     @property
     def length(self) -> float:

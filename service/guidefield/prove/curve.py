@@ -107,15 +107,10 @@ def _largest(curves: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class Curve(ReadOnly):
-    """A chain of Bezier curves in the group's local coordinates, each run through evenly.
+    """A chain of Bezier curves in the group's local coordinates, each run through evenly."""
 
-    Attributes:
-        pieces: Control points, shape (m, k, nv) [rad or m].
-        times: Begin of each, and the end of the last one, shape (m + 1,) [s]; pieces may take no time.
-    """
-
-    pieces: ChartCurves
-    times: np.ndarray
+    pieces: ChartCurves  # control points, shape (m, k, nv) [rad or m]
+    times: np.ndarray  # begin of each, and the end of the last one, shape (m + 1,) [s]; pieces may take no time
 
     @property
     def box(self) -> tuple[ChartPoint, ChartPoint]:

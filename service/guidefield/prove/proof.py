@@ -50,48 +50,34 @@ SPARE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Proof(ReadOnly):
-    """A proof of a motion, in the names of a case (referee.md).
+    """A proof of a motion, in the names of a case (referee.md)."""
 
-    Attributes:
-        claims: Begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts
-            where it is more than what is required of a motion, shape (c, 4) [s, s, -, m].
-        segments: Begin and end of each, those that contain others before them, shape (s, 2) [s, or knots].
-        slab_segments: The segment of each slab, shape (k,).
-        slab_nodes: The two nodes between which it is, shape (k, 2).
-        slab_axes: Its direction in the world, from the second to the first; 0 where the spheres about both nodes are
-            meant, and the line between their centres, shape (k, 3).
-        views: Two of `bodies`, the robot's own, and which of `joints` their motion is seen from, shape (p, 3).
-        numbers: The number of each among bodies of that name, shape (b,).
-        origins: What its lengths are seen from, shape (b, 3) [m]: in the frame of the collision shape, of an obstacle
-            in the world, where it is at first.
-        centres: Middle of a sphere about it, from its origin, shape (b, 3) [m].
-        node_bodies: The body of each node, shape (n,).
-        node_children: Its children, behind it; -1 where it isn't divided, shape (n, 2).
-        node_shapes: Indices of a sphere and of a part that hold all below it; -1 where none is needed, shape (n, 2).
-        shape_begins: Begin of the corners of each shape, and the number of all, shape (h + 1,).
-        shape_numbers: A shape is the hull of its corners, to which a disc about an axis is added, and a ball: radius of
-            the ball, radius of the disc, the axis; a half-space has an infinite ball, its offset and its normal, shape
-            (h, 5) [m].
-        corners: Shape (c, 3) [m].
-    """
-
+    # begin, end, 1 for own pairs and 0 for others, and a distance that they keep at least, which counts where it is
+    # more than what is required of a motion, shape (c, 4) [s, s, -, m]
     claims: np.ndarray
-    segments: np.ndarray
-    slab_segments: np.ndarray
-    slab_nodes: np.ndarray
+    segments: np.ndarray  # begin and end of each, those that contain others before them, shape (s, 2) [s, or knots]
+    slab_segments: np.ndarray  # the segment of each slab, shape (k,)
+    slab_nodes: np.ndarray  # the two nodes between which it is, shape (k, 2)
+    # its direction in the world, from the second to the first; 0 where the spheres about both nodes are meant, and the
+    # line between their centres, shape (k, 3)
     slab_axes: np.ndarray
     joints: np.ndarray
-    views: np.ndarray
+    views: np.ndarray  # two of `bodies`, the robot's own, and which of `joints` their motion is seen from, shape (p, 3)
     bodies: np.ndarray
-    numbers: np.ndarray
+    numbers: np.ndarray  # the number of each among bodies of that name, shape (b,)
+    # what its lengths are seen from, shape (b, 3) [m]: in the frame of the collision shape, of an obstacle in the
+    # world, where it is at first
     origins: np.ndarray
-    centres: np.ndarray
-    node_bodies: np.ndarray
-    node_children: np.ndarray
+    centres: np.ndarray  # middle of a sphere about it, from its origin, shape (b, 3) [m]
+    node_bodies: np.ndarray  # the body of each node, shape (n,)
+    node_children: np.ndarray  # its children, behind it; -1 where it isn't divided, shape (n, 2)
+    # indices of a sphere and of a part that hold all below it; -1 where none is needed, shape (n, 2)
     node_shapes: np.ndarray
-    shape_begins: np.ndarray
+    shape_begins: np.ndarray  # begin of the corners of each shape, and the number of all, shape (h + 1,)
+    # a shape is the hull of its corners, to which a disc about an axis is added, and a ball: radius of the ball, radius
+    # of the disc, the axis; a half-space has an infinite ball, its offset and its normal, shape (h, 5) [m]
     shape_numbers: np.ndarray
-    corners: np.ndarray
+    corners: np.ndarray  # shape (c, 3) [m]
 
 
 def prove(world: World, curve: Curve, goal: Goal, deadline: Deadline = UNLIMITED) -> tuple[Found, Proof | None]:

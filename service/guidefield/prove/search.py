@@ -102,54 +102,37 @@ class ContradictionError(Exception):
 
 @dataclass(frozen=True)
 class Smallest:
-    """A smallest distance.
+    """A smallest distance."""
 
-    Attributes:
-        distance: At `time` between the bodies of `pair` [m]; infinite without a pair. Where bodies overlap it isn't
-            above 0: no depth.
-        bound: Certified lower bound of all distances [m].
-        time: When [s].
-        tolerance: By how much the bound is smaller where there was time for it [m].
-    """
-
+    # at `time` between the bodies of `pair` [m]; infinite without a pair. Where bodies overlap it isn't above 0: no
+    # depth
     distance: float = np.inf
-    bound: float = np.inf
-    time: float = np.nan
+    bound: float = np.inf  # certified lower bound of all distances [m]
+    time: float = np.nan  # when [s]
     pair: int = -1
-    tolerance: float = TOLERANCE
+    tolerance: float = TOLERANCE  # by how much the bound is smaller where there was time for it [m]
 
 
 class Goal(NamedTuple):
-    """What is asked about a motion.
+    """What is asked about a motion."""
 
-    Attributes:
-        min_clearance: What robot and obstacles must keep apart [m], the robot and itself nothing; None: no verdict.
-        resolution: See `RESOLUTION_FLOOR` [m].
-        in_time: Whether obstacles move; else they rest where they are at first.
-        spans: The smallest distance from obstacles is asked for within each, and the robot's from itself within the
-            first [s].
-        samples: The distance from obstacles is asked for at each, in order, shape (k,) [s]: the ends of the motion
-            among them; none, where only a verdict is asked for.
-    """
-
+    # what robot and obstacles must keep apart [m], the robot and itself nothing; None: no verdict
     min_clearance: float | None = None
-    resolution: float = RESOLUTION_FLOOR
+    resolution: float = RESOLUTION_FLOOR  # see `RESOLUTION_FLOOR` [m]
     kinds: int = EVERY_KIND
-    in_time: bool = True
+    in_time: bool = True  # whether obstacles move; else they rest where they are at first
+    # the smallest distance from obstacles is asked for within each, and the robot's from itself within the first [s]
     spans: Sequence[tuple[float, float]] = ()
+    # the distance from obstacles is asked for at each, in order, shape (k,) [s]: the ends of the motion among them;
+    # none, where only a verdict is asked for
     samples: np.ndarray = np.empty(0)
 
 
 class SearchLog(NamedTuple):
-    """What a search writes down of how it closes pairs, see `kernels.prove.kept_distance`.
+    """What a search writes down of how it closes pairs, see `kernels.prove.kept_distance`."""
 
-    Attributes:
-        numbers: A header and rows, shape (n,).
-        segments: Begin, end and middle of each segment, not a number where there is none, shape (s, LOG_ENDS).
-    """
-
-    numbers: np.ndarray
-    segments: np.ndarray
+    numbers: np.ndarray  # a header and rows, shape (n,)
+    segments: np.ndarray  # begin, end and middle of each segment, not a number where there is none, shape (s, LOG_ENDS)
 
     @classmethod
     def with_capacity(cls, rows: int) -> SearchLog:
@@ -171,17 +154,12 @@ class SearchLog(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Found(ReadOnly):
-    """What a search found.
-
-    Attributes:
-        own: The smallest distance of the robot from itself within the first.
-        distances: The smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one.
-    """
+    """What a search found."""
 
     verdict: Verdict
     obstacle: list[Smallest]
-    own: Smallest
-    distances: np.ndarray
+    own: Smallest  # the smallest distance of the robot from itself within the first
+    distances: np.ndarray  # the smallest distance from obstacles at each sample, shape (k,) [m]; infinite without one
 
 
 def found_nothing(verdict: Verdict) -> Found:

@@ -36,17 +36,13 @@ ARITHMETIC = 2e-9
 
 
 class WorldTables(NamedTuple):
-    """What a search reads of a world.
-
-    Attributes:
-        error: What a distance that is proved may be off, but for far coordinates [m].
-    """
+    """What a search reads of a world."""
 
     robot: RobotBodies
     obstacles: ObstacleBodies
     movers: MovingObstacles
     pairs: BodyPairs
-    error: float
+    error: float  # what a distance that is proved may be off, but for far coordinates [m]
 
 
 def world_tables(world: World, *, in_time: bool) -> WorldTables:

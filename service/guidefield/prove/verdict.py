@@ -36,17 +36,11 @@ def with_coal_error(distance: _D) -> _D:
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """Of the judgement of position limits.
+    """Of the judgement of position limits."""
 
-    Attributes:
-        tolerance: What a coordinate may be beyond its limit, for rounding [rad or m].
-        exact: Curves are halved until the largest excess is known to this [rad or m].
-        most_halvings: Parts shorter than this leaves can't be told from a point: 2^-60.
-    """
-
-    tolerance: float = 1e-9
-    exact: float = 1e-13
-    most_halvings: int = 60
+    tolerance: float = 1e-9  # what a coordinate may be beyond its limit, for rounding [rad or m]
+    exact: float = 1e-13  # curves are halved until the largest excess is known to this [rad or m]
+    most_halvings: int = 60  # parts shorter than this leaves can't be told from a point: 2^-60
 
 
 LIMITS = LimitSettings()
@@ -73,25 +67,18 @@ class Reason(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Verdict(ReadOnly):
-    """What a certificate says about a motion.
-
-    Attributes:
-        evaluations: Configurations that were judged, by balls and boxes, by Coal, or by a constraint.
-        piece: Index of the piece that was refused; None if free.
-        parameter: Where on it, from 0 to 1: the place that was judged; None if free.
-        free_until: Piece, and parameter on it, up to which the motion is certified; None if free.
-        pair: Names of the pair that was refused; None if free, or where no single pair is to blame.
-        chart_point: The place that was judged, shape (nv,); None if free.
-        beyond: The joint that is beyond its limits, and its value there; None unless that is the reason.
-    """
+    """What a certificate says about a motion."""
 
     reason: Reason
-    evaluations: int
-    piece: int | None = None
-    parameter: float | None = None
+    evaluations: int  # configurations that were judged, by balls and boxes, by Coal, or by a constraint
+    piece: int | None = None  # index of the piece that was refused; None if free
+    parameter: float | None = None  # where on it, from 0 to 1: the place that was judged; None if free
+    # piece, and parameter on it, up to which the motion is certified; None if free
     free_until: tuple[int, float] | None = None
+    # names of the pair that was refused; None if free, or where no single pair is to blame
     pair: PairNames | None = None
-    chart_point: ChartPoint | None = None
+    chart_point: ChartPoint | None = None  # the place that was judged, shape (nv,); None if free
+    # the joint that is beyond its limits, and its value there; None unless that is the reason
     beyond: LimitFault | None = None
 
     @property

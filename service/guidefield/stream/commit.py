@@ -27,26 +27,16 @@ ROUNDED = 16
 
 @dataclass(frozen=True, eq=False)
 class Commit(ReadOnly):
-    """A motion that ends in a stop.
-
-    Attributes:
-        begins: When it begins, by the client's clock [s].
-        brakes: When its braking begins [s].
-        stops: When the robot stands [s].
-        start: Value, velocity and acceleration at its beginning, shape (nv, 3).
-        phases: Of each coordinate, shape (nv, k, 5), times from `begins`, as `profiles` has them.
-        counts: How many each has, shape (nv,).
-        ends: Where the robot stands in the end, shape (nv,).
-    """
+    """A motion that ends in a stop."""
 
     number: int
-    begins: float
-    brakes: float
-    stops: float
-    start: np.ndarray
-    phases: np.ndarray
-    counts: np.ndarray
-    ends: ChartPoint
+    begins: float  # when it begins, by the client's clock [s]
+    brakes: float  # when its braking begins [s]
+    stops: float  # when the robot stands [s]
+    start: np.ndarray  # value, velocity and acceleration at its beginning, shape (nv, 3)
+    phases: np.ndarray  # of each coordinate, shape (nv, k, 5), times from `begins`, as `profiles` has them
+    counts: np.ndarray  # how many each has, shape (nv,)
+    ends: ChartPoint  # where the robot stands in the end, shape (nv,)
     follows: int = 0
     goal: int = 0
     at_goal: bool = False
@@ -118,17 +108,11 @@ def one_after_another(commits: Sequence[Commit]) -> Commit:
 
 @dataclass(frozen=True, eq=False)
 class JointBounds(ReadOnly):
-    """What every commit keeps.
+    """What every commit keeps."""
 
-    Attributes:
-        lower: Least values, shape (nv,) [rad or m].
-        upper: Largest values, shape (nv,).
-        rates: Velocity, acceleration and jerk of each coordinate, shape (nv, 3).
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    rates: np.ndarray
+    lower: np.ndarray  # least values, shape (nv,) [rad or m]
+    upper: np.ndarray  # largest values, shape (nv,)
+    rates: np.ndarray  # velocity, acceleration and jerk of each coordinate, shape (nv, 3)
 
     @property
     def judged(self) -> np.ndarray:
@@ -177,17 +161,12 @@ class Judgement(enum.Enum):
 
 @dataclass(frozen=True)
 class Told:
-    """A judgement.
-
-    Attributes:
-        pair: Index of the pair that isn't told apart, the robot's own first; of a limit, that of the coordinate.
-        time: Where it was refused, by the client's clock [s].
-    """
+    """A judgement."""
 
     judgement: Judgement
     evaluations: int
-    pair: int
-    time: float
+    pair: int  # index of the pair that isn't told apart, the robot's own first; of a limit, that of the coordinate
+    time: float  # where it was refused, by the client's clock [s]
 
     @property
     def free(self) -> bool:

@@ -20,19 +20,13 @@ from guidefield.stream.views import read_only_views
 
 @dataclass(frozen=True, eq=False)
 class Aim(ReadOnly):
-    """Where to aim.
+    """Where to aim."""
 
-    Attributes:
-        direction: From where the robot could stand, shape (nv,).
-        place: How far along the way that is, in time at full speed [s].
-        last: What is aimed at, if it is not to be passed: the way's end, or where to wait, shape (nv,); else None.
-        left: What is left of the way, in time at full speed [s].
-    """
-
-    direction: np.ndarray
-    place: float
+    direction: np.ndarray  # from where the robot could stand, shape (nv,)
+    place: float  # how far along the way that is, in time at full speed [s]
+    # what is aimed at, if it is not to be passed: the way's end, or where to wait, shape (nv,); else None
     last: ChartPoint | None
-    left: float
+    left: float  # what is left of the way, in time at full speed [s]
 
 
 class Way:
@@ -153,17 +147,11 @@ def flights(gradient: np.ndarray, speeds: np.ndarray, rng: np.random.Generator) 
 
 @dataclass(frozen=True, eq=False)
 class Timed(ReadOnly):
-    """A way with times.
+    """A way with times."""
 
-    Attributes:
-        cost: What it costs among what moves: the time of arrival, and what lacks on the way [s].
-        points: Shape (m, nv), m > 1.
-        times: When to be there, since its beginning [s], shape (m,).
-    """
-
-    cost: float
-    points: ChartPoints
-    times: np.ndarray
+    cost: float  # what it costs among what moves: the time of arrival, and what lacks on the way [s]
+    points: ChartPoints  # shape (m, nv), m > 1
+    times: np.ndarray  # when to be there, since its beginning [s], shape (m,)
 
 
 def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:

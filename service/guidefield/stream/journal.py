@@ -45,33 +45,24 @@ _log = logging.getLogger(__name__)
 
 
 class Begun(msgspec.Struct, frozen=True, tag="begun"):
-    """What a file begins with.
-
-    Attributes:
-        wall: When it began [s since 1970].
-    """
+    """What a file begins with."""
 
     request: StreamOpen
     user: str
     index: int
-    wall: float
+    wall: float  # when it began [s since 1970]
     versions: dict[str, str]
     snapshot: Snapshot
 
 
 class Updated(msgspec.Struct, frozen=True, tag="updated"):
-    """An update, and what came of it.
-
-    Attributes:
-        wall: When it came, since the file's beginning [s].
-        seconds: How long it was worked on [s].
-    """
+    """An update, and what came of it."""
 
     update: StreamUpdate
     noted: bool
     took: bool
-    wall: float
-    seconds: float
+    wall: float  # when it came, since the file's beginning [s]
+    seconds: float  # how long it was worked on [s]
     piece: Piece | None = None
     state: StreamState | None = None
     refused: ErrorReply | None = None

@@ -31,16 +31,12 @@ HALF_SPACE_SEEN_TURNING = "a half-space that turns sweeps everything: its `angul
 
 @dataclass
 class Known:
-    """An obstacle of a stream.
-
-    Attributes:
-        seen: Its last observation; None: not yet, or gone.
-    """
+    """An obstacle of a stream."""
 
     declared: StreamObstacle
     shape: JudgedShape
     warnings: tuple[str, ...] = ()
-    seen: Observation | None = None
+    seen: Observation | None = None  # its last observation; None: not yet, or gone
     gone: bool = False
     written: bool = False
 
@@ -52,34 +48,22 @@ class Known:
 
 @dataclass(frozen=True)
 class Assumption:
-    """What is assumed of how obstacles move.
+    """What is assumed of how obstacles move."""
 
-    Attributes:
-        deviation: How far velocities may be from those observed; None: largest speeds hold, whatever was observed.
-        min_clearance: What is kept beyond that [m].
-        clock_error: How far times of observations may be off [s].
-    """
-
+    # how far velocities may be from those observed; None: largest speeds hold, whatever was observed
     deviation: Deviation | None
-    min_clearance: float
-    clock_error: float
+    min_clearance: float  # what is kept beyond that [m]
+    clock_error: float  # how far times of observations may be off [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Drifting(ReadOnly):
-    """What moves, for planning.
+    """What moves, for planning."""
 
-    Attributes:
-        boxes: Rounded boxes that stand for it, shape (k, 16) [m, world].
-        drifts: The velocity of each as it was observed, shape (k, 3) [m/s].
-        rates: How fast each grows for the judge, shape (k,) [m/s].
-        margins: What the judge wants to be kept beyond that, shape (k,) [m].
-    """
-
-    boxes: np.ndarray
-    drifts: np.ndarray
-    rates: np.ndarray
-    margins: np.ndarray
+    boxes: np.ndarray  # rounded boxes that stand for it, shape (k, 16) [m, world]
+    drifts: np.ndarray  # the velocity of each as it was observed, shape (k, 3) [m/s]
+    rates: np.ndarray  # how fast each grows for the judge, shape (k,) [m/s]
+    margins: np.ndarray  # what the judge wants to be kept beyond that, shape (k,) [m]
 
     def after(self, time: float) -> np.ndarray:
         """Where the boxes are after a time [s], shape (k, 16)."""
@@ -90,17 +74,12 @@ class Drifting(ReadOnly):
 
 @dataclass(eq=False)
 class Obstacles:
-    """All obstacles of a stream, those of its scene first.
-
-    Attributes:
-        pairs: Which bodies meet an obstacle of a name, given that name: indices of bodies.
-        origin: Point of the world that the scene is seen from [m]; observations are of the world.
-    """
+    """All obstacles of a stream, those of its scene first."""
 
     scene: Scene
     assumption: Assumption
-    pairs: Callable[[str], np.ndarray]
-    origin: Vector3 = ORIGIN
+    pairs: Callable[[str], np.ndarray]  # which bodies meet an obstacle of a name, given that name: indices of bodies
+    origin: Vector3 = ORIGIN  # point of the world that the scene is seen from [m]; observations are of the world
     known: dict[str, Known] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

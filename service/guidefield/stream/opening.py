@@ -29,21 +29,16 @@ from guidefield.stream.shapes import require_one_axis
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """A stream's robot and what it keeps.
-
-    Attributes:
-        start: Where it stands, shape (nv,).
-        touching: What touches at the start; a sentence for each pair, which is among the warnings too.
-    """
+    """A stream's robot and what it keeps."""
 
     request: StreamOpen
     group: PlanningGroup
     world: World
     bounds: JointBounds
-    start: ChartPoint
+    start: ChartPoint  # where it stands, shape (nv,)
     assumption: Assumption
     warnings: tuple[str, ...]
-    touching: tuple[str, ...]
+    touching: tuple[str, ...]  # what touches at the start; a sentence for each pair, which is among the warnings too
 
     def bodies_met(self, name: str) -> np.ndarray:
         """The bodies that must not touch an obstacle of a name, shape (k,)."""

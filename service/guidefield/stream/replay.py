@@ -21,15 +21,11 @@ Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]
 
 @dataclass(frozen=True)
 class Replayed:
-    """What came of it.
-
-    Attributes:
-        first: Time of the first update that is answered otherwise [s]; None: all are as they were.
-    """
+    """What came of it."""
 
     updates: int
     pieces: int
-    first: float | None = None
+    first: float | None = None  # time of the first update that is answered otherwise [s]; None: all are as they were
     was: Piece | StreamState | str | None = None
     now: Piece | StreamState | str | None = None
 

@@ -15,15 +15,10 @@ RISE = 0.05
 
 @dataclass(frozen=True)
 class Kept:
-    """What ways keep from what moves.
+    """What ways keep from what moves."""
 
-    Attributes:
-        least: From all [m].
-        ahead: And what each may cover in so long [s].
-    """
-
-    least: float
-    ahead: float
+    least: float  # from all [m]
+    ahead: float  # and what each may cover in so long [s]
 
     def from_each(self, rates: np.ndarray, size: float) -> np.ndarray:
         """It [m], for a robot of a size, given how fast each grows for the judge, shape (k,) [m/s]."""
@@ -32,120 +27,92 @@ class Kept:
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """How pieces are chosen.
+    """How pieces are chosen."""
 
-    Attributes:
-        speeds: Shares of the velocity limits at which the way is followed, tried one after the other: those of the
-            prototype, and a slow one, in which a robot comes to goals that are just free.
-        reserve: Pieces along the way keep what obstacles cover in so long beyond what is proven [s], so that what is
-            left is enough to flee: the prototype's.
-        evaluations: A commit that isn't judged after so many configurations isn't sent: the median takes about 15.
-        ahead: The way is aimed at so far ahead of where the robot could stand, in time at full speed [s]; nearer where
-            it is followed more slowly, so that it is followed more closely.
-        looked_at: So much of the way is looked at in each cycle, in time at full speed [s].
-        predicted: A goal is taken where something is on it now, or will be in so long [s].
-        planned: So far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest,
-            where ways are looked at and planned [s].
-        kept: What ways that are planned keep from what moves: one is, with each of these, the least first.
-        going: What the robot keeps from what moves where a way costs nothing but its time, on the move: about what the
-            judge wants at full speed.
-        waiting: The same where it waits.
-        ending: Where a way ends it is enough to keep as much as is free there then, but this at least: what the judge
-            wants of who comes slowly. Of nine public runs that came too late three stood before such a goal for good.
-        widening: Where an end of a way is closer than that, so much more is kept for each second from there [m/s].
-        step: Of time, where it is found what ways cost [s].
-        arriving: So far that is foreseen [s].
-        dear: What a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at
-            60 and with ways planned less often, none at 100.
-        stays: Who arrives is to keep that for so many steps more: what comes to the goal with the robot stops it just
-            before, or runs into it there.
-        sides: So many directions to step aside in are drawn, once;
-        aside: others lead away from what presses on the way so far ahead [s], at such a place of it [s], each,
-        pressed: from where on that counts [m];
-        back: and one goes back, as from such a place of the way to its beginning [s].
-        levels: So many steps aside at most.
-        beside: So many states beside the way are looked at for each step: planning takes 20 to 70 ms
-            on a busy machine. A search without that bound found nothing of use in 3000 where all costs something.
-        few: Among more than so many obstacles fewer states are, so that it doesn't take longer;
-        plain: and so of a robot of more than so many balls: a Tiago's 3697 among a cloud took 3.7 s.
-        early: A way is followed so much ahead of its times at most [s]: what brakes from full speed stands 0.1 s on.
-        lag: So much later than it is taken over a way's times begin [s]: what speeds up and brakes takes that. Of 28
-            Pandas that some version failed 26 succeeded, 20 without.
-        gain: Another way is followed if it costs less by so much [s],
-        gain_share: and by this share.
-        again: So long after a way was taken over the next one is planned, where something moves [s].
-        on_it: It begins on the way that is followed, as far on as the robot goes by then at the speed that it has, if
-            it is at most so many times as far away from there; otherwise where it could stand. Ways of robots that
-            didn't get on began ever further ahead, until nobody had planned what led there.
-        resting: What ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven.
-        resting_looked_at: What a way is looked at with then [m]: less, or each way would be left soon for another one.
-        closer: Shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had
-            no way out of there any more.
-        leaving: Who stands and has no piece leaves what rests if the next of these is kept then [m]. What joints may be
-            off by takes millimetres of a long arm: one of 18 joints stood 3 mm above the ground for good, where the
-            judge wanted so much and ways kept less.
-        spacing: Of samples along ways [rad or m].
-        longest: An edge of the trees, for each root of the number of coordinates [rad or m].
-        samples: So many points are drawn for a tree at most.
-        cuts: So many short cuts are tried: with 60 ways have more corners, at which the robot is slow.
-        refused: After so many updates without a piece another way is planned.
-        near: Obstacles that are predicted as close as this are fled from [m].
-        foreseen: So far ahead [s].
-        threat: Where what is foreseen comes closer than this to where a piece along the way would end, and to where the
-            way leads by then, fleeing is tried first [m],
-        threatened: if the piece has at most this share of the speeds: who goes at full speed leaves in time, and
-            fleeing costs way.
-        flights: Directions tried for that: down the pressure, and random ones; as many as a cycle has time for.
-        flight_speeds: Shares of the velocity limits.
-        goals: Configurations that are looked for where the goal is a pose.
-    """
-
+    # shares of the velocity limits at which the way is followed, tried one after the other: those of the prototype, and
+    # a slow one, in which a robot comes to goals that are just free
     speeds: tuple[float, ...] = (1.0, 0.6, 0.35, 0.15, 0.05)
+    # pieces along the way keep what obstacles cover in so long beyond what is proven [s], so that what is left is
+    # enough to flee: the prototype's
     reserve: float = 0.06
+    # a commit that isn't judged after so many configurations isn't sent: the median takes about 15
     evaluations: int = 600
+    # the way is aimed at so far ahead of where the robot could stand, in time at full speed [s]; nearer where it is
+    # followed more slowly, so that it is followed more closely
     ahead: float = 0.25
-    looked_at: float = 1.5
-    predicted: float = 0.25
+    looked_at: float = 1.5  # so much of the way is looked at in each cycle, in time at full speed [s]
+    predicted: float = 0.25  # a goal is taken where something is on it now, or will be in so long [s]
+    # so far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest, where ways
+    # are looked at and planned [s]
     planned: float = 1.5
+    # what ways that are planned keep from what moves: one is, with each of these, the least first
     kept: tuple[Kept, ...] = (Kept(0.02, 0.10), Kept(0.04, 0.25))
+    # what the robot keeps from what moves where a way costs nothing but its time, on the move: about what the judge
+    # wants at full speed
     going: Kept = Kept(0.03, 0.25)
-    waiting: Kept = Kept(0.03, 0.12)
+    waiting: Kept = Kept(0.03, 0.12)  # the same where it waits
+    # where a way ends it is enough to keep as much as is free there then, but this at least: what the judge wants of
+    # who comes slowly. Of nine public runs that came too late three stood before such a goal for good
     ending: Kept = Kept(0.0, 0.05)
+    # where an end of a way is closer than that, so much more is kept for each second from there [m/s]
     widening: float = 0.4
-    step: float = 0.1
-    arriving: float = 2.5
+    step: float = 0.1  # of time, where it is found what ways cost [s]
+    arriving: float = 2.5  # so far that is foreseen [s]
+    # what a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at 60 and with ways planned less
+    # often, none at 100
     dear: float = 100.0
+    # who arrives is to keep that for so many steps more: what comes to the goal with the robot stops it just before, or
+    # runs into it there
     stays: int = 3
-    sides: int = 4
+    sides: int = 4  # so many directions to step aside in are drawn, once;
+    # others lead away from what presses on the way so far ahead [s], at such a place of it [s], each,
     aside: tuple[tuple[float, float], ...] = ((0.3, 0.0), (0.6, 0.0), (0.6, 0.4))
-    pressed: float = 0.2
-    back: float = 0.3
-    levels: int = 5
+    pressed: float = 0.2  # from where on that counts [m];
+    back: float = 0.3  # and one goes back, as from such a place of the way to its beginning [s]
+    levels: int = 5  # so many steps aside at most
+    # so many states beside the way are looked at for each step: planning takes 20 to 70 ms on a busy machine. A search
+    # without that bound found nothing of use in 3000 where all costs something
     beside: int = 100
-    few: int = 32
-    plain: int = 500
+    few: int = 32  # among more than so many obstacles fewer states are, so that it doesn't take longer;
+    plain: int = 500  # and so of a robot of more than so many balls: a Tiago's 3697 among a cloud took 3.7 s
+    # a way is followed so much ahead of its times at most [s]: what brakes from full speed stands 0.1 s on
     early: float = 0.3
+    # so much later than it is taken over a way's times begin [s]: what speeds up and brakes takes that. Of 28 Pandas
+    # that some version failed 26 succeeded, 20 without
     lag: float = 0.1
-    gain: float = 0.1
-    gain_share: float = 0.1
-    again: float = 0.06
+    gain: float = 0.1  # another way is followed if it costs less by so much [s],
+    gain_share: float = 0.1  # and by this share
+    again: float = 0.06  # so long after a way was taken over the next one is planned, where something moves [s]
+    # it begins on the way that is followed, as far on as the robot goes by then at the speed that it has, if it is at
+    # most so many times as far away from there; otherwise where it could stand. Ways of robots that didn't get on began
+    # ever further ahead, until nobody had planned what led there
     on_it: float = 2.0
+    # what ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven
     resting: float = 0.004
+    # what a way is looked at with then [m]: less, or each way would be left soon for another one
     resting_looked_at: float = 0.002
+    # shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had no way
+    # out of there any more
     closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
+    # who stands and has no piece leaves what rests if the next of these is kept then [m]. What joints may be off by
+    # takes millimetres of a long arm: one of 18 joints stood 3 mm above the ground for good, where the judge wanted so
+    # much and ways kept less
     leaving: tuple[float, ...] = (0.001, 0.002, 0.004, 0.008, 0.016)
-    spacing: float = 0.1
-    longest: float = 0.5
-    samples: int = 1000
-    cuts: int = 150
-    refused: int = 2
-    near: float = 0.12
-    foreseen: float = 0.4
+    spacing: float = 0.1  # of samples along ways [rad or m]
+    longest: float = 0.5  # an edge of the trees, for each root of the number of coordinates [rad or m]
+    samples: int = 1000  # so many points are drawn for a tree at most
+    cuts: int = 150  # so many short cuts are tried: with 60 ways have more corners, at which the robot is slow
+    refused: int = 2  # after so many updates without a piece another way is planned
+    near: float = 0.12  # obstacles that are predicted as close as this are fled from [m]
+    foreseen: float = 0.4  # so far ahead [s]
+    # where what is foreseen comes closer than this to where a piece along the way would end, and to where the way leads
+    # by then, fleeing is tried first [m],
     threat: float = 0.04
+    # if the piece has at most this share of the speeds: who goes at full speed leaves in time, and fleeing costs way
     threatened: float = 0.6
-    flights: int = 6
-    flight_speeds: tuple[float, ...] = (1.0, 0.4)
-    goals: int = 8
+    flights: int = 6  # directions tried for that: down the pressure, and random ones; as many as a cycle has time for
+    flight_speeds: tuple[float, ...] = (1.0, 0.4)  # shares of the velocity limits
+    goals: int = 8  # configurations that are looked for where the goal is a pose
 
 
 STREAM = StreamSettings()

@@ -31,21 +31,13 @@ LEAF = 8
 
 @dataclass(frozen=True, eq=False)
 class Convexes(ReadOnly):
-    """Convex solids, as `Solids` has them; `first` counts from 0.
+    """Convex solids, as `Solids` has them; `first` counts from 0."""
 
-    Attributes:
-        count: Points of each, shape (n,).
-        points: Shape (p, 3) [m].
-        disc: Radii of discs swept over them, shape (n,) [m].
-        axis: Across which axes, shape (n, 3).
-        rounding: Radii of balls swept over all that, shape (n,) [m].
-    """
-
-    count: np.ndarray
-    points: np.ndarray
-    disc: np.ndarray
-    axis: np.ndarray
-    rounding: np.ndarray
+    count: np.ndarray  # points of each, shape (n,)
+    points: np.ndarray  # shape (p, 3) [m]
+    disc: np.ndarray  # radii of discs swept over them, shape (n,) [m]
+    axis: np.ndarray  # across which axes, shape (n, 3)
+    rounding: np.ndarray  # radii of balls swept over all that, shape (n,) [m]
 
     @cached_property
     def balls(self) -> np.ndarray:
@@ -122,21 +114,14 @@ def _corners(halves: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class JudgedShape(ReadOnly):
-    """The shape of an obstacle in its own frame, see `JudgedShapes`.
+    """The shape of an obstacle in its own frame, see `JudgedShapes`."""
 
-    Attributes:
-        solids: Its convex solids; of a half-space a point that nobody looks at.
-        nodes: Shape (k, 4) [m]; the first is about all.
-        links: Shape (k, 4), from 0.
-        plane: Normal and offset of a half-space, shape (4,) [m]; None of others.
-        boxes: Rounded boxes that stand for it in planning: rotation and translation, halves, radius, shape (b, 16) [m].
-    """
-
-    solids: Convexes
-    nodes: np.ndarray
-    links: np.ndarray
-    plane: np.ndarray | None
+    solids: Convexes  # its convex solids; of a half-space a point that nobody looks at
+    nodes: np.ndarray  # shape (k, 4) [m]; the first is about all
+    links: np.ndarray  # shape (k, 4), from 0
+    plane: np.ndarray | None  # normal and offset of a half-space, shape (4,) [m]; None of others
     closed: bool
+    # rounded boxes that stand for it in planning: rotation and translation, halves, radius, shape (b, 16) [m]
     boxes: np.ndarray
 
     @property

@@ -196,18 +196,13 @@ def _knot(piece: Piece, k: int) -> tuple[list[float], list[float], list[float]]:
 
 @dataclass
 class _Seen:
-    """An obstacle, as it was declared last, with what was seen of it.
-
-    Attributes:
-        appears: When it was there and had not been before [s].
-        gone: When it wasn't there any more [s].
-    """
+    """An obstacle, as it was declared last, with what was seen of it."""
 
     declared: StreamObstacle
     there: bool = False
     observations: list[Observation] = field(default_factory=list)
-    appears: list[float] = field(default_factory=list)
-    gone: list[float] = field(default_factory=list)
+    appears: list[float] = field(default_factory=list)  # when it was there and had not been before [s]
+    gone: list[float] = field(default_factory=list)  # when it wasn't there any more [s]
 
     def lose(self, now: float) -> None:
         if self.there:

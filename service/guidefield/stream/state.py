@@ -35,31 +35,22 @@ TRANSITIONS = {Phase.STANDING: _OPEN, Phase.GOING: _OPEN, Phase.HALTED: _OPEN, P
 
 
 class State(msgspec.Struct, eq=False):
-    """Everything of a stream that changes, but its obstacles, random numbers and what is under way beside the cycle.
-
-    Attributes:
-        now: The client's time [s]; -inf: no update came yet.
-        fresh: Whether something was seen for the first time by an update that was not answered.
-        goals: Its configurations, (k, nv); None: to stand.
-        way: The way that is followed; None: there is none.
-        place: How far along it is [s].
-        planned: When a way was planned last [s]; -inf: none was.
-    """
+    """Everything of a stream that changes, but its obstacles, random numbers and what is under way beside the cycle."""
 
     commits: dict[int, Commit]
     last: int
     current: int
     phase: Phase
-    now: float
-    fresh: bool
+    now: float  # the client's time [s]; -inf: no update came yet
+    fresh: bool  # whether something was seen for the first time by an update that was not answered
     sought: int
     goal: int
-    goals: np.ndarray | None
-    way: Way | None
-    place: float
+    goals: np.ndarray | None  # its configurations, (k, nv); None: to stand
+    way: Way | None  # the way that is followed; None: there is none
+    place: float  # how far along it is [s]
     refused: int
     unfound: bool
-    planned: float
+    planned: float  # when a way was planned last [s]; -inf: none was
 
     @classmethod
     def at_rest(cls, start: ChartPoint) -> State:

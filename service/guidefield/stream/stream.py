@@ -68,14 +68,10 @@ KERNELS = (dodge, judge, profiles, room, way)
 
 @dataclass(frozen=True)
 class Sought:
-    """Configurations of a goal that are looked for.
-
-    Attributes:
-        found: They, shape (k, nv).
-    """
+    """Configurations of a goal that are looked for."""
 
     number: int
-    found: Future[ChartPoints]
+    found: Future[ChartPoints]  # they, shape (k, nv)
 
 
 class CertifiedStream:

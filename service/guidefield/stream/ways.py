@@ -168,27 +168,18 @@ class Room:
 
 @dataclass(frozen=True)
 class Found:
-    """What came of planning.
+    """What came of planning."""
 
-    Attributes:
-        way: The way, where to be on it when; None: none was found.
-    """
-
-    way: Timed | None
+    way: Timed | None  # the way, where to be on it when; None: none was found
     nowhere: bool
 
 
 @dataclass(frozen=True)
 class Ordered:
-    """A way that is being planned.
+    """A way that is being planned."""
 
-    Attributes:
-        due: When it is taken over, by the client's clock [s].
-        goal: Where it leads, shape (nv,).
-    """
-
-    due: float
-    goal: ChartPoint
+    due: float  # when it is taken over, by the client's clock [s]
+    goal: ChartPoint  # where it leads, shape (nv,)
     found: Future[Found]
 
 

@@ -32,15 +32,10 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate
 
 @dataclass(frozen=True, eq=False)
 class QuickestWay(ReadOnly):
-    """The way to one of several goals that is estimated to take the least time.
+    """The way to one of several goals that is estimated to take the least time."""
 
-    Attributes:
-        path: Chart points, shape (n, nv), free at samples.
-        others: The next best, shape (n, nv) each; none where clearance counts most.
-    """
-
-    path: ChartPoints
-    others: tuple[ChartPoints, ...]
+    path: ChartPoints  # chart points, shape (n, nv), free at samples
+    others: tuple[ChartPoints, ...]  # the next best, shape (n, nv) each; none where clearance counts most
     tried: int
     iterations: int
 
@@ -195,29 +190,20 @@ def why_not(found: FoundPath, goals: int, *, in_time: bool) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Shorter(ReadOnly):
-    """What came of it.
+    """What came of it."""
 
-    Attributes:
-        path: Chart points (n, nv), free as the path that it began with, and no longer.
-    """
-
-    path: ChartPoints
+    path: ChartPoints  # chart points (n, nv), free as the path that it began with, and no longer
     rounds: int
     message: str
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """How a connection is made shorter.
-
-    Attributes:
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-        margin: What shortcuts keep from obstacles beside the clearance asked for [m].
-    """
+    """How a connection is made shorter."""
 
     number: int
-    resolution: float
-    margin: float
+    resolution: float  # samples of a motion per length in the chart [1/rad or 1/m]
+    margin: float  # what shortcuts keep from obstacles beside the clearance asked for [m]
 
 
 def shorter(
@@ -262,17 +248,13 @@ def shorter(
 
 @dataclass(frozen=True, eq=False)
 class Connection(ReadOnly):
-    """What came of a connection.
-
-    Attributes:
-        path: Chart points (n, nv) from start to a goal if it succeeded, else only the start.
-        others: Other paths to a goal, shape (n, nv) each, free at samples, that may prove quicker.
-    """
+    """What came of a connection."""
 
     status: Status
     message: str
-    path: ChartPoints
+    path: ChartPoints  # chart points (n, nv) from start to a goal if it succeeded, else only the start
     proven: bool = True
+    # other paths to a goal, shape (n, nv) each, free at samples, that may prove quicker
     others: tuple[ChartPoints, ...] = ()
 
 

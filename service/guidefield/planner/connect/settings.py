@@ -10,29 +10,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TreeSettings:
-    """Of a search by two trees on the lane kernels, and of the certificate's say about what it finds.
+    """Of a search by two trees on the lane kernels, and of the certificate's say about what it finds."""
 
-    Attributes:
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its
-            times are compared. A prototype's search at it left 14 of 420 paths of a Panda in contact between samples,
-            which a certificate finds.
-        attempts: How often the certificate may refuse what was found. Unrecorded.
-        finer: How much finer motions are judged after each refusal. Unrecorded.
-        most_iterations: Samples that a search draws, most of which cost next to nothing: no limit but for safety.
-        most_motions: Motions that it judges at most. Unrecorded.
-        piece: Iterations between two checks of the deadline: some milliseconds.
-        enclosed: After so many extensions of nothing but roots it is asked whether these can be left. Unrecorded.
-        first_capacity: Nodes that each tree has room for at first; doubled when it is full. Unrecorded.
-    """
-
+    # samples of a motion per length in the chart [1/rad or 1/m]: VAMP's resolution, with which its times are compared.
+    # A prototype's search at it left 14 of 420 paths of a Panda in contact between samples, which a certificate finds
     resolution: float = 32.0
-    attempts: int = 6
-    finer: float = 2.0
+    attempts: int = 6  # how often the certificate may refuse what was found. Unrecorded
+    finer: float = 2.0  # how much finer motions are judged after each refusal. Unrecorded
+    # samples that a search draws, most of which cost next to nothing: no limit but for safety
     most_iterations: int = 100_000_000
-    most_motions: int = 3_000_000
-    piece: int = 256
+    most_motions: int = 3_000_000  # motions that it judges at most. Unrecorded
+    piece: int = 256  # iterations between two checks of the deadline: some milliseconds
+    # after so many extensions of nothing but roots it is asked whether these can be left. Unrecorded
     enclosed: int = 20_000
-    first_capacity: int = 512
+    first_capacity: int = 512  # nodes that each tree has room for at first; doubled when it is full. Unrecorded
 
 
 TREE = TreeSettings()
@@ -40,29 +31,22 @@ TREE = TreeSettings()
 
 @dataclass(frozen=True)
 class QuickestSettings:
-    """Of the choice among several goals by estimated time; `tools/bench motion` measures it.
+    """Of the choice among several goals by estimated time; `tools/bench motion` measures it."""
 
-    Attributes:
-        goals: That are tried at most, the nearest in time first. One tree for all of ten made motions of a Panda 4 %
-            slower than one for each.
-        motions: That each one's tree judges at most, before all goals are tried together. Unrecorded.
-        rounds: More rounds of trees at most, where time alone counts.
-        enough: They end when the best score is at most this times the least bound.
-        length: Share of a way's length, each joint's by its velocity limit [s/s], in its score, unless time alone
-            counts. On the 420 public problems of a Panda with 0 ways were 1.5 % longer, motions 0.3 % faster, and
-            they kept a millimetre less.
-        ways: That are optimised coarsely then at most.
-        few_ways: The same for balanced motions. On 60 problems, 20 each of cages, boxes and tables that are reached
-            under, one way made motions 1.6 % slower, in cages 4 %, and took 15 % less time for the whole plan; five
-            ways gained 0.4 % for 17 % more.
-    """
-
+    # that are tried at most, the nearest in time first. One tree for all of ten made motions of a Panda 4 % slower than
+    # one for each
     goals: int = 10
-    motions: int = 3000
-    rounds: int = 4
-    enough: float = 1.15
+    motions: int = 3000  # that each one's tree judges at most, before all goals are tried together. Unrecorded
+    rounds: int = 4  # more rounds of trees at most, where time alone counts
+    enough: float = 1.15  # they end when the best score is at most this times the least bound
+    # share of a way's length, each joint's by its velocity limit [s/s], in its score, unless time alone counts. On the
+    # 420 public problems of a Panda with 0 ways were 1.5 % longer, motions 0.3 % faster, and they kept a millimetre
+    # less
     length: float = 0.2
-    ways: int = 5
+    ways: int = 5  # that are optimised coarsely then at most
+    # the same for balanced motions. On 60 problems, 20 each of cages, boxes and tables that are reached under, one way
+    # made motions 1.6 % slower, in cages 4 %, and took 15 % less time for the whole plan; five ways gained 0.4 % for 17
+    # % more
     few_ways: int = 3
 
 
@@ -71,18 +55,13 @@ QUICKEST = QuickestSettings()
 
 @dataclass(frozen=True)
 class RoundSettings:
-    """Of the rounds in which a connection is made shorter; `tools/bench shorter` measures them.
+    """Of the rounds in which a connection is made shorter; `tools/bench shorter` measures them."""
 
-    Attributes:
-        motions: That a round judges at most. Unrecorded.
-        share: Rounds end when this share of the time that was left is over: the rest is for timing, optimising, the
-            certificate. A choice, not a measurement.
-        least: By what share a path has to be shorter to be taken. A choice: less is not worth a round.
-    """
-
-    motions: int = 2000
+    motions: int = 2000  # that a round judges at most. Unrecorded
+    # rounds end when this share of the time that was left is over: the rest is for timing, optimising, the certificate.
+    # A choice, not a measurement
     share: float = 0.5
-    least: float = 1e-3
+    least: float = 1e-3  # by what share a path has to be shorter to be taken. A choice: less is not worth a round
 
 
 ROUNDS = RoundSettings()
@@ -90,15 +69,10 @@ ROUNDS = RoundSettings()
 
 @dataclass(frozen=True)
 class EscapeSettings:
-    """Of the question whether a configuration can be left at all.
+    """Of the question whether a configuration can be left at all."""
 
-    Attributes:
-        lengths: How far the motions go that are tried [rad or m]. Unrecorded.
-        directions: How many of each length, beside those along one coordinate. Unrecorded.
-    """
-
-    lengths: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)
-    directions: int = 1024
+    lengths: tuple[float, ...] = (0.3, 0.1, 0.03, 0.01)  # how far the motions go that are tried [rad or m]. Unrecorded
+    directions: int = 1024  # how many of each length, beside those along one coordinate. Unrecorded
 
 
 ESCAPE = EscapeSettings()
@@ -106,29 +80,18 @@ ESCAPE = EscapeSettings()
 
 @dataclass(frozen=True)
 class ConstrainedSettings:
-    """Of trees within path constraints.
+    """Of trees within path constraints."""
 
-    Attributes:
-        room: Configurations are brought to within this share of each limit: what lies between them has the rest.
-            Unrecorded.
-        corrections: Newton steps by which a configuration is brought back. Unrecorded.
-        stride: Length of a step of a tree, by the metric [rad]. Unrecorded.
-        least_gain: A step that comes nearer to where it was to go by less than this share of its length ends an
-            extension. Unrecorded.
-        farthest: So does one that is brought back to this many lengths from where it began. Unrecorded.
-        piece: Iterations between two checks of the deadline: some milliseconds.
-        most_iterations: Samples at most, no limit but for safety.
-        shortcuts: Detours that are looked at. Unrecorded.
-    """
-
+    # configurations are brought to within this share of each limit: what lies between them has the rest. Unrecorded
     room: float = 0.6
-    corrections: int = 15
-    stride: float = 0.1
+    corrections: int = 15  # Newton steps by which a configuration is brought back. Unrecorded
+    stride: float = 0.1  # length of a step of a tree, by the metric [rad]. Unrecorded
+    # a step that comes nearer to where it was to go by less than this share of its length ends an extension. Unrecorded
     least_gain: float = 0.2
-    farthest: float = 2.0
-    piece: int = 32
-    most_iterations: int = 10_000_000
-    shortcuts: int = 60
+    farthest: float = 2.0  # so does one that is brought back to this many lengths from where it began. Unrecorded
+    piece: int = 32  # iterations between two checks of the deadline: some milliseconds
+    most_iterations: int = 10_000_000  # samples at most, no limit but for safety
+    shortcuts: int = 60  # detours that are looked at. Unrecorded
 
 
 CONSTRAINED = ConstrainedSettings()

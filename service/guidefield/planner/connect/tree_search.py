@@ -32,17 +32,13 @@ from guidefield.robot.model.spaces import ChartPoints
 
 @dataclass(frozen=True, eq=False)
 class Sources(ReadOnly):
-    """Where samples of a group come from: chart points in the group's units.
-
-    Attributes:
-        roams: Which coordinates are lengths without limits, or angles without limits whose whole turns count: (k,).
-        around: How far beyond what is to be reached samples of those lie, shape (k,) [m or rad].
-    """
+    """Where samples of a group come from: chart points in the group's units."""
 
     sampling: Sampling
     words: Words
+    # which coordinates are lengths without limits, or angles without limits whose whole turns count: (k,)
     roams: np.ndarray
-    around: np.ndarray
+    around: np.ndarray  # how far beyond what is to be reached samples of those lie, shape (k,) [m or rad]
 
     @classmethod
     def of(cls, sampling: Sampling, roams: np.ndarray, around: np.ndarray) -> Sources:
@@ -133,18 +129,14 @@ def _steps(count: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FoundPath(ReadOnly):
-    """What a search came to.
+    """What a search came to."""
 
-    Attributes:
-        path: Chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none.
-        units: What counts as one radian in each coordinate of their nodes, shape (nv,).
-        enclosed: Of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so.
-    """
-
+    # chart points (n, nv) from a start to a goal, angles unwrapped along the way; None if there is none
     path: ChartPoints | None
     counters: np.ndarray
     search: lane_nodes.TreeSearch
-    units: np.ndarray
+    units: np.ndarray  # what counts as one radian in each coordinate of their nodes, shape (nv,)
+    # of which tree, 0 or 1, the roots can't be left, as far as many motions tell; None if nothing says so
     enclosed: int | None = None
 
     @property
@@ -266,15 +258,11 @@ def _from_a_line(size: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class _Room:
-    """Memory of two trees.
-
-    Attributes:
-        path: Where the path is written, shape (2 * capacity, nv).
-    """
+    """Memory of two trees."""
 
     search: lane_nodes.TreeSearch
     words: Words
-    path: ChartPoints
+    path: ChartPoints  # where the path is written, shape (2 * capacity, nv)
 
     @classmethod
     def build(cls, nv: int, capacity: int) -> _Room:

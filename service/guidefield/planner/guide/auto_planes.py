@@ -29,17 +29,11 @@ from guidefield.scene.guide_plane import GuidePlane, build
 
 @dataclass(frozen=True, eq=False)
 class TipWay(ReadOnly):
-    """Points of a way, about evenly spaced.
+    """Points of a way, about evenly spaced."""
 
-    Attributes:
-        points: Shape (n, 3) [m, world].
-        tangents: Unit vectors along it, shape (n, 3).
-        clearances: Distance to obstacles, at most `CAP` at its size, shape (n,) [m].
-    """
-
-    points: np.ndarray
-    tangents: np.ndarray
-    clearances: np.ndarray
+    points: np.ndarray  # shape (n, 3) [m, world]
+    tangents: np.ndarray  # unit vectors along it, shape (n, 3)
+    clearances: np.ndarray  # distance to obstacles, at most `CAP` at its size, shape (n,) [m]
     size: float
 
 

@@ -139,14 +139,11 @@ PROJECTED = (
 
 @dataclass(frozen=True, eq=False)
 class Crossing(ReadOnly):
-    """What came of a guide plane.
-
-    Attributes:
-        path: Configurations in order, start included, shape (n, nq); the last is on the plane if it was reached.
-    """
+    """What came of a guide plane."""
 
     status: Status
     message: str
+    # configurations in order, start included, shape (n, nq); the last is on the plane if it was reached
     path: Configurations
     details: dict[str, Any] = field(default_factory=dict)
 

@@ -28,15 +28,10 @@ Reach = Callable[[Problem, Configuration, np.ndarray], Iterable[Configuration]]
 
 @dataclass(frozen=True, eq=False)
 class Moved(ReadOnly):
-    """Where an advance got to.
+    """Where an advance got to."""
 
-    Attributes:
-        q: Configuration after it; None if no step was feasible.
-        step: Distance that the tip moved [m].
-    """
-
-    q: Configuration | None
-    step: float
+    q: Configuration | None  # configuration after it; None if no step was feasible
+    step: float  # distance that the tip moved [m]
 
 
 class GuidedPath:

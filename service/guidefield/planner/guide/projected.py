@@ -42,14 +42,10 @@ from guidefield.robot.model.spaces import Configuration
 
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
-    """Where a descent ended.
-
-    Attributes:
-        potentials: U at the first and at each of them [m].
-    """
+    """Where a descent ended."""
 
     path: tuple[Configuration, ...]
-    potentials: tuple[float, ...]
+    potentials: tuple[float, ...]  # U at the first and at each of them [m]
 
     @property
     def potential(self) -> float:
@@ -178,14 +174,10 @@ class Blocks(enum.Enum):
 
 @dataclass(frozen=True)
 class Projected:
-    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py).
-
-    Attributes:
-        tolerance: A descent ends where a step promises, or brings, less than this share of U.
-    """
+    """Newton's steps in the metric of nearby faces' curvature, projected on the tip's constraint (minimizer.py)."""
 
     blocks: Blocks = Blocks.ONE
-    tolerance: float = DESCENT.tolerance
+    tolerance: float = DESCENT.tolerance  # a descent ends where a step promises, or brings, less than this share of U
     most_steps: int = DESCENT.most_steps
 
     @property

@@ -52,14 +52,10 @@ ANYWHERE = TipGuard(
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """A guide plane's polygon, inset.
-
-    Attributes:
-        inset: How far inside its edges the tip heads for [m].
-    """
+    """A guide plane's polygon, inset."""
 
     plane: GuidePlane
-    inset: float
+    inset: float  # how far inside its edges the tip heads for [m]
 
     def closest_point(self, point: np.ndarray) -> np.ndarray:
         """The point (3,) of the inset polygon that is closest to a point (3,) [m, world]."""
@@ -121,15 +117,11 @@ class Minimizer(Protocol):
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way of trying a plane.
-
-    Attributes:
-        step: Length of an advance at size 1 [m].
-        careful: Whether a round that comes nearer to obstacles than its ends do is made again with shorter advances.
-    """
+    """One way of trying a plane."""
 
     minimizer: Minimizer
-    step: float
+    step: float  # length of an advance at size 1 [m]
+    # whether a round that comes nearer to obstacles than its ends do is made again with shorter advances
     careful: bool = False
 
 

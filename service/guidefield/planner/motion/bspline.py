@@ -35,17 +35,11 @@ def basis_bends(t: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class End(ReadOnly):
-    """The state at an end of a motion.
+    """The state at an end of a motion."""
 
-    Attributes:
-        position: Shape (nv,) [rad or m].
-        velocity: Shape (nv,) [rad/s or m/s].
-        acceleration: Shape (nv,) [rad/s² or m/s²].
-    """
-
-    position: ChartPoint
-    velocity: ChartRate
-    acceleration: ChartRate
+    position: ChartPoint  # shape (nv,) [rad or m]
+    velocity: ChartRate  # shape (nv,) [rad/s or m/s]
+    acceleration: ChartRate  # shape (nv,) [rad/s² or m/s²]
 
     @classmethod
     def at_rest(cls, position: ChartPoint) -> End:
@@ -65,20 +59,13 @@ class End(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class BSpline(ReadOnly):
-    """A uniform cubic B-spline in time, from one end to the other.
+    """A uniform cubic B-spline in time, from one end to the other."""
 
-    Attributes:
-        points: Control points, shape (m + 3, nv), m pieces [rad or m].
-        step: Length of a piece [s].
-        start, end: Its ends, which the first three and the last three control points are about.
-        begin: When it begins [s].
-    """
-
-    points: ChartPoints
-    step: float
-    start: End
+    points: ChartPoints  # control points, shape (m + 3, nv), m pieces [rad or m]
+    step: float  # length of a piece [s]
+    start: End  # its ends, which the first three and the last three control points are about
     end: End
-    begin: float = 0.0
+    begin: float = 0.0  # when it begins [s]
 
     @classmethod
     def between(cls, start: End, end: End, inner: ChartPoints, step: float, begin: float = 0.0) -> BSpline:

@@ -34,15 +34,10 @@ class CurveKind(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class StraightMotion(ReadOnly):
-    """Straight pieces, each run through evenly: the velocity jumps at knots.
+    """Straight pieces, each run through evenly: the velocity jumps at knots."""
 
-    Attributes:
-        times: Shape (n,), n >= 2, strictly increasing [s].
-        positions: Chart points, shape (n, nv) [rad or m].
-    """
-
-    times: np.ndarray
-    positions: ChartPoints
+    times: np.ndarray  # shape (n,), n >= 2, strictly increasing [s]
+    positions: ChartPoints  # chart points, shape (n, nv) [rad or m]
 
     @property
     def duration(self) -> float:
@@ -66,22 +61,14 @@ class StraightMotion(ReadOnly):
 
 @dataclass(frozen=True, eq=False)
 class GivenMotion(ReadOnly):
-    """A curve through the rows of a motion.
-
-    Attributes:
-        positions: Chart points at the knots, shape (n, nv), no two consecutive ones at one time [rad or m].
-        rows: Which of the given rows each knot is, shape (n,); the last is the last one.
-        times: Of the knots, shape (n,), strictly increasing [s]; None where there are none.
-        velocities: At the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces.
-        accelerations: Of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or
-            m/s²]; else None.
-    """
+    """A curve through the rows of a motion."""
 
     kind: CurveKind
-    positions: ChartPoints
-    rows: np.ndarray
-    times: np.ndarray | None = None
-    velocities: ChartRates | None = None
+    positions: ChartPoints  # chart points at the knots, shape (n, nv), no two consecutive ones at one time [rad or m]
+    rows: np.ndarray  # which of the given rows each knot is, shape (n,); the last is the last one
+    times: np.ndarray | None = None  # of the knots, shape (n,), strictly increasing [s]; None where there are none
+    velocities: ChartRates | None = None  # at the knots, shape (n, nv) [rad/s or m/s]; None of straight pieces
+    # of a single knot, which has no curve to tell them, as they are given, shape (k, nv) [rad/s² or m/s²]; else None
     accelerations: ChartRates | None = None
 
     @property

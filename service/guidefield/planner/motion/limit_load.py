@@ -90,15 +90,11 @@ ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True)
 class Use:
-    """The largest share of a limit.
+    """The largest share of a limit."""
 
-    Attributes:
-        share: 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound.
-        coordinate: Of the chart, whose it is; None where nothing is limited.
-    """
-
+    # 1 is the limit; None where nothing is limited, there is no such rate, or it has no bound
     share: float | None = None
-    coordinate: int | None = None
+    coordinate: int | None = None  # of the chart, whose it is; None where nothing is limited
     piece: int = 0
     at: float = 0.0
     steps: bool = False

@@ -16,17 +16,11 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, Ch
 
 @dataclass(frozen=True, eq=False)
 class Profile(ReadOnly):
-    """How a way d is gone in a time T.
+    """How a way d is gone in a time T."""
 
-    Attributes:
-        shares: Of T, at its knots, shape (k,), from 0 to 1.
-        ways: Of d, at its knots, shape (k,), from 0 to 1.
-        speeds: At its knots, in d/T, shape (k,).
-    """
-
-    shares: np.ndarray
-    ways: np.ndarray
-    speeds: np.ndarray
+    shares: np.ndarray  # of T, at its knots, shape (k,), from 0 to 1
+    ways: np.ndarray  # of d, at its knots, shape (k,), from 0 to 1
+    speeds: np.ndarray  # at its knots, in d/T, shape (k,)
     velocity: float
     acceleration: float
     jerk: float

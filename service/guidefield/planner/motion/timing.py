@@ -31,13 +31,9 @@ BEFORE = np.array([-1, 0, 1, 2])
 
 @dataclass(frozen=True, eq=False)
 class PathCurve(ReadOnly):
-    """A curve by a parameter without a unit, that grows by 1 on each piece.
+    """A curve by a parameter without a unit, that grows by 1 on each piece."""
 
-    Attributes:
-        points: Control points, shape (m + 3, nv), m pieces; the first and the last stand for the ends' bends.
-    """
-
-    points: ChartPoints
+    points: ChartPoints  # control points, shape (m + 3, nv), m pieces; the first and the last stand for the ends' bends
 
     @classmethod
     def along(cls, places: ChartPoints) -> PathCurve:
@@ -92,17 +88,11 @@ class Limits(NamedTuple):
 
 
 class Progress(NamedTuple):
-    """When a motion is where on a curve.
+    """When a motion is where on a curve."""
 
-    Attributes:
-        parameters: Of the curve, shape (g,).
-        times: From 0 on, shape (g,) [s].
-        rates: Of the parameter, shape (g,) [1/s].
-    """
-
-    parameters: np.ndarray
-    times: np.ndarray
-    rates: np.ndarray
+    parameters: np.ndarray  # of the curve, shape (g,)
+    times: np.ndarray  # from 0 on, shape (g,) [s]
+    rates: np.ndarray  # of the parameter, shape (g,) [1/s]
 
     @property
     def duration(self) -> float:

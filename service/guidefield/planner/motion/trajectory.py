@@ -21,18 +21,12 @@ class MotionSamples(ReadOnly):
 
     A curve laid through samples is another curve than the one they were taken from; certificates and limits speak about
     the `Trajectory`.
-
-    Attributes:
-        times: Shape (k,) [s].
-        positions: Chart coordinates, shape (k, nv) [rad or m].
-        velocities: Shape (k, nv) [rad/s or m/s].
-        accelerations: Shape (k, nv) [rad/s² or m/s²].
     """
 
-    times: np.ndarray
-    positions: ChartPoints
-    velocities: ChartRates
-    accelerations: ChartRates
+    times: np.ndarray  # shape (k,) [s]
+    positions: ChartPoints  # chart coordinates, shape (k, nv) [rad or m]
+    velocities: ChartRates  # shape (k, nv) [rad/s or m/s]
+    accelerations: ChartRates  # shape (k, nv) [rad/s² or m/s²]
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,20 +35,15 @@ class Trajectory(ReadOnly):
 
     Between two knots the velocity is quadratic and the acceleration linear in time, so their extrema are known exactly.
     Position and velocity are continuous; the acceleration steps at knots. A motion that goes nowhere has a single knot.
-
-    Attributes:
-        times: Times of the knots, shape (n,), strictly increasing from 0 [s].
-        positions: Chart coordinates at the knots, shape (n, nv) [rad or m].
-        velocities: Shape (n, nv) [rad/s or m/s].
-        stretch: Factor, at least 1, by which the times were stretched in the end to keep every limit everywhere.
-        accelerations: Shape (n, nv): at each knot those of the piece that starts there, at the last knot those of the
-            piece that ends there [rad/s² or m/s²].
     """
 
-    times: np.ndarray
-    positions: ChartPoints
-    velocities: ChartRates
+    times: np.ndarray  # times of the knots, shape (n,), strictly increasing from 0 [s]
+    positions: ChartPoints  # chart coordinates at the knots, shape (n, nv) [rad or m]
+    velocities: ChartRates  # shape (n, nv) [rad/s or m/s]
+    # factor, at least 1, by which the times were stretched in the end to keep every limit everywhere
     stretch: float = 1.0
+    # shape (n, nv): at each knot those of the piece that starts there, at the last knot those of the piece that ends
+    # there [rad/s² or m/s²]
     accelerations: ChartRates = field(init=False)
     _ends: ChartRates = field(init=False, repr=False)
 

@@ -132,16 +132,13 @@ class Sections(ReadOnly):
 
     A motion has a section before its first passage, one between each and the next, and one after the last. Some
     constraints hold all along; others are groups of alternatives, one of which holds at any time.
-
-    Attributes:
-        groups: Which group each is of, in ascending order, shape (k,); -1: it holds all along. Of groups that cost as
-            little the first is kept.
-        asked: Whether each is looked at on a section, 1 or 0, shape (sections, k).
     """
 
     frames: ConstrainedFrames
+    # which group each is of, in ascending order, shape (k,); -1: it holds all along. Of groups that cost as little the
+    # first is kept
     groups: np.ndarray
-    asked: np.ndarray
+    asked: np.ndarray  # whether each is looked at on a section, 1 or 0, shape (sections, k)
 
     @classmethod
     def whole(cls, frames: ConstrainedFrames, passages: int = 0) -> Sections:

@@ -32,26 +32,19 @@ from guidefield.read_only import ReadOnly, read_only
 
 @dataclass(frozen=True, eq=False)
 class Question(ReadOnly):
-    """What is the same all through an optimisation.
-
-    Attributes:
-        kept: What start and end keep from obstacles [m].
-        clearance: What is asked for [m].
-        duration: Of the first motion [s]: the unit of time.
-        longest_step: Pieces are no longer than this [s].
-    """
+    """What is the same all through an optimisation."""
 
     robot: SampledRobot
     tables: DistanceTables
     moving: MovingBodies
     sections: Sections
     limits: MotionLimits
-    kept: tuple[float, float]
-    clearance: float
-    duration: float
+    kept: tuple[float, float]  # what start and end keep from obstacles [m]
+    clearance: float  # what is asked for [m]
+    duration: float  # of the first motion [s]: the unit of time
     settings: OptimizationSettings
     times: TimeLimits
-    longest_step: float = math.inf
+    longest_step: float = math.inf  # pieces are no longer than this [s]
     passages: tuple[Passage, ...] = ()
 
     @cached_property
@@ -72,19 +65,13 @@ class Question(ReadOnly):
 
 
 class Look(NamedTuple):
-    """A motion and its clearance.
-
-    Attributes:
-        model: Its clearance there, and nearby, with what it misses of its passages.
-        passed: Where it comes nearest to each passage, in pieces from the start.
-        stiffness: Share of Gauss and Newton's Hessian of the clearance that the model has.
-    """
+    """A motion and its clearance."""
 
     spline: BSpline
-    model: ClearanceModel
+    model: ClearanceModel  # its clearance there, and nearby, with what it misses of its passages
     constrained: KeptSamples
-    passed: tuple[float, ...]
-    stiffness: float
+    passed: tuple[float, ...]  # where it comes nearest to each passage, in pieces from the start
+    stiffness: float  # share of Gauss and Newton's Hessian of the clearance that the model has
 
 
 class _Memory(NamedTuple):
@@ -125,22 +112,17 @@ class _CheckedOnce:
 
 @dataclass(frozen=True, eq=False)
 class Descent(ReadOnly):
-    """The objective on the samples of the motion with which it began.
-
-    Attributes:
-        near: Which obstacles were near there; kept up to date by looking at them.
-        unit: Length of the first motion's pieces, if it had as many [s].
-        hessians: Memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look.
-    """
+    """The objective on the samples of the motion with which it began."""
 
     question: Question
     samples: MotionSamples
-    near: NearBodies
+    near: NearBodies  # which obstacles were near there; kept up to date by looking at them
     count: int
     constrained: KeptSamples
     ends: MotionEnds
-    unit: float
+    unit: float  # length of the first motion's pieces, if it had as many [s]
     room: DescentRoom
+    # memory for the Hessians of two looks, by turns: new one would cost as much as a third of a look
     hessians: tuple[_Memory, _Memory]
     clearance_along: _CheckedOnce
     newton_descent: _CheckedOnce

@@ -175,16 +175,11 @@ _ENDINGS = {Status.TIMED_OUT: Outcome.OUT_OF_TIME, Status.PREEMPTED: Outcome.STO
 
 @dataclass(frozen=True, eq=False)
 class Optimized(ReadOnly):
-    """An optimised motion.
+    """An optimised motion."""
 
-    Attributes:
-        trajectory: Within every limit of velocity, acceleration, jerk and position.
-        before: Duration of the motion with which it began [s].
-    """
-
-    trajectory: Trajectory
+    trajectory: Trajectory  # within every limit of velocity, acceleration, jerk and position
     steps: int
-    before: float
+    before: float  # duration of the motion with which it began [s]
     outcome: Outcome
     passed: tuple[int, ...] = ()
 
@@ -251,15 +246,11 @@ def optimize(
 
 @dataclass(frozen=True, eq=False)
 class _Coarse(ReadOnly):
-    """A motion that is optimised as far as its pieces allow.
-
-    Attributes:
-        cost: Its objective, as a time [s].
-    """
+    """A motion that is optimised as far as its pieces allow."""
 
     question: Question
     look: Look
-    cost: float
+    cost: float  # its objective, as a time [s]
 
 
 class _Descending:

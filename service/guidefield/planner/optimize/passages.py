@@ -39,14 +39,11 @@ class PlanePlace:
     """The tip on a guide plane, at least `inset` from its edges.
 
     Its misses are the height over the plane, and for each edge how far the tip is beyond it [m].
-
-    Attributes:
-        inset: Distance that the tip keeps from the polygon's edges [m].
     """
 
     problem: Problem
     plane: GuidePlane
-    inset: float
+    inset: float  # distance that the tip keeps from the polygon's edges [m]
 
     @classmethod
     def through(cls, problem: Problem, plane: GuidePlane, z: ChartPoint) -> PlanePlace:
@@ -109,14 +106,10 @@ class Place(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Passage(ReadOnly):
-    """A place to pass, and where a path that was found does.
-
-    Attributes:
-        waypoint: A chart point of the path there, shape (nv,) [rad or m].
-    """
+    """A place to pass, and where a path that was found does."""
 
     place: Place
-    waypoint: ChartPoint
+    waypoint: ChartPoint  # a chart point of the path there, shape (nv,) [rad or m]
 
 
 def first_places(passages: Sequence[Passage], motion: Trajectory, pieces: int) -> tuple[float, ...]:

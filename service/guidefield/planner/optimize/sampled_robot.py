@@ -53,16 +53,11 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
 
 @dataclass(frozen=True, eq=False)
 class TouchedPoint(ReadOnly):
-    """A point of a moving link at which the certificate refused a motion.
-
-    Attributes:
-        point: Where it is, shape (3,), in the frame of the body's joint [m].
-        other: The robot's other body, where it touched that; -1 where it touched an obstacle.
-    """
+    """A point of a moving link at which the certificate refused a motion."""
 
     body: int
-    point: np.ndarray
-    other: int
+    point: np.ndarray  # where it is, shape (3,), in the frame of the body's joint [m]
+    other: int  # the robot's other body, where it touched that; -1 where it touched an obstacle
 
 
 def touched_points(problem: Problem, verdict: Verdict) -> list[TouchedPoint]:

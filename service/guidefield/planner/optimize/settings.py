@@ -20,136 +20,102 @@ from guidefield.planner.task.problem import Objective
 
 @dataclass(frozen=True)
 class OptimizationSettings:
-    """Of an optimisation.
+    """Of an optimisation."""
 
-    Attributes:
-        weight: Of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 %
-            faster and keep 2 mm less on the way, with 0.2 1 % slower and 2 mm more.
-        range: Of the barrier [m]. With 120 mm motions get 10 % slower.
-        least_range: Share of the range at an end: what is that close by cannot be left.
-        ramp: Joint distance from an end at which the range is the full one [rad or m]. Unrecorded.
-        end_weight: Weight on top of the full one at an end, against the tighter range.
-        floor: What is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m].
-            With 2 mm instead two of 70 motions came nearer than 20 mm.
-        farthest_floor: It is that share of what the ends keep, see `floor_share`, where that is more, but at most this
-            [m]. For `CLEARANCE` guided motions keep as much with it as paths in the middle of the free space.
-        least_floor: The same at least, at ends [m]: the margin of all motions.
-        floor_share: At an end it is this share of what the end keeps.
-        floor_ramp: Joint distance from an end at which the floor is the full one [rad or m]. Unrecorded.
-        samples: At which the clearance is looked at, on a piece before the last subdivision. Problems: with three
-            motions keep as much.
-        fine_samples: The same after it. Problems: with two motions keep as much, and each look takes twice the time.
-        few: Whether few of the points of a motion that passes something count after it too. Guided chains keep as much
-            with a third of them; a Panda at a door that moves kept 13 mm of 32.
-        piece: Length of a piece before the last subdivision [rad or m]. Unrecorded.
-        least_pieces, most_pieces: At least and at most so many. With 24 instead of 64, and no second try, four of 21
-            motions of a Fetch were refused.
-        rough: Weights of the limits' barrier before those of `coarse`: then pieces are subdivided once more; none: see
-            `in_few_pieces`.
-        coarse: Weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and
-            3e-4 besides take more steps to the same motions.
-        fine: The same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less.
-        worth: What a look at the clearance has to bring at a weight for another one, as a share of the objective,
-            against the root of the weight; see `free`.
-        stiffness: Share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`.
-        least_stiffness: At least so much of it is left.
-        softer: Factor of it after a look at which the motion that the model gave was better. Unrecorded.
-        stiffer: The same where it was not, to 1 at most. Unrecorded.
-        steps: Looks at the clearance that bring something, at each weight, at most: easy motions settle after three or
-            four; a Fetch's, or one that keeps 80 mm, takes twenty at the first weight. With 3 at most a Fetch's are
-            10 % slower.
-        newton_steps: Of Newton's method between two looks, at most. Problems: with 1 a quarter more looks are taken.
-        little: Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it
-            takes more steps between a tenth fewer looks, with 1e-2 more looks, in the same time.
-        trusted: It ends where a coordinate is this far from where the clearance was looked at [rad or m]. Problems:
-            with 0.1 and 0.5 the same motions in the same time.
-        closer: Where a look finds that the objective is not lower, a motion is tried at this share of the way to
-            there. Unrecorded.
-        looks: At most so often. Unrecorded.
-        room: Pieces of the first motion are longer by this factor than its limits allow. Unrecorded.
-        inside: Share of a coordinate's range that the first motion keeps from its ends. Unrecorded.
-        shorter: One of Newton's steps that is not within limits, or brings nothing, is tried again this much shorter.
-            Unrecorded.
-        tries: At most so often. Unrecorded.
-        settled: A step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 %
-            faster and take a quarter more steps.
-        longest: Most that a coordinate of a control point moves in one step [rad or m], and the departure [s].
-            Unrecorded.
-        most_stretched: Most that the logarithm of the length of pieces changes in one step. Unrecorded.
-        enough: Of several first motions the next one is optimised coarsely only while the best takes more than this
-            times what a straight motion takes. With 1.08, as for `time`, balanced motions in cages take 4 % less, and
-            their plans a quarter more time.
-        most_moving_pieces: At most so many where the motion begins or ends in motion. Unrecorded.
-        stop_pieces: So many at least for coming to rest there. Unrecorded.
-        loosenings: How often limits are tightened until such a motion is within. Unrecorded.
-        loosened: Limits are this times what the motion takes of them. Unrecorded.
-        inward: Weight of the limits' barrier then. Unrecorded.
-        inward_steps: Newton's steps each time. Unrecorded.
-        strictly: Share of the limits within which such a motion may begin. Unrecorded.
-        damping: Added to the Hessian's diagonal, as a share of it, against rounding.
-        constraint_room: Share of a path constraint's limit up to which it costs nothing. Constrained: with 0.85
-            certificates take twice the time.
-        constraint_weight: Of half the mean square of what is beyond, as a share of the limit. Constrained: with 300
-            some are refused at first.
-        constraint_samples: On a piece, for each at which the clearance is looked at. Unrecorded.
-        compared: At so many samples two motions among obstacles that move are compared. A choice.
-        crossing: Change of what a passage is missed by in a piece before the last subdivision, below which a change of
-            time makes up for little; half as much after it [m or rad]; see `guided`.
-        tight: Limits of path constraints up to this count in Newton's steps all through [rad or m]. Constrained: with
-            0 one in six motions hardly gets shorter, with 0.02 and 0.05 they are the same.
-    """
-
+    # of the mean barrier against the duration, which counts from 1. Problems: with 0.05 motions are 1 % faster and keep
+    # 2 mm less on the way, with 0.2 1 % slower and 2 mm more
     weight: float = 0.1
-    range: float = 0.08
-    least_range: float = 0.5
-    ramp: float = 0.5
-    end_weight: float = 0.0
+    range: float = 0.08  # of the barrier [m]. With 120 mm motions get 10 % slower
+    least_range: float = 0.5  # share of the range at an end: what is that close by cannot be left
+    ramp: float = 0.5  # joint distance from an end at which the range is the full one [rad or m]. Unrecorded
+    end_weight: float = 0.0  # weight on top of the full one at an end, against the tighter range
+    # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
+    # instead two of 70 motions came nearer than 20 mm
     floor: float = 0.045
+    # it is that share of what the ends keep, see `floor_share`, where that is more, but at most this [m]. For
+    # `CLEARANCE` guided motions keep as much with it as paths in the middle of the free space
     farthest_floor: float = 0.045
-    least_floor: float = 0.002
-    floor_share: float = 1.1
-    floor_ramp: float = 0.3
+    least_floor: float = 0.002  # the same at least, at ends [m]: the margin of all motions
+    floor_share: float = 1.1  # at an end it is this share of what the end keeps
+    floor_ramp: float = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
+    # at which the clearance is looked at, on a piece before the last subdivision. Problems: with three motions keep as
+    # much
     samples: int = 2
+    # the same after it. Problems: with two motions keep as much, and each look takes twice the time
     fine_samples: int = 1
+    # whether few of the points of a motion that passes something count after it too. Guided chains keep as much with a
+    # third of them; a Panda at a door that moves kept 13 mm of 32
     few: bool = False
-    piece: float = 0.18
+    piece: float = 0.18  # length of a piece before the last subdivision [rad or m]. Unrecorded
+    # at least and at most so many. With 24 instead of 64, and no second try, four of 21 motions of a Fetch were refused
     least_pieces: int = 16
-    most_pieces: int = 64
+    most_pieces: int = 64  # together with the one above
+    # weights of the limits' barrier before those of `coarse`: then pieces are subdivided once more; none: see
+    # `in_few_pieces`
     rough: tuple[float, ...] = ()
+    # weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and 3e-4 besides
+    # take more steps to the same motions
     coarse: tuple[float, ...] = (1e-2, 1e-3)
+    # the same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less
     fine: tuple[float, ...] = (1e-4, 1e-5)
+    # what a look at the clearance has to bring at a weight for another one, as a share of the objective, against the
+    # root of the weight; see `free`
     worth: float = 0.0
-    stiffness: float = 1.0
-    least_stiffness: float = 1.0
-    softer: float = 0.7
-    stiffer: float = 2.0
+    stiffness: float = 1.0  # share of Gauss and Newton's Hessian of the clearance that the first model has; see `free`
+    least_stiffness: float = 1.0  # at least so much of it is left
+    softer: float = 0.7  # factor of it after a look at which the motion that the model gave was better. Unrecorded
+    stiffer: float = 2.0  # the same where it was not, to 1 at most. Unrecorded
+    # looks at the clearance that bring something, at each weight, at most: easy motions settle after three or four; a
+    # Fetch's, or one that keeps 80 mm, takes twenty at the first weight. With 3 at most a Fetch's are 10 % slower
     steps: int = 20
+    # of Newton's method between two looks, at most. Problems: with 1 a quarter more looks are taken
     newton_steps: int = 8
+    # Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it takes more
+    # steps between a tenth fewer looks, with 1e-2 more looks, in the same time
     little: float = 3e-3
+    # it ends where a coordinate is this far from where the clearance was looked at [rad or m]. Problems: with 0.1 and
+    # 0.5 the same motions in the same time
     trusted: float = 0.25
+    # where a look finds that the objective is not lower, a motion is tried at this share of the way to there.
+    # Unrecorded
     closer: float = 0.4
-    looks: int = 8
-    room: float = 1.02
-    inside: float = 1e-3
+    looks: int = 8  # at most so often. Unrecorded
+    room: float = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
+    inside: float = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
+    # one of Newton's steps that is not within limits, or brings nothing, is tried again this much shorter. Unrecorded
     shorter: float = 0.8
-    tries: int = 24
+    tries: int = 24  # at most so often. Unrecorded
+    # a step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 % faster and
+    # take a quarter more steps
     settled: float = 5e-4
+    # most that a coordinate of a control point moves in one step [rad or m], and the departure [s]. Unrecorded
     longest: float = 0.5
-    most_stretched: float = 0.5
+    most_stretched: float = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
+    # of several first motions the next one is optimised coarsely only while the best takes more than this times what a
+    # straight motion takes. With 1.08, as for `time`, balanced motions in cages take 4 % less, and their plans a
+    # quarter more time
     enough: float = 1.25
-    most_moving_pieces: int = 192
-    stop_pieces: int = 4
-    loosenings: int = 8
-    loosened: float = 1.1
-    inward: float = 0.1
-    inward_steps: int = 3
-    strictly: float = 0.995
-    damping: float = 1e-9
+    most_moving_pieces: int = 192  # at most so many where the motion begins or ends in motion. Unrecorded
+    stop_pieces: int = 4  # so many at least for coming to rest there. Unrecorded
+    loosenings: int = 8  # how often limits are tightened until such a motion is within. Unrecorded
+    loosened: float = 1.1  # limits are this times what the motion takes of them. Unrecorded
+    inward: float = 0.1  # weight of the limits' barrier then. Unrecorded
+    inward_steps: int = 3  # Newton's steps each time. Unrecorded
+    strictly: float = 0.995  # share of the limits within which such a motion may begin. Unrecorded
+    damping: float = 1e-9  # added to the Hessian's diagonal, as a share of it, against rounding
+    # share of a path constraint's limit up to which it costs nothing. Constrained: with 0.85 certificates take twice
+    # the time
     constraint_room: float = 0.7
+    # of half the mean square of what is beyond, as a share of the limit. Constrained: with 300 some are refused at
+    # first
     constraint_weight: float = 3e3
-    constraint_samples: int = 2
-    compared: int = 64
+    constraint_samples: int = 2  # on a piece, for each at which the clearance is looked at. Unrecorded
+    compared: int = 64  # at so many samples two motions among obstacles that move are compared. A choice
+    # change of what a passage is missed by in a piece before the last subdivision, below which a change of time makes
+    # up for little; half as much after it [m or rad]; see `guided`
     crossing: float = 2e-3
+    # limits of path constraints up to this count in Newton's steps all through [rad or m]. Constrained: with 0 one in
+    # six motions hardly gets shorter, with 0.02 and 0.05 they are the same
     tight: float = 0.03
 
 
@@ -158,26 +124,16 @@ BALANCED = OptimizationSettings()
 
 @dataclass(frozen=True)
 class SampledRobotSettings:
-    """Of the robot as points, and of its links as they are kept apart.
+    """Of the robot as points, and of its links as they are kept apart."""
 
-    Attributes:
-        weight: Sum of the weights of all points. Unrecorded.
-        range: Of the barrier between links [m]. Unrecorded.
-        least_range: The same between links that are that close at an end of the motion [m]. Unrecorded.
-        coarser: One in so many of a link's points stands for all against other links. Chosen for time; the value is
-            unrecorded.
-        farthest: Ends count as keeping at most so much from obstacles [m]. Unrecorded.
-        touched: A point at which the certificate refused a motion counts as so many. A choice.
-        spacing: Of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice.
-    """
-
-    weight: float = 100.0
-    range: float = 0.03
-    least_range: float = 0.004
+    weight: float = 100.0  # sum of the weights of all points. Unrecorded
+    range: float = 0.03  # of the barrier between links [m]. Unrecorded
+    least_range: float = 0.004  # the same between links that are that close at an end of the motion [m]. Unrecorded
+    # one in so many of a link's points stands for all against other links. Chosen for time; the value is unrecorded
     coarser: int = 3
-    farthest: float = 0.25
-    touched: float = 8.0
-    spacing: float = 0.05
+    farthest: float = 0.25  # ends count as keeping at most so much from obstacles [m]. Unrecorded
+    touched: float = 8.0  # a point at which the certificate refused a motion counts as so many. A choice
+    spacing: float = 0.05  # of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice
 
 
 SAMPLED_ROBOT = SampledRobotSettings()
@@ -185,28 +141,19 @@ SAMPLED_ROBOT = SampledRobotSettings()
 
 @dataclass(frozen=True)
 class PassageSettings:
-    """Of places that a motion passes at a time that is free.
+    """Of places that a motion passes at a time that is free."""
 
-    Attributes:
-        weight: Of half the square of what is missed, against the duration, which counts from 1 [1/m² or 1/rad²].
-        spacing: Of samples about where a motion came nearest, in pieces.
-        closer: Share of that with which samples are taken again.
-        shifts: How often samples are taken at most.
-        reached: What may be missed in the end [m or rad].
-        corrections: How often a motion is moved onto all places at most.
-        reaching: Sum of the squares of a place's shares of control points between the ends', below which these can't
-            bring the motion there: it is at an end.
-        shortest: A place that is nearer to a knot than this, in pieces, is the knot.
-    """
-
+    # of half the square of what is missed, against the duration, which counts from 1 [1/m² or 1/rad²]
     weight: float = 1e5
-    spacing: float = 0.25
-    closer: float = 0.125
-    shifts: int = 8
-    reached: float = 1e-6
-    corrections: int = 60
+    spacing: float = 0.25  # of samples about where a motion came nearest, in pieces
+    closer: float = 0.125  # share of that with which samples are taken again
+    shifts: int = 8  # how often samples are taken at most
+    reached: float = 1e-6  # what may be missed in the end [m or rad]
+    corrections: int = 60  # how often a motion is moved onto all places at most
+    # sum of the squares of a place's shares of control points between the ends', below which these can't bring the
+    # motion there: it is at an end
     reaching: float = 1e-3
-    shortest: float = 1e-3
+    shortest: float = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
 
 
 PASSAGE = PassageSettings()

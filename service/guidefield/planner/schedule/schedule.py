@@ -102,19 +102,13 @@ class Occupancy:
 
 @dataclass(frozen=True, eq=False)
 class Schedule(ReadOnly):
-    """At which of a motion's own times the robot is when.
-
-    Attributes:
-        departure: Until then the robot waits where it starts [s].
-        duration: How long it is on its way then [s].
-        step: Length of a step [s].
-        rates: At the beginning of each step since the departure, and at the end of the last one, shape (k + 1,).
-    """
+    """At which of a motion's own times the robot is when."""
 
     motion: Trajectory
-    departure: float
-    duration: float
-    step: float
+    departure: float  # until then the robot waits where it starts [s]
+    duration: float  # how long it is on its way then [s]
+    step: float  # length of a step [s]
+    # at the beginning of each step since the departure, and at the end of the last one, shape (k + 1,)
     rates: np.ndarray
 
     @property

@@ -31,19 +31,12 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
 @dataclass(frozen=True)
 class AheadSettings:
-    """Numbers of looking ahead.
+    """Numbers of looking ahead."""
 
-    Attributes:
-        enough: So many configurations with a future are enough for a step, those nearest to its start.
-        branches: So many configurations of a later step are tried.
-        looks: So many later steps are looked at for one step: what isn't refuted by then counts as possible.
-        draws: How often other configurations are drawn where none that was found has a future.
-    """
-
-    enough: int = 2
-    branches: int = 3
-    looks: int = 30
-    draws: int = 3
+    enough: int = 2  # so many configurations with a future are enough for a step, those nearest to its start
+    branches: int = 3  # so many configurations of a later step are tried
+    looks: int = 30  # so many later steps are looked at for one step: what isn't refuted by then counts as possible
+    draws: int = 3  # how often other configurations are drawn where none that was found has a future
 
 
 AHEAD = AheadSettings()

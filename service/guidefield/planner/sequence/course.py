@@ -21,14 +21,10 @@ Touch = tuple[str, str]
 
 @dataclass(frozen=True, eq=False)
 class StepMotion:
-    """The motion that a step asks for.
-
-    Attributes:
-        plan: Plans a problem as the step asks for it: this one, or the same with fewer goals.
-    """
+    """The motion that a step asks for."""
 
     problem: Problem
-    plan: Callable[[Problem], Plan]
+    plan: Callable[[Problem], Plan]  # plans a problem as the step asks for it: this one, or the same with fewer goals
     way: StraightWay | None = None
 
 
@@ -110,14 +106,10 @@ MOST_LOOKS = 2000
 
 @dataclass(frozen=True)
 class Allowed:
-    """When a held object may touch an obstacle.
-
-    Attributes:
-        begin, end: Since when and until when [s].
-    """
+    """When a held object may touch an obstacle."""
 
     touch: Touch
-    begin: float
+    begin: float  # since when and until when [s]
     end: float
 
     def covers(self, begin: float, end: float) -> bool:
@@ -127,14 +119,10 @@ class Allowed:
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """A stretch of steps in which an object is held that may touch something at its ends.
-
-    Attributes:
-        spans: Times at which each step begins and ends [s].
-    """
+    """A stretch of steps in which an object is held that may touch something at its ends."""
 
     touch: Touch
-    spans: Sequence[tuple[float, float]]
+    spans: Sequence[tuple[float, float]]  # times at which each step begins and ends [s]
     worlds: Sequence[World]
     put_down: bool
 

@@ -25,16 +25,11 @@ INSIDE = 0.999
 
 @dataclass(frozen=True, eq=False)
 class PassedGoal(ReadOnly):
-    """The goal of a step that is passed.
-
-    Attributes:
-        z: Where it would end, a chart point, shape (nv,).
-        radius: How far from there its way may be left [m, rad].
-    """
+    """The goal of a step that is passed."""
 
     problem: Problem
-    z: ChartPoint
-    radius: float
+    z: ChartPoint  # where it would end, a chart point, shape (nv,)
+    radius: float  # how far from there its way may be left [m, rad]
 
     @property
     def tip_plane(self) -> None:
@@ -102,33 +97,24 @@ def _differences(one: pin.SE3, other: pin.SE3) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The motion of one step among those that are joined, all in the chart of the first.
-
-    Attributes:
-        motion: Its motion, from rest to rest, which begins where the one before ends.
-        goal: What is passed at its end; None for the last.
-    """
+    """The motion of one step among those that are joined, all in the chart of the first."""
 
     problem: Problem
-    motion: Trajectory
+    motion: Trajectory  # its motion, from rest to rest, which begins where the one before ends
     way: StraightWay | None
-    goal: PassedGoal | None
+    goal: PassedGoal | None  # what is passed at its end; None for the last
 
 
 @dataclass(frozen=True, eq=False)
 class PassedAt(ReadOnly):
-    """A goal that is passed, at knots of a motion.
+    """A goal that is passed, at knots of a motion."""
 
-    Attributes:
-        entered, nearest, left: Knots at which the motion is within the radius for the first time, nearest to the goal,
-            and there for the last time.
-        distance: From the goal at `nearest`, as `PassedGoal.distances` [m, rad].
-    """
-
+    # knots at which the motion is within the radius for the first time, nearest to the goal, and there for the last
+    # time
     entered: int
     nearest: int
     left: int
-    distance: float
+    distance: float  # from the goal at `nearest`, as `PassedGoal.distances` [m, rad]
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,21 +59,14 @@ from guidefield.robot.model.spaces import ChartPoints
 
 @dataclass(frozen=True)
 class OptimizedPassingSettings:
-    """Numbers of optimised passing.
+    """Numbers of optimised passing."""
 
-    Attributes:
-        piece: Length of a piece before the last subdivision, as a share of the smallest radius.
-        least_pieces, most_pieces: At least so many for each step, and at most so many for all.
-        inside: Share of a radius up to which the tip is at a goal.
-        time: Share of the time that is left which may be taken.
-        tries: Motions that are judged at most; after the first with more weight on the clearance and twice the pieces.
-    """
-
-    piece: float = 0.5
-    least_pieces: int = 16
+    piece: float = 0.5  # length of a piece before the last subdivision, as a share of the smallest radius
+    least_pieces: int = 16  # at least so many for each step, and at most so many for all
     most_pieces: int = 160
-    inside: float = 0.95
-    time: float = 0.5
+    inside: float = 0.95  # share of a radius up to which the tip is at a goal
+    time: float = 0.5  # share of the time that is left which may be taken
+    # motions that are judged at most; after the first with more weight on the clearance and twice the pieces
     tries: int = 2
 
 
@@ -193,21 +186,13 @@ def _join(optimized: Optimized, parts: Sequence[Part]) -> Joined:
 
 @dataclass(frozen=True)
 class CornerSettings:
-    """Numbers of rounded corners.
+    """Numbers of rounded corners."""
 
-    Attributes:
-        looks: Places on each piece of a motion between which its length is measured.
-        share: Of a radius that a corner takes: a spline through its places stays within the radius, too.
-        most: Share of a curve's length that a corner takes at most: the other end has as much.
-        places: On a corner, at least.
-        fine: Places between which a corner's length is measured.
-    """
-
-    looks: int = 8
-    share: float = 0.9
-    most: float = 0.5
-    places: int = 16
-    fine: int = 200
+    looks: int = 8  # places on each piece of a motion between which its length is measured
+    share: float = 0.9  # of a radius that a corner takes: a spline through its places stays within the radius, too
+    most: float = 0.5  # share of a curve's length that a corner takes at most: the other end has as much
+    places: int = 16  # on a corner, at least
+    fine: int = 200  # places between which a corner's length is measured
 
 
 CORNER = CornerSettings()
@@ -235,15 +220,10 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Rounded(ReadOnly):
-    """A path through rounded corners.
+    """A path through rounded corners."""
 
-    Attributes:
-        path: Its places, shape (n, nv).
-        corners: For each corner, where it begins and ends in `path`.
-    """
-
-    path: ChartPoints
-    corners: tuple[tuple[int, int], ...]
+    path: ChartPoints  # its places, shape (n, nv)
+    corners: tuple[tuple[int, int], ...]  # for each corner, where it begins and ends in `path`
 
 
 def round_corners(
@@ -308,22 +288,15 @@ def _bend(curve: Curve, after: Curve, left: float, right: float, spacing: float)
 
 @dataclass(frozen=True)
 class RoundingSettings:
-    """Numbers of rounding.
+    """Numbers of rounding."""
 
-    Attributes:
-        spacing: Between places of the path that is timed, at most [rad or m].
-        tries: Motions that are judged at most.
-        tighter: The corners next to what is refused are this much smaller the next time.
-        denser: Places, and the pieces of a motion with limits of jerk, are so many times as dense the next time where
-            a way, or a goal, isn't kept to.
-        densest: So many times as dense at most.
-    """
-
-    spacing: float = 0.03
-    tries: int = 10
-    tighter: float = 0.5
+    spacing: float = 0.03  # between places of the path that is timed, at most [rad or m]
+    tries: int = 10  # motions that are judged at most
+    tighter: float = 0.5  # the corners next to what is refused are this much smaller the next time
+    # places, and the pieces of a motion with limits of jerk, are so many times as dense the next time where a way, or a
+    # goal, isn't kept to
     denser: int = 2
-    densest: int = 32
+    densest: int = 32  # so many times as dense at most
 
 
 ROUNDING = RoundingSettings()

@@ -50,26 +50,18 @@ STOPS = "to pass goals without stopping is no faster here, so the motion stops: 
 
 @dataclass(frozen=True, eq=False)
 class Leg(ReadOnly, Generic[S]):
-    """What came of one step.
-
-    Attributes:
-        span: When it begins and ends, its pause included [s].
-        conditions: What the motion of all joints is judged by meanwhile, where nothing may touch.
-        path: What the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves.
-        straight: From when to when it does [s]: not while a goal is passed.
-        problem: What was planned; None where nothing moves.
-        passed: How near to the goal it ends, as `PassedGoal.distances` [m, rad], where it is passed.
-    """
+    """What came of one step."""
 
     index: int
     at: S
-    span: tuple[float, float]
-    conditions: Conditions
+    span: tuple[float, float]  # when it begins and ends, its pause included [s]
+    conditions: Conditions  # what the motion of all joints is judged by meanwhile, where nothing may touch
+    # what the planner found, chart points of all joints, shape (n, nv); the start alone where nothing moves
     path: ChartPoints
     way: StraightWay | None = None
-    straight: tuple[float, float] = (0.0, 0.0)
-    problem: Problem | None = None
-    passed: float | None = None
+    straight: tuple[float, float] = (0.0, 0.0)  # from when to when it does [s]: not while a goal is passed
+    problem: Problem | None = None  # what was planned; None where nothing moves
+    passed: float | None = None  # how near to the goal it ends, as `PassedGoal.distances` [m, rad], where it is passed
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,23 +75,18 @@ class _Moved:
 
 @dataclass(frozen=True, eq=False)
 class SequencePlan(ReadOnly, Generic[S]):
-    """What came of planning a sequence.
-
-    Attributes:
-        details: The values that it speaks about; `step` is the index of the step that failed.
-        path: Chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went.
-        verdicts: The certificate's judgements of the stretches; of a sequence that failed, of `path` alone.
-        failed_at: Where everything was when the step began that failed; None where none did.
-        trajectory: What the robot would execute; None where a step failed before it was certified.
-    """
+    """What came of planning a sequence."""
 
     status: Status
     message: str
-    details: dict[str, Any]
+    details: dict[str, Any]  # the values that it speaks about; `step` is the index of the step that failed
     legs: tuple[Leg[S], ...]
+    # chart points of all joints, shape (n, nv): of all steps, or of the one that failed as far as it went
     path: ChartPoints
+    # the certificate's judgements of the stretches; of a sequence that failed, of `path` alone
     verdicts: tuple[Verdict, ...]
-    failed_at: S | None = None
+    failed_at: S | None = None  # where everything was when the step began that failed; None where none did
+    # what the robot would execute; None where a step failed before it was certified
     trajectory: Trajectory | None = None
     stretches: tuple[Stretch, ...] = ()
     permissions: tuple[Allowed, ...] = ()

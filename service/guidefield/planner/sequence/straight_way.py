@@ -33,19 +33,13 @@ POINT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class StraightWay:
-    """The way of a frame from one pose to another.
-
-    Attributes:
-        begin, end: Its placements at the ends, pinocchio.SE3 [m, world].
-        line_tolerance: How far the frame's origin may be from the straight line between the two [m].
-        turn_tolerance: How far the frame may be turned away from how the way has it there [rad].
-    """
+    """The way of a frame from one pose to another."""
 
     frame: str
-    begin: Any
+    begin: Any  # its placements at the ends, pinocchio.SE3 [m, world]
     end: Any
-    line_tolerance: float
-    turn_tolerance: float
+    line_tolerance: float  # how far the frame's origin may be from the straight line between the two [m]
+    turn_tolerance: float  # how far the frame may be turned away from how the way has it there [rad]
 
     @cached_property
     def shift(self) -> np.ndarray:
@@ -108,33 +102,19 @@ class StraightWay:
 
 @dataclass(frozen=True)
 class StraightSettings:
-    """Numbers of straight motions.
+    """Numbers of straight motions."""
 
-    Attributes:
-        spacing: Length of the way between two places that are solved for [m].
-        turning: Angle between them [rad].
-        finest: Where a place is not reached, nearer ones are tried, up to this share of the way.
-        denser: How often the places are taken twice as close where the certificate refuses.
-        most: Places at most.
-        reached: How far off a place may be that counts as reached [m or rad].
-        closely: The same where the exact end of the way is looked for.
-        steps: Newton steps to a place, from the one before.
-        jump: Largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over.
-        damping: Of the steps, times the largest singular value.
-        ahead: Shares of the step that failed at which the cause is looked for.
-    """
-
-    spacing: float = 0.01
-    turning: float = 0.05
-    finest: float = 1e-9
-    denser: int = 3
-    most: int = 4000
-    reached: float = 1e-7
-    closely: float = 1e-10
-    steps: int = 20
-    jump: float = 0.35
-    damping: float = 1e-6
-    ahead: tuple[float, ...] = (1.0, 0.1, 0.01)
+    spacing: float = 0.01  # length of the way between two places that are solved for [m]
+    turning: float = 0.05  # angle between them [rad]
+    finest: float = 1e-9  # where a place is not reached, nearer ones are tried, up to this share of the way
+    denser: int = 3  # how often the places are taken twice as close where the certificate refuses
+    most: int = 4000  # places at most
+    reached: float = 1e-7  # how far off a place may be that counts as reached [m or rad]
+    closely: float = 1e-10  # the same where the exact end of the way is looked for
+    steps: int = 20  # Newton steps to a place, from the one before
+    jump: float = 0.35  # largest change of a joint from one place to the next [rad or m]: beyond it the arm folds over
+    damping: float = 1e-6  # of the steps, times the largest singular value
+    ahead: tuple[float, ...] = (1.0, 0.1, 0.01)  # shares of the step that failed at which the cause is looked for
 
 
 STRAIGHT = StraightSettings()
@@ -142,15 +122,11 @@ STRAIGHT = StraightSettings()
 
 @dataclass(frozen=True, eq=False)
 class StraightStop(ReadOnly):
-    """The last place of a straight way that the robot can follow.
-
-    Attributes:
-        z: Chart point at the last place, shape (nv,).
-    """
+    """The last place of a straight way that the robot can follow."""
 
     share: float
     unreached: float
-    z: ChartPoint
+    z: ChartPoint  # chart point at the last place, shape (nv,)
 
 
 def stop_ending(problem: Problem, way: StraightWay, stop: StraightStop) -> Ending:
@@ -252,17 +228,11 @@ AT_ONCE = 64
 
 
 class Deviation(NamedTuple):
-    """How far a frame may be off its way.
+    """How far a frame may be off its way."""
 
-    Attributes:
-        aside: From the line [m].
-        beyond: Beyond an end of it [m].
-        turned: From the orientation of the way there [rad].
-    """
-
-    aside: float
-    beyond: float
-    turned: float
+    aside: float  # from the line [m]
+    beyond: float  # beyond an end of it [m]
+    turned: float  # from the orientation of the way there [rad]
 
     def within(self, way: StraightWay) -> bool:
         """Return whether that is within the tolerances."""

@@ -33,17 +33,11 @@ from guidefield.robot.model.spaces import (
 
 @dataclass(frozen=True, eq=False)
 class Embedding(ReadOnly):
-    """The chart of some joints within that of more of them, while the others stand still.
+    """The chart of some joints within that of more of them, while the others stand still."""
 
-    Attributes:
-        base: Where all joints are when the step begins, shape (n,) [rad or m].
-        columns: Where the step's coordinates stand among all, shape (k,).
-        shift: Whole turns by which all joints' angles are beyond the step's, shape (k,) [rad].
-    """
-
-    base: ChartPoint
-    columns: np.ndarray
-    shift: np.ndarray
+    base: ChartPoint  # where all joints are when the step begins, shape (n,) [rad or m]
+    columns: np.ndarray  # where the step's coordinates stand among all, shape (k,)
+    shift: np.ndarray  # whole turns by which all joints' angles are beyond the step's, shape (k,) [rad]
 
     @classmethod
     def of(cls, part: PlanningGroup, z_start: ChartPoint, whole: PlanningGroup, base: ChartPoint) -> Embedding:

@@ -37,20 +37,15 @@ class Counters:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Conditions(ReadOnly):
-    """What a motion is judged by.
-
-    Attributes:
-        min_clearance: Distance to keep from obstacles everywhere [m].
-        leave_start_contact: Whether the start may be in slight contact, which is left first.
-        jerk_limits: Of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter.
-    """
+    """What a motion is judged by."""
 
     group: PlanningGroup
     scene: Scene
     world: World
-    min_clearance: float = 0.0
+    min_clearance: float = 0.0  # distance to keep from obstacles everywhere [m]
     allowed_collisions: frozenset[tuple[str, str]] = frozenset()
-    leave_start_contact: bool = False
+    leave_start_contact: bool = False  # whether the start may be in slight contact, which is left first
+    # of every coordinate, shape (nv,), infinite where there is none; None: jerk doesn't matter
     jerk_limits: ChartRate | None = None
     path_constraints: tuple[PathConstraint, ...] = ()
     deadline: Deadline = UNLIMITED
@@ -104,27 +99,20 @@ Goal = ConfigurationGoal | TipGoal | LastPlaneGoal
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem(Conditions):
-    """Everything that the stages of a plan share.
-
-    Attributes:
-        q_start: Start, shape (nq,).
-        derived_planes: How many of them, the first ones, nobody gave: they may be passed by.
-        optimization_iterations: Rounds in which a connection is made shorter, and most steps of the optimisation; None:
-            no rounds, and what the optimisation takes; 0: the path that was found is only timed.
-        start_velocity, start_acceleration: With which the motion begins, shape (nv,); None: at rest, without one.
-        end_velocity: With which it ends, shape (nv,); None: at rest.
-    """
+    """Everything that the stages of a plan share."""
 
     robot_field: RobotField
     kinematics: Kinematics
-    q_start: Configuration
+    q_start: Configuration  # start, shape (nq,)
     goal: Goal
     guide_planes: tuple[GuidePlane, ...] = ()
-    derived_planes: int = 0
+    derived_planes: int = 0  # how many of them, the first ones, nobody gave: they may be passed by
+    # rounds in which a connection is made shorter, and most steps of the optimisation; None: no rounds, and what the
+    # optimisation takes; 0: the path that was found is only timed
     optimization_iterations: int | None = None
-    start_velocity: ChartRate | None = None
+    start_velocity: ChartRate | None = None  # with which the motion begins, shape (nv,); None: at rest, without one
     start_acceleration: ChartRate | None = None
-    end_velocity: ChartRate | None = None
+    end_velocity: ChartRate | None = None  # with which it ends, shape (nv,); None: at rest
     objective: Objective = Objective.BALANCED
     seed: int = 0
 

@@ -47,17 +47,12 @@ class StepKind(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class Step(ReadOnly):
-    """One accepted change of configuration.
-
-    Attributes:
-        q: Configuration after it, shape (nq,), of the planning group.
-        potential: Potential of the robot there, if it was evaluated [m].
-    """
+    """One accepted change of configuration."""
 
     kind: StepKind
-    q: Configuration
+    q: Configuration  # configuration after it, shape (nq,), of the planning group
     message: str
-    potential: float | None = None
+    potential: float | None = None  # potential of the robot there, if it was evaluated [m]
     plane: int | None = None
 
 
@@ -71,28 +66,20 @@ class Note:
 
 @dataclass(frozen=True, eq=False)
 class TreeGrown:
-    """The trees of a search when it ended, met or not.
+    """The trees of a search when it ended, met or not."""
 
-    Attributes:
-        trees: Gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index
-            of each one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks
-            while it is told, as the next search begins in the same memory.
-    """
-
+    # gives, for each tree, its nodes in the order in which it grew, chart points, shape (n, nv), and the index of each
+    # one's parent, shape (n,); -1 for a root. A search takes microseconds: who looks pays, and looks while it is told,
+    # as the next search begins in the same memory
     trees: Callable[[], tuple[tuple[ChartPoints, np.ndarray], ...]]
 
 
 @dataclass(frozen=True, eq=False)
 class PathRelaxed(ReadOnly):
-    """One accepted step of the optimisation.
+    """One accepted step of the optimisation."""
 
-    Attributes:
-        path: The whole path after it, chart points, shape (n, nv).
-        objective: What is descended (planner/optimize/optimization.py), dimensionless.
-    """
-
-    path: ChartPoints
-    objective: float
+    path: ChartPoints  # the whole path after it, chart points, shape (n, nv)
+    objective: float  # what is descended (planner/optimize/optimization.py), dimensionless
 
 
 Event = StageEntered | StageLeft | Step | Note | TreeGrown | PathRelaxed
@@ -124,14 +111,11 @@ GROWTH_STEPS = 8
 
 @dataclass(frozen=True, eq=False)
 class LoggedTrees(ReadOnly):
-    """The trees of a search when it ended.
-
-    Attributes:
-        trees: The first `MAX_NODES` nodes of each: chart points, shape (n, nv), and the index of each one's parent,
-            shape (n,); -1 for a root.
-    """
+    """The trees of a search when it ended."""
 
     sizes: tuple[int, ...]
+    # the first `MAX_NODES` nodes of each: chart points, shape (n, nv), and the index of each one's parent, shape (n,);
+    # -1 for a root
     trees: tuple[tuple[ChartPoints, np.ndarray], ...]
 
 
@@ -159,15 +143,10 @@ class PackedArray(msgspec.Struct, array_like=True, frozen=True):
 
 
 class PackedEvents(msgspec.Struct, array_like=True, frozen=True):
-    """A log of events as columns.
+    """A log of events as columns."""
 
-    Attributes:
-        kinds: Kind of each event, in order: its place in `_KINDS`, a byte each.
-        seconds: Time of each, since the log began [s].
-    """
-
-    kinds: bytes
-    seconds: PackedArray
+    kinds: bytes  # kind of each event, in order: its place in `_KINDS`, a byte each
+    seconds: PackedArray  # time of each, since the log began [s]
     dropped: int
     rows: list[Any]
     arrays: list[PackedArray]
@@ -175,14 +154,10 @@ class PackedEvents(msgspec.Struct, array_like=True, frozen=True):
 
 @dataclass(eq=False)
 class EventLog:
-    """Events in the order in which they came.
-
-    Attributes:
-        seconds: Time of each, since the log began [s].
-    """
+    """Events in the order in which they came."""
 
     events: list[LoggedEvent] = field(default_factory=list)
-    seconds: list[float] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)  # time of each, since the log began [s]
     dropped: int = 0
     began: float = field(default_factory=time.perf_counter)
 
