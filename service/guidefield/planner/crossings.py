@@ -214,12 +214,8 @@ def _give_up(
 def cross_planes(problem: Problem, stages: Stages, attempts: Sequence[Attempt], *, connects: bool) -> PathSoFar:
     """Bring the tip onto the guide planes of a problem, in order.
 
-    Args:
-        connects: Whether a connection may go on where the field gets stuck, among obstacles that rest.
-
-    Returns:
-        The motion through all planes, with a schedule among obstacles that move; failed before a plane that wasn't
-        reached. A derived one, and those that would follow it, are passed by then.
+    A derived one may be passed by, with those that follow it. It fails before a plane that isn't reached; among
+    obstacles that rest a connection may go on where the field gets stuck.
     """
     found: PathSoFar = PathSoFar.at_start(problem)
     if problem.scene.moves:
@@ -273,17 +269,11 @@ SQUARE = 1.05
 def find_led_goals(
     problem: Problem, found: PathSoFar, stages: Stages, attempts: Sequence[Attempt]
 ) -> tuple[PathSoFar, ChartPoints]:
-    """Chart points that reach the goal's pose, looked for from where the guided planner gets to it.
+    """Chart points (m, nv) that reach the goal's pose, looked for from where the guided planner gets, and the motion.
 
     The guided planner goes on to a small square about the goal's place, across the way there: among obstacles, the
-    configuration it arrives at is one that fits there, and the pose is looked for next to it.
-
-    Args:
-        problem: Robot, world and a `TipGoal`.
-
-    Returns:
-        The motion so far with the way to the goal's place, and chart points (m, nv); none of them where it failed, with
-        one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
+    configuration it arrives at is one that fits there, and the pose is looked for next to it. There are none where it
+    failed, with one of `UNREACHED` and the reason, TIMED_OUT or PREEMPTED.
     """
     assert isinstance(problem.goal, TipGoal)
     group, target = problem.group, problem.goal.target

@@ -188,10 +188,8 @@ def tip_points(
 ) -> ChartPoints:
     """Chart points (m, nv) of free configurations that bring the tip to a pose, far from each other.
 
-    Args:
-        starts: Chart points (nv,) that are looked from before the problem's start and random ones.
-        chosen: Those of some chart points (n, nv), one at least, that are wanted. Leaving out others than these changes
-            nothing about the choice.
+    Some starts (nv,) are looked from before the problem's and random ones. Leaving out others than those that are
+    `chosen` changes nothing about the choice.
 
     Raises:
         StageFailed: NO_IK_SOLUTION with the reason where none reaches the pose: out of reach and by how much;

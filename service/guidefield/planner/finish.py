@@ -59,9 +59,7 @@ STOPPING = "no motion round the corners of the path was certified: this one stop
 def finish(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
     """Make a certified trajectory of a path whose straight pieces are free; judge one that failed as far as it goes.
 
-    Args:
-        found: The path. Only one that is proven itself is worth a try where the optimised one is refused. One that has
-            a schedule keeps it where it isn't optimised.
+    Only one that is proven itself is worth a try where the optimised one is refused. One with a schedule keeps it then.
     """
     if found.failure is not None or problem.optimization_iterations == 0 or len(distinct(found.path)) == 1:
         return found_motion(problem, found, stages)
@@ -215,13 +213,9 @@ def _nearest(path: ChartPoints, place: ChartPoint) -> ChartPoint:
 
 
 def fewer_waypoints(problem: Problem, path: ChartPoints, crossings: Mapping[int, int]) -> ChartPoints:
-    """A path with the same ends, no longer, through the same waypoints on guide planes.
+    """A path (n, nv) with the same ends, no longer, through the same waypoints on guide planes.
 
     Between them straight ways are taken that keep a distance from obstacles; where there is none the path stays.
-
-    Args:
-        path: Chart points, shape (n, nv).
-        crossings: By index of each guide plane that was reached, its index in the path.
     """
     if problem.path_constraints:  # which a straight way would leave
         return path

@@ -49,14 +49,7 @@ MotionJudge = Callable[[Trajectory], Verdict]
 
 
 def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:
-    """Bring a robot to one of several goals among obstacles that move.
-
-    Args:
-        goals: Chart points, shape (m, nv), free once all obstacles have come to rest.
-
-    Returns:
-        The motion, from time 0 on, with the wait before it; its end stays free until all obstacles rest.
-    """
+    """Bring a robot to one of several goals (m, nv), free once all rest, among obstacles that move; from time 0 on."""
     search = _Search(problem, goals, stages)
     finished = None if problem.path_constraints else search.by_quick_paths() or search.by_detours()
     finished = finished or search.by_thorough_ways()

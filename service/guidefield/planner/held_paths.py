@@ -34,9 +34,7 @@ guide planes led; with no more than contact avoided instead of with the clearanc
 def connect_to_plane(problem: Problem, found: PathSoFar, stuck: PathSoFar, index: int, stage: Stage) -> PathSoFar:
     """Reach a guide plane, with any orientation, from where the approach to it began.
 
-    Returns:
-        The motion onto the plane. If there is no connection, the motion as far as the approach came, failed with the
-        approach's status and both reasons.
+    Else it stays failed, with both reasons.
     """
     try:
         reached = connect_to_goal(
@@ -78,15 +76,9 @@ def _within(problem: Problem, plane: GuidePlane) -> PoseTarget:
 def connect_to_goal(
     problem: Problem, found: PathSoFar, goals: ChartPoints, stage: Stage, *, prove: bool = True
 ) -> PathSoFar:
-    """Go on to a goal.
+    """Go on to one of some goals (m, nv); failed where it ends if no connection is found, or time is up.
 
-    Args:
-        found: The motion so far. If nothing leads on from where guide planes led that nobody gave, a connection begins
-            anew at the start.
-        goals: Chart points of which one is to be reached, shape (m, nv).
-
-    Returns:
-        The motion to a goal; failed where it ends if no connection is found, or time is up.
+    If nothing leads on from where guide planes led that nobody gave, a connection begins anew at the start.
     """
     led = len(found.path) > 1 and max(found.crossings, default=-1) < problem.derived_planes
     connection = _try_connection(_in_part_of_the_time(problem) if led else problem, found, goals, prove)
@@ -156,12 +148,7 @@ def quick_paths(problem: Problem, goals: ChartPoints) -> Iterator[HeldPath]:
 
 
 def detours(problem: Problem, goals: ChartPoints, slices: Slices, since: float) -> Iterator[HeldPath]:
-    """Ways by places at which the robot may wait, as it can't where it starts; those that are free longest first.
-
-    Args:
-        goals: Chart points of which one is to be reached, shape (m, nv), free once all obstacles rest.
-        since: From when on it has to be somewhere else [s].
-    """
+    """Ways to goals (m, nv) by places to wait at, where the robot can't stay from a time on [s]; free longest first."""
     rng, among, last = np.random.default_rng([problem.seed, 6]), _among(problem, {}), problem.at(problem.scene.end)
     places = _places(among, rng)
     if not len(places):

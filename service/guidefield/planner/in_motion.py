@@ -55,10 +55,7 @@ class MovingEnds(ReadOnly):
 
 
 def moving_ends(problem: Problem, goals: ChartPoints, stages: Stages) -> MovingEnds:
-    """How a problem's ends are left and reached in motion.
-
-    Args:
-        goals: Chart points (m, nv) of the goals, free.
+    """How a problem's ends are left and reached in motion; goals are chart points (m, nv), free.
 
     Raises:
         StageFailed: START_STATE_INVALID or GOAL_STATE_INVALID, with the joint that can't keep its limits, or can't stop

@@ -100,13 +100,10 @@ def _with_constraints(conditions: Conditions, verdict: Verdict, pieces: ChartCur
 
 
 def enclosed_start(conditions: Conditions, z: ChartPoint, time: float = 0.0) -> Verdict | None:
-    """The refusal of a motion for what is wholly inside another at its start; None where nothing is, or it touches.
+    """The refusal of a motion for what is wholly inside another at its start (nv,).
 
-    A certificate of what comes after the start doesn't see it: a mesh is a surface to Coal.
-
-    Args:
-        z: Chart point at the start, shape (nv,).
-        time: When the motion begins, among obstacles that move [s].
+    None where nothing is, or it touches. A certificate of what comes after the start doesn't see it: a mesh is a
+    surface to Coal.
     """
     world = conditions.world
     if conditions.scene.moves:

@@ -99,12 +99,7 @@ class PathSoFar(ReadOnly):
         return cls(problem.z_start[None])
 
     def extended(self, points: ChartPoints, *, proven: bool = True, others: tuple[ChartPoints, ...] = ()) -> PathSoFar:
-        """Gone on from where the path ends.
-
-        Args:
-            points: Chart points, shape (n, nv), the first of which is where the path ends.
-            others: Other ways on from there, shape (n, nv) each.
-        """
+        """Gone on from where the path ends, along points (n, nv) that begin there, and along other ways (n, nv)."""
         path, *rest = (np.concatenate([self.path, way[1:]]) for way in (points, *others))
         return dataclasses.replace(self, path=path, proven=self.proven and proven, others=tuple(rest))
 

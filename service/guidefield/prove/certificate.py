@@ -61,14 +61,7 @@ def certify_moving(
     resolution: float = RESOLUTION_FLOOR,
     deadline: Deadline = UNLIMITED,
 ) -> Verdict:
-    """Judge a motion among the obstacles that move alone, without limits, own pairs and obstacles at rest.
-
-    Args:
-        pieces: Bezier control points, shape (m, k, nv) [rad or m]; without any the motion is free.
-        times: Begin of each piece, and the end of the last one, shape (m + 1,) [s].
-        min_clearance: Distance to keep from these obstacles [m].
-        resolution: See `RESOLUTION_FLOOR` [m].
-    """
+    """Judge a motion (m, k, nv) among the obstacles that move alone: see `certify`; without pieces it is free."""
     pieces = np.asarray(pieces, float)
     if not len(pieces) or not world.scene.moves:
         return Verdict(Reason.FREE, 0)

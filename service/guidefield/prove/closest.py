@@ -27,12 +27,7 @@ def world_at(world: World, time: float) -> World:
 
 
 def enclosed_pairs_at(world: World, q: ModelConfiguration, time: float) -> list[int]:
-    """Return the pairs of which one body is wholly inside the other.
-
-    Args:
-        q: Configuration of the group's model, shape (model.nq,).
-        time: At which obstacles that move are met [s].
-    """
+    """Return the pairs of which one body is wholly inside the other at q (model.nq,) and a time [s]."""
     if world.scene.convex and not closed_bodies(world.group).any():
         return []
     return enclosed_pairs(world_at(world, time), q)
@@ -64,12 +59,7 @@ class ClosestPairs:
         self.world = world
 
     def clearances(self, configurations: ModelConfigurations, times: np.ndarray | None = None) -> Iterator[ClearanceAt]:
-        """Yield the clearance at each configuration, as `clearance_at` has it.
-
-        Args:
-            configurations: Shape (n, model.nq).
-            times: At which obstacles that move are met, shape (n,) [s]; None: all are where they are at first.
-        """
+        """Yield the clearance at each configuration (n, model.nq), as `clearance_at` has it, and its time (n,) [s]."""
         in_time = times is not None and self.world.scene.moves
         clock = times if times is not None and in_time else np.zeros(len(configurations))
         moving = self._tables(in_time=in_time)
@@ -100,11 +90,9 @@ class ClosestPairs:
                 yield self._measure_candidates(q, candidates, time if in_time else None)
 
     def free(self, configurations: ModelConfigurations, *, confirmed: bool = True) -> np.ndarray:
-        """Return whether nothing touches, and nothing is wholly inside something else, at each configuration: (n,).
+        """Whether nothing touches, or is wholly inside something else, at each configuration (n, model.nq): (n,).
 
-        Args:
-            configurations: Shape (n, model.nq).
-            confirmed: Whether Coal judges what kernels find closer than `NEARLY`; else that counts as contact.
+        Coal judges what kernels find closer than `NEARLY`, or else that counts as contact.
         """
         world, count = self.world, len(configurations)
         if world.held_contacts:

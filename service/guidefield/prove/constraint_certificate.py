@@ -30,12 +30,7 @@ from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 def certify_constraints(
     frames: ConstrainedFrames, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
-    """Judge whether a motion keeps path constraints; the first place where it doesn't, along the motion, is told.
-
-    Args:
-        turns: Whether a joint turns rather than slides, shape (nv of the model,).
-        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m]; joints of one coordinate.
-    """
+    """Judge whether a motion, pieces (m, k, nv), keeps path constraints; the first place where it doesn't is told."""
     widths = np.abs(frames.group.expand_velocity)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0

@@ -30,30 +30,14 @@ def point_on(controls: ChartPoints, parameter: float) -> ChartPoint:
 
 
 def halved(controls: ChartCurves) -> ChartCurves:
-    """Both halves of each Bezier curve, in order, by de Casteljau's scheme.
-
-    Args:
-        controls: Control points, shape (n, k, nv).
-
-    Returns:
-        Shape (2 n, k, nv).
-    """
+    """Both halves of each Bezier curve (n, k, nv), in order, by de Casteljau's scheme, shape (2 n, k, nv)."""
     halves = cast(ChartCurves, np.empty((2 * len(controls), *controls.shape[1:])))
     find_halves(np.ascontiguousarray(controls), halves)
     return halves
 
 
 def restricted(controls: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Control points of parts of Bezier curves, by their blossom.
-
-    Args:
-        controls: Of the curves, shape (n, k, nv).
-        low: Parameters where the parts begin, shape (n,).
-        high: Where they end, shape (n,).
-
-    Returns:
-        Shape (n, k, nv).
-    """
+    """Control points of parts of Bezier curves (n, k, nv), from parameters low (n,) to high (n,), by their blossom."""
     order = controls.shape[1]
     parts = np.empty_like(controls)
     a, b = low[:, None, None], high[:, None, None]
@@ -137,14 +121,10 @@ class Curve(ReadOnly):
 
 
 def find_pieces(knots: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find the pieces that are run through at some times, and the share of each that has passed.
+    """Find the pieces that are run through at times (n,), and the share of each that has passed, (n,) each.
 
-    Args:
-        knots: Begin of each piece, and the end of the last one; pieces may take no time, shape (m + 1,).
-        times: Shape (n,); what is outside of the pieces is at the nearer end.
-
-    Returns:
-        Indices of pieces, and shares from 0 to 1, each of shape (n,).
+    Knots (m + 1,) are the begins of pieces, and the end of the last one; pieces may take no time. What is outside of
+    the pieces is at the nearer end.
     """
     piece = np.minimum(np.maximum(np.searchsorted(knots, times, side="right") - 1, 0), len(knots) - 2)
     spans = knots[piece + 1] - knots[piece]

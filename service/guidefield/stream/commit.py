@@ -129,14 +129,9 @@ def towards(
     piece: float,
     within: float,
 ) -> Commit:
-    """The commit of a piece towards velocities; it has no number yet.
+    """The commit of a piece from a state (nv, 3) towards velocities (nv,); it has no number yet.
 
-    Args:
-        state: Value, velocity and acceleration at its beginning, shape (nv, 3).
-        velocities: Shape (nv,).
-        goals: Where coordinates aren't led beyond, shape (nv,); infinite: anywhere.
-        begins: When it begins [s].
-        piece: How long the piece lasts [s].
+    Coordinates aren't led beyond goals (nv,), which may be infinite. It begins at a time and lasts so long [s].
     """
     count = len(velocities)
     phases, counts, ends = np.zeros((count, MOST_PHASES, 5)), np.zeros(count, np.int64), np.zeros(count)
@@ -208,11 +203,9 @@ class Judge:
         return Told(Judgement(verdict), int(looked), int(pair), time)
 
     def travelled(self, commit: Commit, since: float, until: float, parts: int = 16) -> float:
-        """How far any point of the robot comes within a time by a commit, at most [m]; off by its tolerances or not.
+        """How far any point of the robot comes between two times by a commit, at most [m].
 
-        Args:
-            since: From when [s].
-            until: Until when [s].
+        Off by its tolerances or not.
         """
         begin = max(0.0, since - commit.begins)
         end = max(begin, until - commit.begins)

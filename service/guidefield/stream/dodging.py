@@ -117,13 +117,7 @@ class Way:
 
 
 def pressure_at(robot: RoomRobot, boxes: np.ndarray, z: ChartPoint, near: float) -> tuple[float, np.ndarray]:
-    """How closely boxes surround a robot, and the gradient of that, shape (nv,).
-
-    Args:
-        boxes: Shape (k, 16) [m].
-        z: Where it is, shape (nv,).
-        near: From where on a box counts [m].
-    """
+    """How closely boxes (k, 16), nearer than `near`, surround a robot at z (nv,), and the gradient of that (nv,)."""
     gradient = np.empty(len(z))
     return float(pressure(robot, boxes, np.ascontiguousarray(z, float), near, gradient)), gradient
 
@@ -168,12 +162,7 @@ def drawn_sides(count: int, speeds: np.ndarray) -> np.ndarray:
 def sides_of(
     robot: RoomRobot, drifting: Drifting, way: Way, speeds: np.ndarray, drawn: np.ndarray, size: float
 ) -> np.ndarray:
-    """Where to step aside from a way: drawn directions, back, and away from what comes close; shape (d, nv).
-
-    Args:
-        speeds: Velocity limits, shape (nv,).
-        drawn: Directions, shape (k, nv).
-    """
+    """Where to step aside from a way: `drawn` (k, nv), back, and away from what comes close; shape (d, nv)."""
     back = way.at(0.0) - way.at(STREAM.back)
     directions = [back / speeds]
     for after, place in STREAM.aside:
@@ -187,13 +176,9 @@ def sides_of(
 def tube_about(
     way: Way, sides: np.ndarray, speeds: np.ndarray, taken: Callable[[ChartPoints], np.ndarray], foreseen: int
 ) -> Tube:
-    """The tube about a way.
+    """The tube about a way with sides (d, nv), for so many steps.
 
-    Args:
-        sides: Directions, shape (d, nv).
-        speeds: Velocity limits, shape (nv,).
-        taken: Which of some chart points (n, nv) the robot can't be at, shape (n,).
-        foreseen: So many steps are foreseen: what can't be reached in them isn't asked about.
+    `taken` tells of (n, nv) where the robot can't be, (n,).
     """
     places = [way.at(min(STREAM.step * k, way.length)) for k in range(math.ceil(way.length / STREAM.step) + 1)]
     places.extend([way.goal] * STREAM.stays)

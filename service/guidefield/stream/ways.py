@@ -98,25 +98,16 @@ class Room:
         return next((k for k, one in enumerate(kept) if self._lanes.touching(z[None], one).any()), len(kept))
 
     def straight(self, drifting: Drifting, kept: Kept, clearance: float, points: ChartPoints) -> bool:
-        """Whether a way is free.
-
-        Args:
-            clearance: What to keep from what rests [m].
-            points: The way, straight from each point to the next, shape (m, nv).
-        """
+        """Whether a way (m, nv), straight from point to point, is free, with a clearance from what rests [m]."""
         among = self._among(drifting, kept, clearance, points[0], points[-1])
         return all(straight_free(among, points[k], points[k + 1]) for k in range(len(points) - 1))
 
     def way(
         self, drifting: Drifting, kept: Kept, z0: ChartPoint, z1: ChartPoint, samples: np.ndarray, cuts: np.ndarray
     ) -> ChartPoints | None:
-        """A way from z0 to z1, each (nv,), shape (m, nv); None: none was found.
+        """A way from z0 to z1, each (nv,), shape (m, nv), by trees to samples (n, nv) and short cuts (n, 4).
 
-        Args:
-            z0: Where it begins, shape (nv,).
-            z1: Where it ends, shape (nv,).
-            samples: Points that trees grow to, shape (n, nv).
-            cuts: Numbers for short cuts, shape (n, 4).
+        None: none was found.
         """
         path = np.empty((2 * len(samples) + len(cuts) + 4, len(z0)))
         z0, z1 = np.ascontiguousarray(z0, float), np.ascontiguousarray(z1, float)
@@ -207,14 +198,7 @@ class Planner:
         followed: ChartPoints | None,
         rng: np.random.Generator,
     ) -> Ordered:
-        """Have a way planned that costs less than the one that is followed.
-
-        Args:
-            due: When it is to be taken over [s].
-            z0: Where it begins, shape (nv,).
-            z1: Where it ends, shape (nv,).
-            followed: What is left of the way that is followed, shape (m, nv); None: it can't be followed.
-        """
+        """Have a way from z0 to z1 (nv,) planned, due at a time [s], that costs less than the rest of one."""
         samples = self._samples(z0, z1, rng)
         cuts = rng.random((STREAM.cuts, 4))
         return Ordered(due, z1, self._thread.submit(self._planned, z0, z1, drifting, followed, samples, cuts))

@@ -43,14 +43,9 @@ class QuickestWay(ReadOnly):
 def quickest_way(
     problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
 ) -> QuickestWay | None:
-    """Look for ways to several goals, each by itself.
+    """Find the best way from z_start (nv,) to goals (m, nv), each by itself.
 
-    Args:
-        z_start: Chart point, shape (nv,), free.
-        goals: Chart points, shape (m, nv), free, whole turns chosen next to the start.
-
-    Returns:
-        The best; None where none of them is reached with a few motions, so that all have to be tried together.
+    None where all have to be tried together.
     """
     search = _Search(problem, z_start, goals, rng)
     bounds = search.straight_scores()
@@ -129,12 +124,7 @@ class _Search:
 
 
 def estimated_time(path: ChartPoints, velocity_limits: ChartRate) -> float:
-    """About how long a path takes once it is optimised, but for speeding up and slowing down [s].
-
-    Args:
-        path: Chart points, shape (n, nv) [rad or m].
-        velocity_limits: Shape (nv,) [rad/s or m/s].
-    """
+    """About how long a path (n, nv) takes once it is optimised, but for speeding up and slowing down [s]."""
     times = np.abs(np.diff(path, axis=0)) / velocity_limits
     return 0.5 * float(times.max(axis=1).sum() + times.sum(axis=0).max())
 
@@ -148,13 +138,9 @@ def no_way(
 ) -> str | None:
     """Why a group of one coordinate can't get to any goal, or None where it can or has several coordinates.
 
-    Whatever it does, it passes what is between; so one sample in contact on each way is proof.
-
-    Args:
-        start: Chart point, shape (nv,).
-        goals: Chart points, shape (m, nv), each no more than half a turn away if it wraps.
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-        clearance: What to keep from obstacles [m].
+    Whatever it does, it passes what is between; so one sample in contact on each way is proof. Goals (m, nv) are no
+    more than half a turn away if they wrap; the resolution is samples of a motion per length in the chart [1/rad or
+    1/m], the clearance what is kept from obstacles [m].
     """
     group = lanes.world.group
     if group.nv != 1:
@@ -214,13 +200,7 @@ def shorter(
     rng: np.random.Generator,
     accepted: Callable[[ChartPoints], bool],
 ) -> Shorter:
-    """Look for shorter paths from where a path begins to one of several goals.
-
-    Args:
-        path: Chart points, shape (n, nv).
-        goals: Chart points, shape (m, nv), free.
-        accepted: Whether a path (n, nv) that is shorter may be taken.
-    """
+    """Look for shorter paths from where a path (n, nv) begins to one of several free goals (m, nv)."""
     units = problem.group.units
     deadline, before, done = problem.deadline.share(ROUNDS.share), length_of(path, units), 0
     lanes, clearance, start = problem.lanes, problem.min_clearance, path[:1]
@@ -261,15 +241,9 @@ class Connection(ReadOnly):
 def connect(
     problem: Problem, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator, *, prove: bool = True
 ) -> Connection:
-    """Find a free motion from a chart point to one of several.
+    """Find a free motion from a free chart point (nv,) to one of several (m, nv), and shorten it.
 
-    Args:
-        z_start: Chart point, shape (nv,), free.
-        goals: Chart points, shape (m, nv), free.
-        prove: Whether the motion must be certified; if not, one that lanes found free at samples is enough.
-
-    Returns:
-        What the tree found is shortened.
+    Where it need not be certified, one that lanes found free at samples is enough.
     """
     lanes, clearance, margin = problem.lanes, problem.min_clearance, MARGIN * problem.group.size
     near = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])

@@ -44,12 +44,7 @@ class Keeper:
 def connect_constrained(
     problem: Problem, keeper: Keeper, z_start: ChartPoint, goals: ChartPoints, rng: np.random.Generator
 ) -> Connection:
-    """Find a motion within path constraints from a chart point to one of several, free by samples.
-
-    Args:
-        z_start: Chart point, shape (nv,), free.
-        goals: Chart points, shape (m, nv), free.
-    """
+    """Find a motion within path constraints from z_start (nv,) to one of some goals (m, nv), free by samples."""
     roots = np.array([problem.group.unwrapped(goal, z_start) for goal in goals])
     found = tree_search.grow(
         problem.lanes, z_start[None], roots, TREE.resolution, 0.0, rng, problem.deadline,

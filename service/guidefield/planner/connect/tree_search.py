@@ -181,16 +181,11 @@ def grow(
     most_iterations: int = TREE.most_iterations,
     frames: KeptFrames | None = None,
 ) -> FoundPath:
-    """Grow two trees towards each other until they meet.
+    """Grow two trees from free roots, shapes (k, nv) and (m, nv), towards each other until they meet.
 
-    Args:
-        starts: Roots of the one tree, shape (k, nv), free.
-        goals: Roots of the other, shape (m, nv), free.
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-        clearance: What to keep from obstacles [m].
-        within: Samples come from where a path of at most this length by the group's metric [rad] may lead.
-        most_iterations: After so many samples it ends; with 0 it walks straight to each goal, if there are `frames`.
-        frames: Path constraints within which the trees walk; all roots keep them.
+    Motions are sampled so often per length in the chart [1/rad or 1/m], and keep a clearance from obstacles [m].
+    Samples come from where a path of at most a length by the group's metric [rad] may lead. With path constraints,
+    which all roots keep, trees walk within these; with no iterations they walk straight to each goal.
 
     Raises:
         ValueError: if a root hasn't as many coordinates as the robot.
@@ -342,13 +337,7 @@ def _place(group: PlanningGroup, nv: int) -> _Place:
 def can_be_left(
     lanes: BatchCollision, roots: ChartPoints, clearance: float, resolution: float, rng: np.random.Generator
 ) -> bool:
-    """Return whether any of many short motions out of some configurations is free.
-
-    Args:
-        roots: Chart points, shape (k, nv), free.
-        clearance: What to keep from obstacles [m].
-        resolution: Samples of a motion per length in the chart [1/rad or 1/m].
-    """
+    """Return whether any of many short motions out of some free roots (k, nv) is free; see `grow`."""
     group, along = lanes.world.group, np.eye(lanes.world.group.nv)
     drawn = rng.normal(size=(ESCAPE.directions, group.nv))
     directions = np.concatenate([along, -along, drawn / np.linalg.norm(drawn, axis=1)[:, None]])

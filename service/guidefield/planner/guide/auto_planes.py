@@ -41,17 +41,11 @@ def tip_way(
     tables: DistanceTables, start: np.ndarray, goal: np.ndarray, radius: float, centre: np.ndarray, reach: float,
     ample: float = np.inf, size: float = 1.0,
 ) -> TipWay | None:  # fmt: skip
-    """The way of the tip with most clearance for its length; None if there is none.
+    """The way of the tip with most clearance for its length, of those an arm can lie along if there are any.
 
-    If there is one that an arm is long enough to lie along, it is one of those.
-
-    Args:
-        start: Where the tip is, shape (3,) [m, world].
-        goal: Where it is to be, shape (3,) [m, world].
-        radius: Of the tip's body [m].
-        centre: What the tip can't be farther from than `reach`, shape (3,) [m, world].
-        reach: See `centre` [m]; may be infinite.
-        ample: Clearance beyond which more is worth no detour [m].
+    None: there is none. Start and goal are points (3,) [m, world], the radius is that of the tip's body [m]. The tip
+    can't be farther from the centre (3,) than `reach` [m], which may be infinite; clearance beyond `ample` [m] is worth
+    no detour.
     """
     low, high = _box(tables, start, goal, centre, reach, TIP_WAY.around * size)
     spacing = max(TIP_WAY.spacing * size, float(np.cbrt(np.prod(high - low) / TIP_WAY.most_points)))
@@ -78,25 +72,16 @@ def tip_way(
 
 
 def section(tables: DistanceTables, centre: np.ndarray, across: np.ndarray, size: float = 1.0) -> np.ndarray:
-    """What is free in a plane about a point: corners (k, 2) of a convex polygon, counter-clockwise, along `across`.
+    """What is free in a plane about a point (3,): a convex polygon, counter-clockwise, (k, 2) along `across` (2, 3).
 
     Cut from a wide one at the nearest hits of rays first, so that what is cut away is small.
-
-    Args:
-        centre: The point, shape (3,) [m].
-        across: Two unit vectors of the plane, shape (2, 3).
     """
     corners = np.empty((2 * TIP_WAY.rays, 2))
     return corners[: free_section(tables, centre, across, TIP_WAY.longest * size, corners)]
 
 
 def open_areas(tables: DistanceTables, centres: np.ndarray, across: np.ndarray, size: float) -> np.ndarray:
-    """How much of planes about points is seen from there, shape (n,) [m^2].
-
-    Args:
-        centres: The points, shape (n, 3) [m].
-        across: Two unit vectors of each plane, shape (n, 2, 3).
-    """
+    """How much of planes about points (n, 3), along unit vectors (n, 2, 3), is seen from there, shape (n,) [m^2]."""
     areas = np.empty(len(centres))
     open_areas_kernel(tables, centres, across, TIP_WAY.longest * size, TIP_WAY.compared_rays, areas)
     return areas
@@ -155,13 +140,9 @@ NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)
 
 
 def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane, ...] | None:
-    """Planes that lead the tip from the start to a point or a plane; none where it sees it from the start.
+    """Planes that lead the tip to a point (3,) [m] or a plane's centroid, GP-auto-1, GP-auto-2 ...
 
-    Args:
-        goal: Where the tip is to be in the end: a point, shape (3,) [m], or a plane, for its centroid.
-
-    Returns:
-        Planes in order, named GP-auto-1, GP-auto-2 ..; None if there is no way for the tip.
+    None if there is no way. There are none where it sees it from the start.
     """
     tables = swept_world(problem.world).tables
     start = problem.kinematics.tip_position(problem.group.expand_from_chart(problem.z_start))

@@ -50,14 +50,9 @@ class Univariate:
         return "univariate"
 
     def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterator[Configuration]:
-        """A floating chain as a whole; a fixed one with its last link's rotation held, then by the least change.
+        """A floating chain (nq,) as a whole.
 
-        Args:
-            q: Where the robot is, shape (nq,).
-            point: Where its tip shall be, shape (3,) [m, world].
-
-        Yields:
-            Shape (nq,).
+        A fixed one with its last link's rotation held, then by the least change.
         """
         joints, rotations = self.chain.places(q)
         n = self.chain.n
@@ -151,13 +146,9 @@ class Crossing(ReadOnly):
 def cross(
     problem: Problem, q: Configuration, plane: GuidePlane, index: int, attempts: Sequence[Attempt] = PROJECTED
 ) -> Crossing:
-    """Bring the tip onto a guide plane: each attempt from the same start, until one succeeds.
+    """Bring the tip from q (nq,) onto a guide plane.
 
-    Args:
-        q: Where to start, shape (nq,).
-
-    Returns:
-        The first attempt that succeeds, else the one that came nearest.
+    The first attempt that succeeds, else the one that came nearest.
     """
     impossible = unreachable_at_once(problem, plane)
     if impossible is not None:

@@ -35,12 +35,7 @@ class Moved(ReadOnly):
 
 
 class GuidedPath:
-    """Takes steps for one problem and keeps every accepted configuration: they are the path.
-
-    Args:
-        q: Where to start, shape (nq,).
-        margin: Distance to keep from obstacles [m].
-    """
+    """Takes steps from q (nq,) on, with a margin from obstacles [m], and keeps every configuration: the path."""
 
     def __init__(self, problem: Problem, q: Configuration, margin: float, plane: int) -> None:
         self.problem = problem
@@ -145,26 +140,14 @@ class GuidedPath:
     def take(
         self, q: Configuration, kind: StepKind, message: str, potential: float | None = None, *, kept: bool = True
     ) -> None:
-        """Accept a configuration.
-
-        Args:
-            q: Where the robot goes, shape (nq,).
-            potential: U there [m], if it is known.
-            kept: Whether it belongs to the path: not where a straight way was found that leaves it out.
-        """
+        """Accept a configuration (nq,); it isn't of the path where a straight way was found that leaves it out."""
         if kept:
             self.path.append(q)
             self._tip = None
         self.problem.tell(Step(kind, q, message, potential, self.plane))
 
     def advance(self, direction: np.ndarray, step: float, smallest: float, reached: Reach) -> Moved:
-        """Move the tip along a direction: the largest of step, step/2, step/4 .. that is feasible and free.
-
-        Args:
-            direction: Unit vector, shape (3,).
-            step: How far at most [m].
-            smallest: Below this the advance is given up [m].
-        """
+        """Move the tip along a unit vector (3,): the largest of step, step/2 .. `smallest` that is feasible."""
         start, tried = self.tip, step
         self._refused = None
         while tried >= smallest or tried == step:
@@ -177,14 +160,9 @@ class GuidedPath:
 
 
 def reach_point(problem: Problem, q: Configuration, point: np.ndarray) -> Configuration | None:
-    """The configuration near q whose tip is at a point, by the least change of joints weighted with their reach.
+    """The configuration near q (nq,) with the tip at a point (3,), by the least change of joints, weighted by reach.
 
-    Args:
-        q: Where the robot is, shape (nq,).
-        point: Where its tip shall be, shape (3,) [m, world].
-
-    Returns:
-        A configuration within the limits, shape (nq,), or None if Newton's method does not get there.
+    None if Newton's method does not get there within the limits.
     """
     group = problem.group
     start = group.expand(q)

@@ -122,23 +122,12 @@ _NONE = np.eye(3)
 
 
 def on_plane(point: np.ndarray, normal: np.ndarray) -> TipConstraint:
-    """The tip stays on a plane: slide and reorient at once.
-
-    Args:
-        point: On the plane, shape (3,) [m, world].
-        normal: Its unit normal, shape (3,), in the world.
-    """
+    """The tip stays on a plane, a point (3,) and a unit normal (3,) [world]: slide and reorient at once."""
     return TipConstraint(ON_PLANE, _hold(point), _hold(normal), _NONE)
 
 
 def sliding(point: np.ndarray, normal: np.ndarray, rotation: np.ndarray) -> TipConstraint:
-    """The tip stays on a plane and keeps its orientation: the thesis' slide.
-
-    Args:
-        point: On the plane, shape (3,) [m, world].
-        normal: Its unit normal, shape (3,), in the world.
-        rotation: Of the tip in the world, shape (3, 3).
-    """
+    """The tip stays on a plane, a point (3,) and a unit normal (3,), turned as (3, 3): the thesis' slide."""
     return TipConstraint(SLIDING, _hold(point), _hold(normal), _hold(rotation))
 
 
@@ -148,14 +137,7 @@ def reorienting(point: np.ndarray) -> TipConstraint:
 
 
 def evaluated(constraint: TipConstraint, group: PlanningGroup, q: Configuration) -> tuple[np.ndarray, np.ndarray]:
-    """A constraint's numbers and their derivative by the tangent.
-
-    Args:
-        q: Configuration, shape (nq,).
-
-    Returns:
-        Shape (rows,) [m or rad], and shape (rows, nv).
-    """
+    """A constraint's numbers at q (nq,), shape (rows,) [m or rad], and their derivative by the tangent (rows, nv)."""
     error, rows = np.empty(constraint.kind), np.empty((constraint.kind, group.nv))
     constraint_at(constraint, mover_of(group), group.expand(q), error, rows)
     return error, rows
@@ -186,15 +168,7 @@ class Projected:
         return f"projected in {self.blocks.value}"
 
     def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterator[Configuration]:
-        """The one configuration with the tip at a point that changes the joints least, if there is one near.
-
-        Args:
-            q: Where the robot is, shape (nq,).
-            point: Where its tip shall be, shape (3,) [m, world].
-
-        Yields:
-            Shape (nq,).
-        """
+        """The configuration (nq,) with the tip at a point (3,) [m] that changes the joints least, if one is near."""
         reached = reach_point(problem, q, point)
         if reached is not None:
             yield reached

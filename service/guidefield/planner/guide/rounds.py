@@ -99,19 +99,12 @@ class Minimizer(Protocol):
         """Its name, for reports."""
 
     def reach(self, problem: Problem, q: Configuration, point: np.ndarray) -> Iterable[Configuration]:
-        """Configurations near one whose tip is at a point: those that an advance tries, in order.
-
-        Args:
-            q: Where the robot is, shape (nq,).
-            point: Where its tip shall be, shape (3,) [m, world].
-        """
+        """Configurations near q (nq,) whose tip is at a point (3,) [m]: those that an advance tries, in order."""
 
     def settle(self, guided: GuidedPath, point: np.ndarray, normal: np.ndarray, guard: TipGuard) -> None:
-        """Slide and reorient on a plane until U falls no more; the guided path takes every step.
+        """Slide and reorient on a plane, a point (3,) and a unit normal (3,), until U falls no more.
 
-        Args:
-            point: A point of the plane, shape (3,) [m, world].
-            normal: The plane's unit normal, shape (3,), in the world.
+        Each step is of the path.
         """
 
 

@@ -26,12 +26,7 @@ _ROUNDING = 1e-9
 
 
 def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
-    """Name of an obstacle that a ball touches, or None.
-
-    Args:
-        centre: Centre of the ball, shape (3,) [m, world].
-        radius: Its radius [m].
-    """
+    """Name of an obstacle that a ball about a centre (3,) [m, world] touches, or None."""
     ball = coal.Sphere(max(radius, 1e-9))
     at = coal.Transform3s(np.eye(3), np.asarray(centre, float))
     request, result = coal.CollisionRequest(), coal.CollisionResult()

@@ -147,13 +147,9 @@ class GivenMotion(ReadOnly):
 
 
 def spline_rates(times: np.ndarray, positions: ChartPoints) -> ChartRates:
-    """Rates at samples, shape (n, nv), of the cubic through them with continuous accelerations, not-a-knot at its ends.
+    """Rates at samples (n, nv) of the cubic through them with continuous accelerations, not-a-knot at its ends.
 
     It is a line through two samples, a parabola through three.
-
-    Args:
-        times: Shape (n,), strictly increasing [s].
-        positions: Chart points, shape (n, nv) [rad or m].
     """
     rates = cast(ChartRates, np.zeros(positions.shape))
     if len(times) == 1:

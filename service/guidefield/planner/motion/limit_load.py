@@ -30,15 +30,8 @@ def limit_load(
 ) -> float:
     """The factor by which time has to be stretched to exceed no limit, and to reach one.
 
-    The extrema of a Hermite piece are known exactly; its jerk is constant.
-
-    Args:
-        times: Of the knots, shape (n,), n >= 2 [s].
-        positions: Shape (n, nv) [rad or m].
-        velocities: Shape (n, nv) [rad/s or m/s].
-        velocity_limits: Shape (nv,), positive [rad/s or m/s].
-        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
-        jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
+    Of knots: times (n,), n >= 2, positions and velocities (n, nv); limits (nv,), that of jerk infinite where there is
+    none. The extrema of a Hermite piece are known exactly; its jerk is constant.
     """
     shares = np.empty(3)
     hermite.largest_shares(times, positions, velocities, velocity_limits, acceleration_limits, jerk_limits, shares)
@@ -54,16 +47,7 @@ def at_limits(
     acceleration_limits: ChartRate,
     jerk_limits: ChartRate,
 ) -> Trajectory:
-    """A motion with time scaled so that it reaches a limit and exceeds none.
-
-    Args:
-        times: Of the knots, shape (n,), n >= 2 [s].
-        positions: Shape (n, nv) [rad or m].
-        velocities: Shape (n, nv) [rad/s or m/s].
-        velocity_limits: Shape (nv,), positive [rad/s or m/s].
-        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
-        jerk_limits: Shape (nv,), positive, infinite where there is none [rad/s³ or m/s³].
-    """
+    """A motion, given as for `limit_load`, with time scaled so that it reaches a limit and exceeds none."""
     stretch, margin = 1.0, 1e-12
     for _ in range(MOST_ROUNDS):
         load = limit_load(
@@ -116,13 +100,10 @@ class Uses:
 
 
 def limit_shares(motion: GivenMotion, group: PlanningGroup, jerk_limits: ChartRate | None) -> Uses:
-    """The largest shares of its limits that a motion uses.
+    """The largest shares of its limits that a motion uses; without limits of jerk (nv,), jerk doesn't matter.
 
     Rates are those of the chart, as in a plan: a planar or floating joint's are those of its position in the world and
     of its angle or rotation vector.
-
-    Args:
-        jerk_limits: Shape (nv,), infinite where there is none; None: jerk doesn't matter.
     """
     with np.errstate(invalid="ignore"):  # infinity less infinity, where there is no limit
         middle, half = 0.5 * (group.lower + group.upper), 0.5 * (group.upper - group.lower)

@@ -44,13 +44,9 @@ class Profile(ReadOnly):
         )
 
     def duration(self, start: ChartPoint, end: ChartPoint, limits: Limits, nominal: float) -> float:
-        """How long the motion takes [s].
+        """How long the motion takes from one chart point (nv,) to another [s].
 
-        Args:
-            start: Chart point, shape (nv,) [rad or m].
-            end: Chart point, shape (nv,).
-            nominal: The share of the velocity's limit that it uses; its square of the acceleration's, its cube of the
-                jerk's.
+        It uses the nominal share of the velocity's limit; its square of the acceleration's, its cube of the jerk's.
         """
         way = np.abs(end - start)
         lasts = [self.velocity * way / limits.velocity, np.sqrt(self.acceleration * way / limits.acceleration)]
@@ -101,10 +97,7 @@ TRIES = 60
 def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:
     """The jerks with which joints stop, shape (nv,), all finite [rad/s³ or m/s³].
 
-    Args:
-        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
-        jerk_limits: Shape (nv,), positive, infinite where there is none; None: there are none.
-        rises: The jerk, shape (nv,), that it takes at least to stay within the limit of velocity; 0 where it is kept.
+    `rises` is what keeps the velocity's limit.
     """
     own = np.maximum(acceleration_limits / RAMP, 1.01 * rises)
     if jerk_limits is None:
@@ -118,14 +111,8 @@ def jerks_apart(
 ) -> ChartRate:
     """Jerks (nv,), some of them a little lower, with which no two knots of `stopping` are close but not the same.
 
-    In pieces that short the jerk of a curve is rounding. Where no such jerk is found a joint keeps its own.
-
-    Args:
-        velocity: Shape (nv,) [rad/s or m/s].
-        acceleration: Shape (nv,) [rad/s² or m/s²].
-        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
-        jerks: As of `jerks_of`, shape (nv,) [rad/s³ or m/s³].
-        rises: What jerks are at least, shape (nv,) [rad/s³ or m/s³].
+    In pieces that short the jerk of a curve is rounding. Where no such jerk is found a joint keeps its own; none is
+    less than it rises at least.
     """
     chosen, knots = jerks.copy(), np.zeros(1)
     for j, (v, a, limit, least) in enumerate(zip(velocity, acceleration, acceleration_limits, rises, strict=True)):
@@ -153,17 +140,9 @@ def _with(knots: np.ndarray, velocity: float, acceleration: float, limit: float,
 def stopping(
     position: ChartPoint, velocity: ChartRate, acceleration: ChartRate, acceleration_limits: ChartRate, jerks: ChartRate
 ) -> Trajectory:
-    """The motion to rest, without acceleration, each joint by itself.
+    """The motion to rest, without acceleration, each joint by itself, with positive and finite jerks (nv,).
 
-    Args:
-        position: Shape (nv,) [rad or m].
-        velocity: Shape (nv,) [rad/s or m/s].
-        acceleration: Shape (nv,), within its limits [rad/s² or m/s²].
-        acceleration_limits: Shape (nv,), positive [rad/s² or m/s²].
-        jerks: With which accelerations change, shape (nv,), positive and finite [rad/s³ or m/s³].
-
-    Returns:
-        Its knots are where any joint's jerk changes, so that it is exact; a single knot if it is at rest.
+    Its knots are where any joint's jerk changes, so that it is exact; a single knot if it is at rest.
     """
     phases = [_phases(*map(float, one)) for one in zip(velocity, acceleration, acceleration_limits, jerks, strict=True)]
     bounds = np.array([np.cumsum([span for span, _ in one]) for one in phases])

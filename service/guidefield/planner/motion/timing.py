@@ -113,11 +113,7 @@ class Progress(NamedTuple):
 def parameterize(curve: PathCurve, limits: Limits, finer: int = 1) -> BSpline:
     """The fastest motion along a curve, from rest to rest, that exceeds no limit at any time.
 
-    Args:
-        curve: In chart coordinates [rad or m].
-
-    Returns:
-        The motion; `executed` makes the trajectory of it.
+    `executed` makes its trajectory.
 
     Raises:
         ValueError: if the limits are not one per coordinate and positive, or those of velocity or acceleration are

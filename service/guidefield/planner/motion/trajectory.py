@@ -101,13 +101,9 @@ class Trajectory(ReadOnly):
         return np.repeat(self.times, 2) if len(self.times) == 1 else self.times.copy()
 
     def evaluate(self, times: np.ndarray) -> tuple[ChartPoints, ChartRates, ChartRates]:
-        """Position, velocity and acceleration at given times; before the start and after the end it is at rest.
+        """Position, velocity and acceleration (k, nv) at times (k,) [s].
 
-        Args:
-            times: Shape (k,) [s].
-
-        Returns:
-            Three arrays of shape (k, nv) [rad or m, and per s, and per s²].
+        Before the start and after the end it is at rest.
         """
         times = np.ascontiguousarray(times, dtype=float)
         if len(self._jerks) == 0:
@@ -118,10 +114,7 @@ class Trajectory(ReadOnly):
         return cast(ChartPoints, q), cast(ChartRates, v), cast(ChartRates, a)
 
     def resampled(self, rate: float) -> MotionSamples:
-        """States at a uniform rate, and at the very end.
-
-        Args:
-            rate: Samples a second [Hz].
+        """States at a uniform rate [Hz], and at the very end.
 
         Raises:
             ValueError: if the rate is not finite and positive.
@@ -153,13 +146,7 @@ def one_after_another(parts: Sequence[Trajectory]) -> Trajectory:
 def piece_accelerations(
     times: np.ndarray, positions: ChartPoints, velocities: ChartRates
 ) -> tuple[ChartRates, ChartRates]:
-    """Accelerations at the two ends of every Hermite piece, each of shape (n - 1, nv) [rad/s^2 or m/s^2].
-
-    Args:
-        times: Shape (n,) [s].
-        positions: Chart points, shape (n, nv) [rad or m].
-        velocities: Shape (n, nv) [rad/s or m/s].
-    """
+    """Accelerations at the two ends of every Hermite piece between n knots, each (n - 1, nv) [rad/s^2 or m/s^2]."""
     dt = (times[1:] - times[:-1])[:, None]
     mean = (positions[1:] - positions[:-1]) / dt
     start, end = velocities[:-1], velocities[1:]

@@ -38,14 +38,10 @@ def clearance_samples(
     *,
     in_time: bool = False,
 ) -> MotionSamples:
-    """Samples evenly in time, each of which counts by the joint distance that it stands for.
+    """Samples evenly in time, each of which counts by the joint distance, over sizes (nv,), that it stands for.
 
-    Args:
-        kept: What its start and its end keep from obstacles [m].
-        clearance: What is asked for [m].
-        sizes: Of the coordinates, shape (nv,).
-        in_time: Whether obstacles move. Then it counts by half of that, and half of its share of time: they come to a
-            robot that stands, too.
+    Where obstacles move it counts by half of that, and half of its share of time: they come to a robot that stands,
+    too. `kept` is what start and end keep from obstacles, the clearance what is asked for [m].
     """
     bounds, middles, pieces, of_pieces, shares = places(spline.pieces, samples)
     counts = _counts(spline.at(bounds) / sizes, kept, clearance, settings, in_time=in_time)
@@ -62,16 +58,9 @@ def samples_in_time(
     settings: OptimizationSettings,
     sizes: np.ndarray,
 ) -> tuple[MotionSamples, ChartPoints]:
-    """The same of a motion that is no spline, among obstacles that move.
+    """The same of a motion that is no spline, among what moves, and control points (samples + 3, nv), one for each.
 
-    Args:
-        kept: As in `clearance_samples` [m].
-        clearance: What is asked for [m].
-        sizes: Of the coordinates, shape (nv,).
-
-    Returns:
-        The samples, each at a control point of its own, their places being times [s]; the points, shape
-        (samples + 3, nv).
+    Places are times [s].
     """
     bounds = motion.times[0] + motion.duration * np.arange(samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])
@@ -111,11 +100,10 @@ def _floor(kept: float, settings: OptimizationSettings) -> float:
 
 @memoized_by_value(256)
 def places(pieces: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Where so many samples on each of some pieces are.
+    """Where so many samples on each of some pieces are, in pieces from the start.
 
-    Returns:
-        The bounds between them, shape (s + 1,), in pieces from the start; where each is, shape (s,), and its piece; the
-        basis there, shape (s, 4); how much each counts between links, shape (s,).
+    Returns the bounds between them, shape (s + 1,); where each is, shape (s,), and its piece; the basis there, shape
+    (s, 4); how much each counts between links, shape (s,).
     """
     bounds = np.arange(pieces * samples + 1) / samples
     middles = 0.5 * (bounds[:-1] + bounds[1:])

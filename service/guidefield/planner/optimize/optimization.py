@@ -74,13 +74,10 @@ def first_motion(motion: Trajectory, limits: MotionLimits, settings: Optimizatio
 def scheduled_motion(
     motion: Trajectory, limits: MotionLimits, settings: OptimizationSettings, arrive_from: float
 ) -> BSpline:
-    """A spline near a motion from rest to rest that keeps a schedule, strictly within limits.
+    """A spline near a motion from rest to rest that keeps a schedule, strictly within limits, and arrives after a time.
 
     It takes as long, or longer where that is too fast, or too soon. Where it is fastest its pieces are as short as
     those of a motion that speeds up and brakes all the way.
-
-    Args:
-        arrive_from: It ends after this [s].
     """
     begin = float(motion.times[0])
     fastest = float(np.linalg.norm(motion.velocities / limits.sizes, axis=1).max())

@@ -163,18 +163,10 @@ def add_passage(
     basis_out: np.ndarray,
     hessians_out: np.ndarray,
 ) -> float:
-    """Add what passing a place adds to the objective of a motion, as place s of a `ClearanceModel`.
+    """Add what passing a place adds to the objective of a motion, as place s of a `ClearanceModel`; return its value.
 
-    Args:
-        weight: w [1/m² or 1/rad²].
-        crossing: κ [m or rad].
-        gradient_out: By its control points, shape (n, nv).
-        pieces_out: As `ClearanceModel` has them, shape (places,).
-        basis_out: The same, shape (places, 4).
-        hessians_out: The same, shape (places, nv, nv).
-
-    Returns:
-        Its value.
+    The weight is w [1/m² or 1/rad²], the crossing κ [m or rad]; outputs are those of the model: (n, nv), (places,),
+    (places, 4), (places, nv, nv).
     """
     plane, where = place.tip_plane, np.array([at])
     if plane is not None:

@@ -27,10 +27,7 @@ def sampled_robot(problem: Problem, tables: DistanceTables, ends: ChartPoints) -
     """The moving links of a problem's robot as points, and the pairs of links that are kept apart.
 
     Bodies that stand still don't count, nor do pairs that the world doesn't test. Links that are within range of each
-    other at an end of the motion are let in that far all along it.
-
-    Args:
-        ends: Chart points at which links may be as close as they are, shape (m, nv).
+    other at an end (m, nv) of the motion are let in that far all along it.
     """
     moving, pairs = _moving(problem.group), _pairs(problem.group, problem.world.pairs.own.tobytes())
     robot = _of_group(problem.group)._replace(

@@ -22,17 +22,7 @@ ROUNDING = 1e-12
 def leaving(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> np.ndarray:
-    """Which coordinates of a cubic Hermite curve leave their limits, at or between its knots.
-
-    Args:
-        knots: Shape (n,), n >= 2, increasing.
-        values: Shape (n, c) [rad or m].
-        slopes: Shape (n, c) [rad or m, for each unit of the knots].
-        lower: Limits, shape (c,) [rad or m]; infinite where there are none.
-
-    Returns:
-        Shape (c,), bool.
-    """
+    """Which coordinates of a Hermite curve, knots (n,), values and slopes (n, c), leave limits (c,), shape (c,)."""
     beyond, _ = excesses(bezier(knots, values, slopes), lower, upper)
     left: np.ndarray = np.any(beyond > ROUNDING, axis=0)
     return left
@@ -41,20 +31,11 @@ def leaving(
 def smoothly_within(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> tuple[ChartPoints, ChartRates]:
-    """A C² cubic curve brought within limits, and still C²: it leaves its values where it has to, never at its ends.
+    """A C² cubic curve as of `leaving` brought within limits, still C²: values and slopes (n, c), its ends kept.
 
-    Its de Boor points are brought within, in whose hull it is. With steps h, that of knot i is b - (h_{i-1} / h_i)
-    (c - b), b and c being the inner control points of the piece that begins there (Farin, Curves and Surfaces for
-    CAGD, 2002, chapter 8).
-
-    Args:
-        knots: Shape (n,), n >= 2, increasing.
-        values: Within the limits at both ends, shape (n, c) [rad or m].
-        slopes: Shape (n, c) [rad or m, for each unit of the knots].
-        lower: Limits, shape (c,) [rad or m].
-
-    Returns:
-        Values and slopes, each of shape (n, c).
+    Its de Boor points are brought within, in whose hull it is. With steps h, that of knot i is b - (h_{i-1} / h_i) (c -
+    b), b and c being the inner control points of the piece that begins there (Farin, Curves and Surfaces for CAGD,
+    2002, chapter 8).
     """
     h, inner = np.diff(knots)[:, None], bezier(knots, values, slopes)[:, 1:3]
     before, after = np.vstack([np.zeros(1), h]), np.vstack([h, np.zeros(1)])  # steps about each knot
@@ -71,18 +52,9 @@ def smoothly_within(
 def bounded_slopes(
     knots: np.ndarray, values: ChartPoints, slopes: ChartRates, lower: ChartPoint, upper: ChartPoint
 ) -> ChartRates:
-    """Slopes with which a cubic Hermite curve through values keeps limits; C² it need not be.
+    """Slopes (n, c) with which a cubic Hermite curve through values as of `leaving` keeps limits; C² it need not be.
 
     The control points next to a knot, a third of a step along the slope away from its value, are brought within.
-
-    Args:
-        knots: Shape (n,), n >= 2, increasing.
-        values: Within the limits, shape (n, c) [rad or m].
-        slopes: Shape (n, c) [rad or m, for each unit of the knots].
-        lower: Limits, shape (c,) [rad or m].
-
-    Returns:
-        Shape (n, c).
     """
     thirds = np.diff(knots)[:, None] / 3.0
     above, below = np.maximum(upper - values, 0.0), np.maximum(values - lower, 0.0)

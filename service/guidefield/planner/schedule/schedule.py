@@ -122,15 +122,7 @@ class Schedule(ReadOnly):
         return bool(np.all(self.rates == self.rates[0]))
 
     def at(self, times: np.ndarray, window: float) -> tuple[np.ndarray, np.ndarray]:
-        """At which of the motion's own times it is, and at what rate, averaged over a window of time.
-
-        Args:
-            times: Since the departure, shape (k,) [s].
-            window: No longer than a step [s].
-
-        Returns:
-            Both of shape (k,) [s and 1].
-        """
+        """At which of the motion's own times (k,) it is, and at what rate, averaged over a window of at most a step."""
         (before, sums_before), (after, sums_after) = (self._moments(times + side * window) for side in (-0.5, 0.5))
         return (sums_after - sums_before) / window, (after - before) / window
 

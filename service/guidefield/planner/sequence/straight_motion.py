@@ -87,14 +87,9 @@ def straight_plan(problem: Problem, way: StraightWay) -> Plan:
 def follow_way(
     problem: Problem, way: StraightWay, places: int | None = None
 ) -> tuple[ChartPoints, StraightStop | None]:
-    """Chart points along which the tip is at places of the way, evenly spaced, and closer where the joints move much.
+    """Chart points (n, nv) with the tip at places of the way, evenly spaced, and closer where joints move much.
 
-    Args:
-        places: How many beyond the start; None: as many as it takes.
-
-    Returns:
-        Shape (n, nv), the start first, and None; where it goes no further, or time is up, those before and the place
-        at which it ends.
+    Where it goes no further, or time is up, those before and the place at which it ends.
     """
     count, z = _places(way) if places is None else places, problem.z_start
     path, share = [z], 0.0

@@ -145,14 +145,10 @@ def floored(value: float, unit: float) -> str:
 def bring(
     problem: Problem, z: ChartPoint, target: Any, reached: float = STRAIGHT.reached, *, limited: bool = True
 ) -> ChartPoint | None:
-    """The chart point (nv,) next to another that brings the tip to a placement; None if none does.
+    """The chart point (nv,) next to another that brings the tip to a placement, pinocchio.SE3 [m, world].
 
-    Newton's method with the least motion; a joint that a step would push beyond its limit stays there.
-
-    Args:
-        z: Chart point, shape (nv,).
-        target: The placement, pinocchio.SE3 [m, world].
-        reached: How far off it may be [m or rad].
+    None if none does. Newton's method with the least motion; a joint that a step would push beyond its limit stays
+    there.
     """
     group, kinematics = problem.group, problem.kinematics
     unlimited = np.full(group.nv, np.inf)
@@ -242,12 +238,7 @@ class Deviation(NamedTuple):
 def certify_straight(
     way: StraightWay, group: PlanningGroup, turns: np.ndarray, pieces: ChartCurves, deadline: Deadline = UNLIMITED
 ) -> Verdict:
-    """Judge whether a frame keeps to its straight way along a motion.
-
-    Args:
-        turns: Whether a joint turns rather than slides, shape (nv of the model,).
-        pieces: Bezier control points in the group's chart, shape (m, k, nv) [rad or m].
-    """
+    """Judge whether a frame keeps to its straight way along a motion, Bezier control points (m, k, nv)."""
     frame = _Frame(way, group, turns)
     waiting = deque((index, 0.0, 1.0, piece) for index, piece in enumerate(np.asarray(pieces, float)))
     evaluations = 0
