@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 from collections.abc import Generator
 from pathlib import Path
@@ -38,7 +37,3 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that take long come first, so that none is left alone in the end: journeys, then those with most to say."""
     sizes = {path: path.stat().st_size for path in {item.path for item in items}}
     items.sort(key=lambda item: ("journeys" not in item.path.parts, -sizes[item.path], item.path))
-
-
-def pytest_sessionfinish() -> None:
-    gc.freeze()  # pytest has all garbage looked for once more, which goes with the process

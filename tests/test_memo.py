@@ -189,8 +189,7 @@ def test_answers_are_the_same_where_everything_found_is_forgotten_at_once(monkey
 @pytest.mark.parametrize(
     "request_",
     [
-        *(request for _, request in REQUESTS.values()),
-        {"type": "clearance", "robot": "panda", "scene": "bookshelf", "configurations": [{}]},
+        REQUESTS["demo-guide-planes"][1],
         {"type": "potential", "robot": "panda", "scene": "bookshelf", "configurations": [{}]},
     ],
 )

@@ -42,11 +42,7 @@ CUBE = Box(name="cube", size=(0.04, 0.04, 0.04), position=(0.0, 0.0, 0.05))
 RUNS: dict[str, PlanRequest | CertifyRequest] = {
     "plan": PlanRequest("ur5", "table", ELBOW, guide_planes=[], sample_rate=50.0),
     "tree": PlanRequest("ur5", WALL, ELBOW, planner="tree"),
-    "failure": PlanRequest("ur5", LID, ELBOW, guide_planes=[]),
     "summary": PlanRequest("ur5", "table", ELBOW, guide_planes=[], recording="summary"),
-    "held": PlanRequest(
-        "ur5", "table", ELBOW, guide_planes=[], attached_objects=[requests.AttachedObject(link="tool0", obstacle=CUBE)]
-    ),
     "steps": PlanRequest(
         "ur5",
         "table",

@@ -14,21 +14,23 @@ from tests.journeys.service import ANSWERED_WITHIN, CONNECTED_WITHIN, PlainClien
 
 NAMES = ["panda_joint1", "panda_joint4"]
 HOME = {"panda_joint2": -0.785398, "panda_joint4": -2.356194, "panda_joint6": 1.570796}
-ASKED = {"robot": "panda", "scene": "table", "start": HOME, "position_names": NAMES, "allowed_time": 60.0}
+UNRECORDED = {"robot": "panda", "scene": "table", "start": HOME, "recording": "off"}
+ASKED = {**UNRECORDED, "position_names": NAMES, "allowed_time": 60.0}
 FREE = {**ASKED, "path": [[0.0, -2.3], [0.5, -2.0]]}
-SWINGS = {**ASKED, "path": [[2.0 * (-1.0) ** k, -2.0] for k in range(60_000)], "allowed_time": 600.0}
+JUDGED = {**FREE, "run_id": "judged", "recording": "full"}
+SWINGS = {**ASKED, "path": [[2.0, -2.0], [-2.0, -2.0]] * 30_000, "allowed_time": 600.0}
 """So long a motion that its judgement goes on until somebody ends it."""
 
 
 def test_a_motion_is_judged_over_the_wire_and_kept(wire: PlainClient) -> None:
-    reply = wire.ask("guidefield/local/certify", {"type": "certify", **FREE, "run_id": "judged"})
+    reply = wire.ask("guidefield/local/certify", {**JUDGED, "type": "certify"})
     assert reply["status"]["name"] == "SUCCESS", reply["status"]
     assert (reply["curve"], reply["certificate"]["free_until"]) == ("linear", {"row": 1.0, "time": None})
     assert reply["recording"] == "guidefield/local/runs/judged/recording"
     kept = wire.ask("guidefield/local/runs/judged")
     assert kept["request"]["type"] == "certify"
     assert kept["reply"] == reply
-    assert wire.ask("guidefield/local/certify", {**FREE, "run_id": "judged"}) == reply, "asked for again"
+    assert wire.ask("guidefield/local/certify", JUDGED) == reply, "asked for again"
     listed = {run["run_id"]: run for run in wire.ask("guidefield/local/runs")["runs"]}
     assert (listed["judged"]["robot"], listed["judged"]["status"]) == ("panda", "SUCCESS")
     assert wire.answer("guidefield/local/runs/judged/recording").payload[:4] == b"RRF2"
@@ -37,9 +39,9 @@ def test_a_motion_is_judged_over_the_wire_and_kept(wire: PlainClient) -> None:
 
 def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
     goal = {"type": "joints", "positions": {"panda_joint1": 2.0}}
-    made = client.plan(robot="panda", scene="table", start=HOME, goal=goal, guide_planes=[])
+    made = client.plan(**UNRECORDED, goal=goal, guide_planes=[])
     motion = {"trajectory": made.trajectory, "position_names": made.position_names}
-    same = client.certify(robot="panda", scene="table", start=HOME, **motion)
+    same = client.certify(**UNRECORDED, **motion)
     assert same.clearance.minimum == made.clearance.minimum
     assert isinstance(same, CertifyReply)
     middle = made.trajectory.positions[len(made.trajectory.times) // 2]
@@ -48,7 +50,7 @@ def test_a_plan_is_judged_in_a_scene_that_has_changed(client: Client) -> None:
     ((hand,),) = client.kinematics(asked).placements
     ball = {"type": "sphere", "name": "new", "radius": 0.05, "position": list(hand.position)}
     blocked = {"name": "changed", "obstacles": [ball]}
-    changed = client.certify({"robot": "panda", "scene": blocked, "start": HOME, **motion})
+    changed = client.certify({**UNRECORDED, "scene": blocked, **motion})
     assert (changed.status.name, changed.certificate.reason) == ("INVALID_MOTION_PLAN", "contact")
     assert "new" in changed.certificate.pair
     assert 0.0 < changed.certificate.free_until.time < made.trajectory.times[-1]

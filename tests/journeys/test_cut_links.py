@@ -98,16 +98,16 @@ def test_a_plan_whose_link_is_cut_is_answered_by_its_own_run(
         Client.connect(link.endpoint, instance=client.instance if named else None, wait=CONNECTED_WITHIN) as far,
         concurrent.futures.ThreadPoolExecutor(1) as threads,
     ):
-        asked = threads.submit(far.plan, {**LONG, "run_id": run_id, "allowed_planning_time": 3.0})
+        asked = threads.submit(far.plan, {**LONG, "run_id": run_id, "allowed_planning_time": 1.5})
         await_that(lambda: client.info().busy or asked.done())
         link.cut()
         reply = asked.result(ANSWERED_WITHIN)
         assert reply.run_id == run_id
         assert client.run(run_id).reply == reply
         # The answer may get lost when the run has ended: it is there for who asks in the same words.
-        assert far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 3.0}) == reply
+        assert far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 1.5}) == reply
         with pytest.raises(MalformedRequest, match="is taken"):
-            far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 2.0})
+            far.plan({**LONG, "run_id": run_id, "allowed_planning_time": 1.0})
         assert [run.run_id for run in client.runs().runs].count(run_id) == 1
         assert far.info().uptime > 0.0
     assert link.cuts == 1

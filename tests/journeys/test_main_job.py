@@ -23,7 +23,7 @@ import pytest
 from tests.journeys.service import PlainClient
 from tests.recorder.runs import Recording
 
-STEP = 1e-3
+STEP = 2e-3
 """Between two configurations that are judged, no joint moves further [rad]."""
 
 SHARE = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share")))

@@ -21,6 +21,7 @@ PLAN: dict[str, Any] = {
     "goal": {"type": "joints", "positions": {"panda_joint1": 0.4}},
     "guide_planes": [],
     "allowed_planning_time": ANSWERED_WITHIN,
+    "recording": "off",
     "proof": True,
 }
 STEPS = {key: value for key, value in PLAN.items() if key not in ("goal", "guide_planes")} | {
@@ -54,7 +55,7 @@ def test_a_proof_is_kept_with_its_run_and_checked_elsewhere(service: Service, cl
 
 
 def test_a_judgement_a_sequence_and_a_plan_among_movers_have_proofs(client: Client, tmp_path: Path) -> None:
-    planned = client.plan(PLAN | {"proof": False, "recording": "off"})
+    planned = client.plan(PLAN | {"proof": False})
     assert planned.trajectory is not None
     assert planned.proof is None
     given = GivenTrajectory(

@@ -46,7 +46,7 @@ def test_a_robot_with_its_mesh_is_stored_read_planned_for_and_deleted(wire: Plai
     assert listed["mine"]["source"] == "stored"
     assert listed["mine"]["dof"] == 2
     request = {
-        **{"robot": "mine", "scene": BALL, "guide_planes": [], "allowed_planning_time": 60.0},
+        **{"robot": "mine", "scene": BALL, "guide_planes": [], "allowed_planning_time": 60.0, "recording": "off"},
         "goal": {"type": "joints", "positions": {"j1": 1.5}},
     }
     reply = wire.ask("guidefield/local/plan", {**request, "start": {"j1": -1.0}})
@@ -141,6 +141,7 @@ def test_one_arm_is_planned_for_and_the_other_stays_where_it_starts(wire: PlainC
         },
         "goal": {"type": "joints", "positions": goal},
         "guide_planes": [],
+        "recording": "off",
     }
     reply = wire.ask("guidefield/local/plan", request)
     assert reply["status"]["name"] == "SUCCESS", reply["status"]

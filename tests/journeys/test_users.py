@@ -29,7 +29,9 @@ SHORT: dict[str, Any] = {
     "goal": {"type": "joints", "positions": {"panda_joint1": 0.2}},
     "guide_planes": [],
     "allowed_planning_time": 60.0,
+    "recording": "off",
 }
+RECORDED: dict[str, Any] = {**SHORT, "recording": "summary"}
 QUOTAS = {"users": {"hasty": {"per_second": 2}, "patient": {"waiting": 1}, "spent": {"processor_per_minute": 0.01}}}
 
 
@@ -53,7 +55,7 @@ def _as(service: Service, user: str | None = None) -> Client:
 def test_a_user_plans_and_hears_of_it_on_keys_of_its_own(service: Service) -> None:
     with _as(service, "alice") as alice:
         heard: list[object] = []
-        reply = alice.plan(SHORT, progress=heard.append)
+        reply = alice.plan(RECORDED, progress=heard.append)
         assert reply.status.name == "SUCCESS"
         assert heard
         assert reply.recording == f"guidefield/local/as/alice/runs/{reply.run_id}/recording"
@@ -82,20 +84,20 @@ def test_a_user_may_be_named_by_the_configuration(service: Service, tmp_path: Pa
     assert identity.user == "bob"
 
 
-def test_who_has_a_hundred_requests_waiting_costs_a_quiet_user_no_answer(service: Service) -> None:
+def test_who_has_many_requests_waiting_costs_a_quiet_user_no_answer(service: Service) -> None:
     """Plans that wait, each under a client's name of its own: others were refused."""
-    with plain_client(service.endpoint) as greedy, _as(service, "quiet") as quiet, ThreadPoolExecutor(100) as threads:
-        payload = json.dumps({**LONG, "allowed_planning_time": 2.0}).encode()
+    with plain_client(service.endpoint) as greedy, _as(service, "quiet") as quiet, ThreadPoolExecutor(40) as threads:
+        payload = json.dumps({**LONG, "allowed_planning_time": 0.5}).encode()
         asked = [
             threads.submit(greedy.answer, "guidefield/local/as/greedy/plan", payload, client=f"client{number}")
-            for number in range(100)
+            for number in range(40)
         ]
         await_that(lambda: _queue(greedy) == 8)
         for _ in range(3):
             assert quiet.plan(SHORT).status.name == "SUCCESS"
         answers = [one.result(ANSWERED_WITHIN) for one in asked]
     refused = [answer.json() for answer in answers if not answer.is_reply]
-    assert len(refused) >= 70
+    assert len(refused) >= 10
     assert {error["name"] for error in refused} == {"SERVER_BUSY"}
     assert all(error["details"]["retry_after"] > 0.0 for error in refused)
 
@@ -193,7 +195,7 @@ def test_a_name_that_nobody_can_have_is_refused(service: Service) -> None:
 def test_runs_scenes_and_robots_are_their_users_own(service: Service) -> None:
     ball = Scene("ball", obstacles=[Sphere(name="s", radius=0.1)])
     with _as(service, "anna") as anna, _as(service, "ben") as ben, _as(service) as operator:
-        reply = anna.plan(SHORT)
+        reply = anna.plan(RECORDED)
         anna.store_scene(ball)
         for forbidden in (
             lambda: ben.run(f"anna:{reply.run_id}"),

@@ -57,11 +57,11 @@ def test_a_request_is_ended_by_its_name_while_it_is_worked_on_and_while_it_waits
 
 def test_time_that_is_up_ends_a_request_and_what_waits_for_it(client: Client, wire: PlainClient) -> None:
     with concurrent.futures.ThreadPoolExecutor(2) as threads:
-        running = threads.submit(client.kinematics, {**MANY, "allowed_time": 4.0})
+        running = threads.submit(client.kinematics, {**MANY, "allowed_time": 2.0})
         await_that(lambda: _busy(wire))
         with pytest.raises(TimedOut, match=r"all workers were busy for the 0\.5 s"):
             client.kinematics({**MANY, "configurations": [{}], "allowed_time": 0.5})
-        with pytest.raises(TimedOut, match=r"the 4 s that `allowed_time` allows were up after \d+ of 100000") as ended:
+        with pytest.raises(TimedOut, match=r"the 2 s that `allowed_time` allows were up after \d+ of 100000") as ended:
             running.result(ANSWERED_WITHIN)
     assert 0 < ended.value.details["done"] < 100_000
     await_that(lambda: not _busy(wire))

@@ -108,7 +108,7 @@ def test_holds_what_a_reader_looks_for(recording):
     assert expected <= recording.entities
 
 
-@pytest.mark.parametrize("name", ["panda", "kinova", "chain_moving_3x260_r20"])
+@pytest.mark.parametrize("name", ["panda", "chain_moving_3x260_r20"])
 def test_moves_every_link_as_pinocchio_does(name, tmp_path):
     run = made_up(name)
     run.record(tmp_path / "run.rrd")

@@ -11,7 +11,7 @@ from guidefield.robot.model.self_contacts import scratch_space
 from tests.robots import robot
 
 
-@pytest.mark.parametrize("name", ["ur5", "talos_reduced"])
+@pytest.mark.parametrize("name", ["ur5"])
 def test_the_pairs_that_always_touch_are_those_that_do_at_all_samples(name: str) -> None:
     model = robot(name)
     geometry = model.geometry.copy()
