@@ -166,18 +166,25 @@ def test_nobody_to_query_is_said(request_file: Path) -> None:
 
 
 def test_a_service_is_queried(request_file: Path, plan_file: Path, tmp_path: Path) -> None:
-    recording = tmp_path / "run.rrd"
-    with running_service(tmp_path / "data", "--workers", "1", "--name", "cell") as service:
+    """An eager one, whose worker renders each recording before its next query, and the last before it ends."""
+    recording, kept = tmp_path / "run.rrd", tmp_path / "data" / "recordings"
+    options = ("--workers", "1", "--name", "cell", "--recordings", "eager")
+    with running_service(tmp_path / "data", *options) as service:
         asked = ("query", str(request_file), "--connect", service.endpoint)
+        plan = ("query", str(plan_file), "--connect", service.endpoint)
+        assert "SUCCESS" in here(*plan).stdout
         done = guidefield(*asked, "--name", "cell")
         assert done.returncode == 0, done.stderr
+        assert [file.suffix for file in kept.iterdir()] == [".rrd"]
         assert done.stdout == here("plan", str(request_file)).stdout
         assert here(*asked).stdout == done.stdout
         assert "no service named 'local' is there; there is 'cell'" in here(*asked, "--name", "local").stderr
-        done = here("query", str(plan_file), "--connect", service.endpoint, "--record", str(recording))
+        done = here(*plan, "--record", str(recording))
+        assert "SUCCESS" in here(*plan).stdout
     assert done.returncode == 0, done.stderr
     assert "SUCCESS" in done.stdout
     assert recording.stat().st_size > 10_000
+    assert [file.suffix for file in kept.iterdir()] == [".rrd"] * 3
 
 
 def test_robots_are_listed_for_people_and_for_machines() -> None:

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import dataclasses
 import io
+import re
 
 import numpy as np
 import pinocchio as pin
@@ -16,15 +18,26 @@ from guidefield.robot.catalog.catalog import Catalog
 from guidefield.robot.model.model import RobotSource
 from tests.robots import robot
 
+MOST_DRAWN = 6
+"""Number of looks of a robot that are compared."""
+
+
+def without(text: str, parts: list[str]) -> str:
+    for part in parts:
+        text = text.replace(part, "")
+    return text
+
 
 @pytest.mark.parametrize("name", ["panda", "xarm7", "anymal_c_simple"])
 def test_bodies_are_where_pinocchio_has_them(name):
     """Pinocchio reads the same elements with its own parser and its own mesh reader."""
     model = robot(name)
+    left_out = re.findall("<visual>.*?</visual>", model.source.urdf_text, re.DOTALL)[MOST_DRAWN:]
+    source = dataclasses.replace(model.source, urdf_text=without(model.source.urdf_text, left_out))
     read = pin.GeometryModel()
-    pin.buildGeomFromUrdfString(model.model, model.source.urdf_text, pin.GeometryType.VISUAL, read, [])
+    pin.buildGeomFromUrdfString(model.model, source.urdf_text, pin.GeometryType.VISUAL, read, [])
     expected = {shape.name: shape for shape in read.geometryObjects}
-    drawn, faults = visual_bodies(model.source)
+    drawn, faults = visual_bodies(source)
     assert faults == ()
     assert {body.name for body in drawn} == set(expected)
     for body in drawn:

@@ -114,7 +114,7 @@ def test_kept_machine_code_finds_what_another_process_compiled(tmp_path: Path) -
         return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
 
     assert ran(1) == ["2.0", "4.0", "6.0", "0", "0"]
-    for seed in (2, 3, 4):
+    for seed in (2, 3):
         for folder in (tmp_path / "guidefield/kernels").glob("callee-*"):
             shutil.rmtree(folder)
         assert ran(seed) == ["2.0", "4.0", "6.0", "1", "0"]
