@@ -317,51 +317,6 @@ def test_a_worker_that_dies_says_so_and_a_client_that_comes_back_goes_on(service
         arrive(stream, clock, judge, 20.0)
 
 
-def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_goes_on(tmp_path: Path) -> None:
-    clock, judge = Clock(), Judge()
-    with (
-        running_service(tmp_path, "--workers", "1") as service,
-        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
-        client.stream({**ASKED, "goal": GOAL}, clock=clock) as stream,
-    ):
-        for _ in range(8):
-            step(stream, clock, judge)
-        service.process.kill()
-        await_that(lambda: stream.ended is not None)
-        assert stream.ended is not None
-        assert stream.ended.reason == "ended"
-        assert stream.answer(0.0) == stream.ended
-        with pytest.raises(NoService, match="is gone"):
-            stream.update(obstacles=seen(clock.now))
-        judge.look(stream, clock.now, stream.ended.stops)
-        clock.now = stream.ended.stops + PERIOD
-        stands = stream.at(clock.now)
-        assert stands.velocities == (0.0,) * 6
-        with running_service(tmp_path, "--workers", "1", port_of=service) as again:
-            await_that(client.alive)
-            stream.reopen(dict(zip(stream.position_names, stands.positions, strict=True)))
-            assert stream.ended is None
-            arrive(stream, clock, judge, 20.0)
-            asyncio.run(_hears_that_its_service_was_killed(again))
-
-
-async def _hears_that_its_service_was_killed(service: Service) -> None:
-    asked = {**ASKED, "obstacles": [], "goal": GOAL}
-    async with (
-        await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
-        client.stream(asked, clock=Clock()) as stream,
-    ):
-        await stream.update()
-        assert await stream.answer(ANSWERED_WITHIN) is not None
-        service.process.kill()
-        async with asyncio.timeout(ANSWERED_WITHIN):
-            async for _ in stream:  # waits until the stream has ended
-                pass
-        assert stream.ended is not None
-        with pytest.raises(NoService, match="is gone"):
-            await stream.update()
-
-
 @contextlib.contextmanager
 def kept_open(stream: ServiceStream) -> Iterator[None]:
     """Updates go on, however long something else takes: a stream without any ends."""
@@ -513,3 +468,48 @@ def test_the_same_for_asyncio(service: Service) -> None:
 
     pieces = asyncio.run(go())
     assert [piece.follows for piece in pieces] == [0, 1, 2, 3]
+
+
+async def _hears_that_its_service_was_killed(service: Service) -> None:
+    asked = {**ASKED, "obstacles": [], "goal": GOAL}
+    async with (
+        await AsyncClient.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+        client.stream(asked, clock=Clock()) as stream,
+    ):
+        await stream.update()
+        assert await stream.answer(ANSWERED_WITHIN) is not None
+        service.process.kill()
+        async with asyncio.timeout(ANSWERED_WITHIN):
+            async for _ in stream:  # waits until the stream has ended
+                pass
+        assert stream.ended is not None
+        with pytest.raises(NoService, match="is gone"):
+            await stream.update()
+
+
+def test_a_service_that_is_killed_ends_its_streams_and_one_that_is_started_anew_goes_on(service: Service) -> None:
+    """The last of this file: its service is gone then."""
+    clock, judge = Clock(), Judge()
+    with (
+        Client.connect(service.endpoint, wait=CONNECTED_WITHIN) as client,
+        client.stream({**ASKED, "goal": GOAL}, clock=clock) as stream,
+    ):
+        for _ in range(8):
+            step(stream, clock, judge)
+        service.process.kill()
+        await_that(lambda: stream.ended is not None)
+        assert stream.ended is not None
+        assert stream.ended.reason == "ended"
+        assert stream.answer(0.0) == stream.ended
+        with pytest.raises(NoService, match="is gone"):
+            stream.update(obstacles=seen(clock.now))
+        judge.look(stream, clock.now, stream.ended.stops)
+        clock.now = stream.ended.stops + PERIOD
+        stands = stream.at(clock.now)
+        assert stands.velocities == (0.0,) * 6
+        with running_service(service.data, "--workers", "1", port_of=service) as again:
+            await_that(client.alive)
+            stream.reopen(dict(zip(stream.position_names, stands.positions, strict=True)))
+            assert stream.ended is None
+            arrive(stream, clock, judge, 20.0)
+            asyncio.run(_hears_that_its_service_was_killed(again))
