@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from guidefield.collision.narrow_phase import NarrowPhase
+from guidefield.referee import shapes as referee
 
 ACCURACY = 2e-6
 """How far off Coal's distances of bodies that nearly touch are, as those of the certificate are taken to be [m]."""
@@ -177,5 +178,6 @@ def test_capsules_are_as_far_apart_as_their_axes_also_where_these_are_nearly_par
         told = measured(first, here, second, there)
         assert told.distance == pytest.approx(expected, abs=2e-9)
         assert np.linalg.norm(told.second - told.first) == pytest.approx(abs(expected), abs=2e-9)
+        assert referee.distance(first, here, second, there) == pytest.approx(expected, abs=2e-9)
         apart = NarrowPhase((first, second).__getitem__, (here, there).__getitem__).penetration(0, 1)
         assert (apart is not None) == (told.distance <= 0.0)

@@ -117,6 +117,9 @@ def test_what_can_not_be_held_is_refused_by_name() -> None:
     taken = {**ROD, "obstacle": {**ROD["obstacle"], "name": name}}
     with pytest.raises(UnknownObject, match=name):
         ask(goal=goal, attached_objects=[taken])
+    nothing = {"type": "box", "name": "speck", "size": (1e-150, 1e-150, 0.1)}
+    with pytest.raises(SceneInvalid, match=r"attached_objects\[0\]`: 'speck' has a length of 1e-150 m"):
+        ask(goal=goal, attached_objects=[{**ROD, "obstacle": nothing}])
 
 
 def test_a_cloud_that_is_held_becomes_bodies_about_its_balls() -> None:

@@ -126,14 +126,14 @@ def scaled(request: PlanRequest, size: float, folder: Path) -> PlanRequest:
 
     return msgspec.structs.replace(
         request,
-        robot=_written(robot, folder, f"{size:g}", lambda root: _scale(root, size)),
+        robot=_written(robot, folder, f"{size:g}", lambda root: scale_lengths(root, size)),
         scene=msgspec.structs.replace(scene, obstacles=[_scaled(one, size) for one in scene.obstacles]),
         start=values(request.start),
         goal=JointsGoal(values(goal.positions)),
     )
 
 
-def _scale(root: Any, size: float) -> None:
+def scale_lengths(root: Any, size: float) -> None:
     """Scale all lengths of a URDF in place."""
     for element in root.iter():
         for name in LENGTHS:

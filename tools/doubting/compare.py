@@ -200,7 +200,7 @@ def measured_otherwise(judge: Judge, curve: Curve, sampled: Sampled) -> list[Dis
     found = []
     for nearest in (sampled.obstacle, sampled.own):
         other = judge.otherwise(curve, nearest)
-        if other is not None and abs(other - nearest.distance) > CLOSER * max(1.0, nearest.distance):
+        if other is not None and abs(other - nearest.distance) > CLOSER * max(judge.subject.size, nearest.distance):
             said = f"{_told(nearest)}, by another algorithm {other:.9g}"
             found.append(Disagreement(Kind.MEASURE, said))
     return found
@@ -215,7 +215,7 @@ def _certified(judge: Judge, curve: Curve, sampled: Sampled) -> list[Disagreemen
     """What contradicts that a motion is free and keeps what is asked for."""
     found = []
     for nearest, required in ((sampled.obstacle, judge.setting.min_clearance), (sampled.own, 0.0)):
-        if nearest.distance < required - CLOSER:
+        if nearest.distance < required - CLOSER * judge.subject.size:
             said = f"{_told(nearest)}, {required - nearest.distance:.4g} m closer than required"
             found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))
     enclosed = judge.enclosed(curve, float(sampled.times[0])) if not found else None
@@ -234,7 +234,7 @@ def _constraints(judge: Judge, curve: Curve, constraints: list[PathConstraint]) 
     for one in constraints:
         worst, when = farthest(judge, curve, one)
         allowed = one.half_angle if isinstance(one, OrientationCone) else one.tolerance
-        if worst > allowed + CLOSER:
+        if worst > allowed + CLOSER * judge.subject.size:
             said = f"a constraint of {allowed:.9g} is violated: {worst:.9g} at {when:.9g}"
             found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))
     return found
@@ -281,7 +281,7 @@ def _refused(
         required = 0.0 if verdict.reason == "contact" else judge.required[mine].max(initial=0.0)
         room = float((distances - required - judge.slacks[mine]).min(initial=np.inf))
         rough = verdict.reason == "undecided" or judge.of_points(verdict.pair)
-        allowed = FLOOR if rough else CLOSER * (1.0 + 2.0 * abs(room + required))
+        allowed = judge.subject.size * (FLOOR if rough else CLOSER * (1.0 + 2.0 * abs(room + required)))
         if request.leave_start_contact:  # what touched at the start must not come closer until it is that far away
             allowed = max(allowed, LEFT)
         within = judge.enclosed(curve, when) is not None if verdict.reason == "contact" and room > allowed else False
@@ -290,7 +290,7 @@ def _refused(
             found.append(Disagreement(Kind.FALSE_REFUSAL, said))
     if verdict.reason not in ("stopped",) and " after " not in verdict.covers and not request.leave_start_contact:
         until = time_of(curve, verdict.free_until.row)
-        closer = judge.first_closer(curve, sampled, judge.required - CLOSER, until)
+        closer = judge.first_closer(curve, sampled, judge.required - CLOSER * judge.subject.size, until)
         if closer is not None:
             said = f"free until {until:.9g}, but {judge.pair_names(closer[1])} are too close at {closer[0]:.9g}"
             found.append(Disagreement(Kind.FALSE_CERTIFICATE, said))

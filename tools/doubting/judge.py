@@ -22,6 +22,7 @@ from doubting.solid import encloses
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import AttachedObject
 from guidefield.messages.values import Placement
+from guidefield.referee.shapes import distance
 
 FAR = 0.1
 """Pairs whose balls are farther apart are not measured exactly, unless all are [m]."""
@@ -46,6 +47,7 @@ class Subject:
         hulls: Names of shapes for which their hull is judged.
         rest: Values of all joints that follow none.
         tip: The frame that goals are about, unless a request says otherwise.
+        size: How many times as large as usual it is: of a large one distances may be off by as much more.
     """
 
     formula: Formula
@@ -53,6 +55,7 @@ class Subject:
     hulls: frozenset[str]
     rest: Values
     tip: str
+    size: float = 1.0
 
     @cached_property
     def links(self) -> list[str]:
@@ -303,7 +306,7 @@ class Judge:
             near = found[k] <= far
             exact[k] = near & ~self._meshes
             for pair in np.flatnonzero(exact[k]).tolist():
-                found[k, pair] = pin.computeDistance(self.geometry, self._scratch, pair).min_distance
+                found[k, pair] = self._distance(pair)
             rough = np.flatnonzero(near & self._meshes)
             if len(rough):
                 pin.updateGeometryPlacements(self._model, self._data, self._hulls, self._hull_scratch)
@@ -324,7 +327,7 @@ class Judge:
             if found[k, pair] >= least:
                 return
             self._stand(qs[k], flights[k])
-            found[k, pair] = pin.computeDistance(self.geometry, self._scratch, pair).min_distance
+            found[k, pair] = self._distance(pair)
             exact[k, pair] = True
             least = min(least, found[k, pair])
 
@@ -359,6 +362,17 @@ class Judge:
             a, b = np.maximum(low, centre - width), np.minimum(high, centre + width)
         return Nearest(best[0], best[1], self.pair_names(best[2]), float(self.slacks[best[2]]), best[2])
 
+    def _distance(self, pair: int) -> float:
+        """The distance of a pair where all stands [m]: by Coal, of capsules by the referee's own few lines."""
+        i, j = self.pairs[pair].tolist()
+        a, b = (self.geometry.geometryObjects[k].geometry for k in (i, j))
+        if isinstance(a, coal.Capsule) and isinstance(b, coal.Capsule):
+            there = (
+                coal.Transform3s(at.rotation, at.translation) for at in (self._scratch.oMg[i], self._scratch.oMg[j])
+            )
+            return distance(a, next(there), b, next(there))
+        return float(pin.computeDistance(self.geometry, self._scratch, pair).min_distance)
+
     def _candidates(
         self, times: np.ndarray, mine: np.ndarray, pairs: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -382,7 +396,7 @@ class Judge:
         qs, flights, found = self.configurations(curve.at(times)), self._frames(times), np.empty(len(times))
         for k, pair in enumerate(pairs.tolist()):
             self._stand(qs[k], flights[k])
-            found[k] = pin.computeDistance(self.geometry, self._scratch, pair).min_distance
+            found[k] = self._distance(pair)
         return found
 
     def between(self, names: Sequence[str]) -> np.ndarray:
@@ -418,9 +432,7 @@ class Judge:
         """Exact distances of all pairs at values of one row, at rest, at a time [s]: shape (pairs,) [m]."""
         frames = [shapes.frames_at(one, np.array([time]))[0] for _, one, _ in self._flights]
         self._stand(self.configurations(values)[0], frames)
-        return np.array(
-            [pin.computeDistance(self.geometry, self._scratch, p).min_distance for p in range(len(self.pairs))]
-        )
+        return np.array([self._distance(p) for p in range(len(self.pairs))])
 
     def touches_at(self, values: Values) -> bool:
         """Tell whether a pair is in contact, or one inside the other, at values of one row, at rest and time 0."""
@@ -489,7 +501,7 @@ class Judge:
                 inside = self._scratch.oMg[outer].actInv(self._scratch.oMg[inner].act(point))
                 if np.linalg.norm(inside) > self._radii[outer] or not encloses(*solid, inside):
                     continue
-                if pin.computeDistance(self.geometry, self._scratch, pair).min_distance > 0.0:
+                if self._distance(pair) > 0.0:
                     return self.pair_names(pair)
         return None
 

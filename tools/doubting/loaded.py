@@ -64,6 +64,7 @@ class Loaded:
             frozenset(choice.name for choice in model.geometry_choices if choice.judged_as == "convex hull"),
             as_values(configuration_to_wire(model.joints, model.rest)),
             model.tip,
+            max(1.0, model.size),
         )
         return cls(robot, reference, model, subject, text, engine)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from doubting import aligned, mutants, robots
+from doubting import aligned, mutants, robots, sized
 from doubting.asked import asked
 from doubting.case import Case, Request
 from doubting.doubted import Doubted, doubted
@@ -69,8 +69,16 @@ class Work:
             self.counts["left out:robot that can't move"] += 1
             return self._ended(began)
         self.counts[f"robot:{robot.catalog or ('with meshes' if robot.meshes else 'random')}"] += 1
+        size, larger = sized.drawn_size(np.random.default_rng([self.seed, 3]), robot), loaded
+        if size != 1.0:
+            self.counts[f"size:{'smaller' if size < 1.0 else 'larger'}"] += 1
+            try:
+                larger = Loaded.of(sized.sized_robot(robot, size), self.folder / "robots", self.engine)
+            except GuidefieldError as error:
+                self.counts[f"left out:sized robot {type(error).__name__}"] += 1
+                return self._ended(began)
         for index in range(plans):
-            self._plan(loaded, index, changed)
+            self._plan(loaded, index, changed, larger, size)
         return self._ended(began)
 
     def aligned(self, motions: int = ALIGNED) -> Unit:
@@ -95,12 +103,18 @@ class Work:
     def _ended(self, began: float) -> Unit:
         return Unit(self.seed, time.monotonic() - began, dict(self.counts), self.files, commit())
 
-    def _plan(self, loaded: Loaded, index: int, changed: int) -> None:
+    def _plan(self, drawn: Loaded, index: int, changed: int, loaded: Loaded, size: float) -> None:
+        """Doubt a plan that is drawn for one robot, by the one that is so many times as large."""
         rng = np.random.default_rng([self.seed, index])
-        one = asked(rng, loaded, index)
+        one = asked(rng, drawn, index)
         if one is None:
             self.counts["left out:no free ends"] += 1
             return
+        if np.random.default_rng([self.seed, index, 4]).random() < sized.MESHED:
+            self.counts["plan:among meshes"] += 1
+            one = dataclasses.replace(one, request=sized.in_meshes(one.request))
+        if size != 1.0:
+            one = dataclasses.replace(one, request=sized.sized_request(one.request, size, loaded))
         came = doubted(loaded, one.request)
         origin = f"seed {self.seed}, plan {index}, {one.kind}"
         self._note(loaded, one.request, came, origin)

@@ -9,6 +9,7 @@ from typing import Any
 
 import coal
 import msgspec
+import numpy as np
 import pinocchio as pin
 
 from guidefield.deadline import UNLIMITED, Deadline
@@ -20,6 +21,7 @@ from guidefield.messages.requests import AttachedObject
 from guidefield.messages.scene import HalfSpace, PointCloud
 from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.model import GeometryChoice, RobotModel
+from guidefield.robot.urdf.links import NO_LENGTH
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
 from guidefield.scene.content import content_of
@@ -186,6 +188,14 @@ def _build_held(one: AttachedObject, index: int) -> Held:
         field = error.details["path"].removeprefix(f"$.obstacles[{index}]")
         details = {**error.details, "path": f"$.attached_objects[{index}].obstacle{field}"}
         raise SceneInvalid(f"`attached_objects[{index}]`: {error.message}", **details) from None
+    lengths = np.hstack([getattr(one.obstacle, field, ()) for field in ("size", "radius", "length")])
+    if (least := lengths.min(initial=1.0)) < NO_LENGTH:
+        raise SceneInvalid(
+            f"`attached_objects[{index}]`: {body.name!r} has a length of {least:g} m, which is none: what is held must"
+            f" have {NO_LENGTH:g} m",
+            obstacle=body.name,
+            path=f"$.attached_objects[{index}].obstacle",
+        )
     placement = se3(one.placement.position, one.placement.quaternion_xyzw) * body.placement
     shape = body.shape
     if body.cloud is not None:

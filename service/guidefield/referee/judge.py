@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.referee.case import Body, Case, Constraint
+from guidefield.referee.shapes import distance
 from guidefield.referee.solid import distinct, is_closed, winding
 from guidefield.referee.verdict import Answer, Finding, Verdict
 
@@ -51,7 +52,7 @@ def false_part(case: Case) -> Finding | None:
         first, corner = distinct(corners := body.triangles.reshape(-1, 3))
         within, here = np.zeros(len(body.triangles), bool), coal.Transform3s.Identity()
         for part in body.parts:
-            gaps = [_distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in corners[first]]
+            gaps = [distance(coal.Sphere(0.0), coal.Transform3s(np.eye(3), p), part, here) for p in corners[first]]
             within |= (np.array(gaps)[corner.reshape(-1, 3)] <= SLACK + ROUNDING).all(axis=1)
         told = [{frozenset(map(tuple, t)) for t in a.tolist() if len(body.shell)} for a in (body.triangles, body.shell)]
         whole = {t for t in told[0] if len(t) == 3} <= told[1] and is_closed(body.shell)
@@ -148,13 +149,13 @@ class Along:
             moves[:, 0] = [r * self._fastest(k, start + low, start + high) for k in range(len(self.carried))]
             left = []
             for k in asked:
-                broken, room, loss, distance = self._pair(k, moves) if k < n else self._constraint(k - n, moves, turns)
+                broken, room, loss, apart = self._pair(k, moves) if k < n else self._constraint(k - n, moves, turns)
                 if broken:
-                    return Finding(broken, self.names[k], start + middle, distance)
+                    return Finding(broken, self.names[k], start + middle, apart)
                 if room >= loss:
                     self.kept = min(self.kept, room - loss) if k < n else self.kept
                 elif loss <= FLOOR:
-                    unsure = unsure or Finding(Answer.UNDECIDED, self.names[k], start + middle, distance)
+                    unsure = unsure or Finding(Answer.UNDECIDED, self.names[k], start + middle, apart)
                 else:
                     left.append(k)
             stack += [(piece, middle, high, left), (piece, low, middle, left)] if left else []
@@ -220,12 +221,12 @@ class Along:
         loss = float((moves[i] + moves[j])[self.moved[i] ^ self.moved[j]].sum() + moves[i, 0] + moves[j, 0])
         for some, others, out in ((a.parts or [a.exact], b.parts or [b.exact], SLACK), ([a.exact], [b.exact], 0.0)):
             self.evaluations += len(some) * len(others)
-            gap = min(_distance(one, self.coal[i], other, self.coal[j]) for one in some for other in others)
-            distance = gap - a.rounding - b.rounding - out
-            if (room := distance - SLACK * (1.0 + 2.0 * abs(distance)) - required) >= loss:
+            gap = min(distance(one, self.coal[i], other, self.coal[j]) for one in some for other in others)
+            apart = gap - a.rounding - b.rounding - out
+            if (room := apart - SLACK * (1.0 + 2.0 * abs(apart)) - required) >= loss:
                 break
-        close = Answer.TOO_CLOSE if distance <= required - SLACK else None
-        return Answer.CONTACT if distance <= 0.0 else close, room, loss, distance
+        close = Answer.TOO_CLOSE if apart <= required - SLACK else None
+        return Answer.CONTACT if apart <= 0.0 else close, room, loss, apart
 
     def _constraint(self, k: int, moves: np.ndarray, turns: np.ndarray) -> Told:
         """The angle of a frame's axis, or the distance of its origin; told is by how much that exceeds the limit."""
@@ -244,7 +245,3 @@ def _carrier(one: Body | Constraint, data: Any, now: float) -> Any:
     times, stops = one.screw.times, one.screw.stops
     k = min(max(int(np.searchsorted(times, now)) - 1, 0), len(times) - 2)
     return stops[k] * pin.exp6((min(max(now, times[0]), times[-1]) - times[k]) * one.screw.twists[k])
-
-
-def _distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
-    return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))

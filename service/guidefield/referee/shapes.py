@@ -35,6 +35,24 @@ class Shape:
     points: np.ndarray
 
 
+def distance(a: Any, at_a: Any, b: Any, at_b: Any) -> float:
+    """Distance of two of Coal's shapes where they stand, coal.Transform3s [m]; where they overlap it isn't positive.
+
+    Of two capsules it is that of their axes, by the ends and by where both slopes are zero: Coal's is off by up to
+    23 um where they are short.
+    """
+    if not (isinstance(a, coal.Capsule) and isinstance(b, coal.Capsule)):
+        return float(coal.distance(a, at_a, b, at_b, coal.DistanceRequest(), coal.DistanceResult()))
+    u, v = (one.halfLength * at.getRotation()[:, 2] for one, at in ((a, at_a), (b, at_b)))
+    w, between = at_a.getTranslation() - at_b.getTranslation(), max((u @ u) * (v @ v) - (u @ v) ** 2, 1e-300)
+    along = [(u @ v * (w @ v) - v @ v * (w @ u)) / between, (u @ u * (w @ v) - u @ v * (w @ u)) / between]
+    ends = [(s, (w + s * u) @ v / max(v @ v, 1e-300)) for s in (-1.0, 1.0)]
+    ends += [((t * v - w) @ u / max(u @ u, 1e-300), t) for t in (-1.0, 1.0)]
+    near = np.clip([along, *ends], -1.0, 1.0)
+    apart = np.linalg.norm(w + near[:, :1] * u - near[:, 1:] * v, axis=1).min()
+    return float(apart - a.radius - b.radius)
+
+
 def placement_of(told: Mapping[str, Any]) -> Any:
     """A pinocchio.SE3 of what has `position` and `quaternion_xyzw`, either or none."""
     x, y, z, w = told.get("quaternion_xyzw", (0.0, 0.0, 0.0, 1.0))

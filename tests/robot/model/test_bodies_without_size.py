@@ -23,7 +23,7 @@ URDF = """<robot name="z" version="1.1"><link name="w"/><link name="b"><collisio
 
 BODIES = {
     '<box size="0 0 0"/>': (0.0, 0.0, 0.0),
-    '<box size="0 0.3 0"/>': (0.0, 0.15, 0.0),
+    '<box size="1e-150 0.3 1e-150"/>': (0.0, 0.15, 0.0),
     '<box size="0.3 0 0.2"/>': (0.15, 0.0, 0.1),
     '<sphere radius="0.0"/>': (0.0, 0.0, 0.0),
     '<cylinder radius="0" length="0.4"/>': (0.0, 0.0, 0.2),

@@ -37,6 +37,9 @@ SHAPES = {
 THICKNESS = 2e-6
 """Thickness of a collision body that has none [m]."""
 
+NO_LENGTH = 1e-9
+"""A length below this is taken as zero [m]: areas of the like of 1e-150 are."""
+
 NEVER_JUDGED = "a <visual> is never judged"
 NOT_DRAWN = "this <visual> will not be drawn"
 MASSLESS = "is left out: the link has no mass"
@@ -159,10 +162,10 @@ def _thicken(shape: Element, warnings: list[str]) -> None:
     thin = []
     for attribute, count in SHAPES[shape.tag].items():
         sizes = numbers(shape, attribute, count) if count else None
-        if sizes and 0.0 in sizes:
+        if sizes and min(sizes) < NO_LENGTH:
             least = 0.5 * THICKNESS if attribute == "radius" else THICKNESS
             thin.append(f"{attribute!r} of {shape.get(attribute)!r}")
-            shape.set(attribute, " ".join(repr(size or least) for size in sizes))
+            shape.set(attribute, " ".join(repr(size if size >= NO_LENGTH else least) for size in sizes))
     if thin:
         told = f"<{shape.tag}> has the {' and the '.join(thin)}; {THIN}"
         warnings.append(warning(shape, told))
