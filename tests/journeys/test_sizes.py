@@ -50,9 +50,7 @@ def test_an_so100_reaches_over_a_book_on_a_desk() -> None:
         ],
     )
     start, goal = ({"shoulder_pan": pan, "shoulder_lift": 2.0, "elbow_flex": -1.2} for pan in (-1.0, 1.0))
-    reply = certified(
-        PlanRequest(robot, scene, JointsGoal(goal), start=start, guide_planes=[], allowed_planning_time=60.0)
-    )
+    reply = certified(robot, scene, goal, start=start)
     assert reply.clearance is not None
     assert reply.clearance.inner > 0.002
 
@@ -84,9 +82,8 @@ HAND = f"""<robot name="hand" version="1.1"><link name="base"/><link name="sled"
 
 
 def test_a_hand_of_eight_centimetres_goes_between_two_pegs() -> None:
-    pegs = [
-        Cylinder(name=n, radius=0.004, length=0.3, position=(x, 0.0, 0.05)) for n, x in (("l", -0.046), ("r", 0.046))
-    ]
+    sides = {"left": -0.046, "right": 0.046}
+    pegs = [Cylinder(name=n, radius=0.004, length=0.3, position=(x, 0.0, 0.05)) for n, x in sides.items()]
     bar: list[Any] = [Capsule(name="bar", radius=0.003, length=0.06, position=(0.0, 0.0, 0.12))]
     reply = certified(
         UrdfText(HAND),
@@ -121,9 +118,7 @@ def test_a_crane_of_twenty_metres_lifts_over_a_building() -> None:
         ],
     )
     start, goal = {"slew": -1.0, "luff": 0.0, "level": 0.0}, {"slew": 1.0, "luff": 0.0, "level": 0.0}
-    reply = certified(
-        PlanRequest(UrdfText(CRANE), site, JointsGoal(goal), start=start, guide_planes=[], allowed_planning_time=60.0)
-    )
+    reply = certified(UrdfText(CRANE), site, goal, start=start)
     assert reply.clearance is not None
     assert reply.clearance.inner > 0.3
     out, up = 20.0 * math.cos(0.3), 13.0 + 20.0 * math.sin(0.3)
