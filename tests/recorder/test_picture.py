@@ -19,7 +19,7 @@ NO_GRAPHICS = 3
 @pytest.fixture(scope="module")
 def picture(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     folder = tmp_path_factory.mktemp("picture")
-    run = made_up("panda")
+    run = made_up("xarm7")
     run.record(folder / "run.rrd")
     command = [sys.executable, str(SCREENSHOT), str(folder / "run.rrd"), str(folder / "run.png"), "--time", "0.5"]
     taken = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600)

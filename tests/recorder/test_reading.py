@@ -18,7 +18,7 @@ from tests.recorder.runs import made_up
 
 
 def test_what_is_packed_is_unpacked_or_refused() -> None:
-    run = made_up("panda")
+    run = made_up("xarm7")
     content = bytes(packed(run.request))
     assert unpacked(content, PlanRequest) == run.request
     assert unpacked(bytes(packed(run.reply)), PlanReply) == run.reply

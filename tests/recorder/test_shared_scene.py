@@ -30,7 +30,7 @@ def crowd(count: int) -> messages.Scene:
 
 @pytest.fixture(scope="module")
 def run() -> MadeUp:
-    made, message = made_up("panda"), crowd(600)
+    made, message = made_up("xarm7"), crowd(600)
     request = msgspec.structs.replace(made.request, scene=message)
     return dataclasses.replace(made, scene=build(message), request=request)
 
@@ -95,13 +95,13 @@ def test_where_a_disk_has_no_links_the_scene_is_in_the_recording(
 
 
 def test_a_small_scene_is_in_the_recording(tmp_path: Path) -> None:
-    small = made_up("panda")
+    small = made_up("xarm7")
     assert Recording(record(small, tmp_path, "one")).entities > {*OBSTACLES, LEFT_OUT}
     assert not (tmp_path / FOLDER).exists()
 
 
 def test_a_small_scene_is_drawn_once_for_the_same_colours() -> None:
-    made = made_up("panda")
+    made = made_up("xarm7")
     first, again = (shared_scene(made.scene, made.request, (), ()) for _ in range(2))
     hit = shared_scene(made.scene, made.request, (), [made.scene.obstacles[0].name])
     assert not first.is_large

@@ -26,7 +26,7 @@ MOST_STORED = 500_000
 @pytest.fixture(scope="module")
 def run() -> MadeUp:
     """A plan of a robot whose balls are known: were they found meanwhile, by other tests, drawings would differ."""
-    run = made_up("panda")
+    run = made_up("xarm7")
     coverage(run.group.robot)
     return run
 

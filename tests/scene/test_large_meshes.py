@@ -22,13 +22,14 @@ from guidefield.handlers.preparation import prepare_plan
 from guidefield.kernels.jit.cache import cache_folder
 from guidefield.messages.scene import Mesh, PointCloud, Scene as Message
 from guidefield.prove import tables
-from guidefield.scene import distance_tables as of_scene, obstacle
+from guidefield.scene import distance_tables as of_scene, facets, obstacle
 from guidefield.scene.crop import Ball, crop
 from guidefield.scene.scene import Scene, build
 from tests.scene.test_mesh import box_mesh, room
 
-SIDE = 105
-"""A terrain of so many squares a side has enough triangles for a tree of its own kind."""
+SIDE = 40
+FEWER = {(cache, "LARGE"): 1_000, (scene_tables, "MOST_TRIANGLES"): 500, (facets, "PATCH"): 800}
+"""A terrain of so many squares a side counts as large by these."""
 
 
 def terrain() -> dict[str, Any]:
@@ -59,6 +60,8 @@ MESHES = {
 def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder().parents[1]))  # the kernels' is full
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for (where, name), value in FEWER.items():
+        monkeypatch.setattr(where, name, value)
 
 
 def message() -> Message:
@@ -225,7 +228,9 @@ def test_a_tree_is_whole_or_not_begun_whenever_time_is_up() -> None:
 
 OTHER = """
 import hashlib
-from tests.scene.test_large_meshes import everything, met, new_scene
+from tests.scene.test_large_meshes import FEWER, everything, met, new_scene
+for (where, name), value in FEWER.items():
+    setattr(where, name, value)
 print("begins", flush=True)
 scene = new_scene()
 print(hashlib.sha256(repr([everything(met(scene)), everything(scene)]).encode()).hexdigest())
