@@ -280,9 +280,9 @@ def test_a_recording_is_served_to_browsers_until_sigterm(tmp_path: Path) -> None
 @pytest.fixture
 def plan_file(tmp_path: Path) -> Path:
     request = {
-        "robot": "panda",
+        "robot": "xarm7",
         "scene": "table",
-        "goal": {"type": "joints", "positions": {"panda_joint1": 0.3}},
+        "goal": {"type": "joints", "positions": {"joint1": 0.3}},
         "guide_planes": [],
         "allowed_planning_time": 60,
     }

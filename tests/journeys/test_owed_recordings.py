@@ -26,7 +26,7 @@ from tests.journeys.service import (
 )
 
 PLAN = PlanRequest(
-    "panda", "bookshelf", JointsGoal({"panda_joint1": 0.8}), guide_planes=[], allowed_planning_time=ANSWERED_WITHIN
+    "xarm7", "bookshelf", JointsGoal({"joint1": 0.8}), guide_planes=[], allowed_planning_time=ANSWERED_WITHIN
 )
 
 

@@ -32,7 +32,7 @@ from tests.journeys.service import (
 
 NEAR_A_BOX = Potential(scene=Scene("s", obstacles=[Box(name="b", size=(1.0, 1.0, 1.0))]), points=[(2.0, 0.0, 0.0)])
 SHORT: dict[str, Any] = {
-    "robot": "panda",
+    "robot": "xarm7",
     "scene": "table",
     "goal": {"type": "joints", "positions": {}},
     "guide_planes": [],

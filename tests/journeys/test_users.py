@@ -24,9 +24,9 @@ from tests.journeys.service import (
 )
 
 SHORT: dict[str, Any] = {
-    "robot": "panda",
+    "robot": "xarm7",
     "scene": "table",
-    "goal": {"type": "joints", "positions": {"panda_joint1": 0.2}},
+    "goal": {"type": "joints", "positions": {"joint1": 0.2}},
     "guide_planes": [],
     "allowed_planning_time": 60.0,
     "recording": "off",
