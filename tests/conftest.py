@@ -34,6 +34,8 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take long come first, so that none is left alone in the end: journeys, then those with most to say."""
-    sizes = {path: path.stat().st_size for path in {item.path for item in items}}
-    items.sort(key=lambda item: ("journeys" not in item.path.parts, -sizes[item.path], item.path))
+    """Files with most to say come first, journeys, which wait much, in turn with others: small ones fill the end."""
+    files = sorted({item.path for item in items}, key=lambda path: (-path.stat().st_size, path))
+    kinds = [[path for path in files if ("journeys" in path.parts) is journey] for journey in (True, False)]
+    turns = {path: turn for kind in kinds for turn, path in enumerate(kind)}
+    items.sort(key=lambda item: (turns[item.path], "journeys" not in item.path.parts))

@@ -126,7 +126,7 @@ def test_what_hunts_touches_only_a_robot_that_stands() -> None:
         obstacles = [StreamObstacle(one.message, one.largest) for one in movers]
         with opened(*obstacles, clock_error=0.004) as stream:
             outcome = simulate(
-                stream, movers, [], 1.6, np.random.default_rng(seed), faults, charged=False, to_the_end=True
+                stream, movers, [], 1.2, np.random.default_rng(seed), faults, charged=False, to_the_end=True
             )
         assert not outcome.at_speed
         assert outcome.pieces > 5
@@ -486,7 +486,7 @@ def test_what_is_not_served_or_out_of_limits_is_refused_by_name() -> None:
 
 @pytest.mark.parametrize("seed", [1, 7, 31], ids=["plain", "held_and_cloud", "mesh_and_drift"])
 def test_a_unit_of_doubt_finds_nothing(seed: int) -> None:
-    outcome = unit(seed, 1.2)
+    outcome = unit(seed, 0.8)
     assert not outcome.at_speed
     assert outcome.excess.max() <= 1e-7
     assert outcome.pieces > 0
