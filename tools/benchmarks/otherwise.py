@@ -23,6 +23,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from benchmarks.one.dense import write_dense_copy
@@ -109,6 +110,10 @@ def rows(request: PlanRequest, folder: Path) -> dict[str, tuple[Change, float]]:
         "halved": _of_obstacles(lambda each: [half for one in each for half in _halves(one)]),
         "backwards": _backwards,
         "flipped axes": lambda one: flipped(one, folder),
+        "shifted zeros": lambda one: shifted(one, folder),
+        "links in between": lambda one: msgspec.structs.replace(
+            one, robot=_written(robot, folder, "between", _put_links_between)
+        ),
     }
     return changed | {name: (change, 1.0) for name, change in same.items()}
 
@@ -277,6 +282,58 @@ def _flip(root: Any) -> None:
                 limit.set("upper", repr(-lower))
         if (mimic := joint.find("mimic")) is not None:
             mimic.set("offset", repr(-float(mimic.get("offset", 0.0))))
+
+
+SHIFT = 0.3
+"""By how much zeros of turning joints are shifted [rad]."""
+
+
+def shifted(request: PlanRequest, folder: Path) -> PlanRequest:
+    """The request about a robot whose turning joints count from elsewhere."""
+    robot, goal = request.robot, request.goal
+    assert isinstance(robot, UrdfFile)
+    assert isinstance(goal, JointsGoal)
+    turning = {joint.get("name") for joint in _read(robot).iterfind("joint") if _turns(joint)}
+
+    def values(given: dict[str, Any]) -> dict[str, Any]:
+        return {name: value - SHIFT * (name in turning) for name, value in given.items()}
+
+    changed = _written(robot, folder, "shifted", _shift)
+    return msgspec.structs.replace(
+        request, robot=changed, start=values(request.start), goal=JointsGoal(values(goal.positions))
+    )
+
+
+def _turns(joint: Any) -> bool:
+    return joint.get("type") in ("revolute", "continuous") and joint.find("mimic") is None
+
+
+def _shift(root: Any) -> None:
+    """Turn the frames of turning joints of a URDF about their axes in place, and shift their limits."""
+    for joint in filter(_turns, root.iterfind("joint")):
+        origin, axis, limit = joint.find("origin"), joint.find("axis"), joint.find("limit")
+        if origin is None:
+            origin = etree.SubElement(joint, "origin")
+        roll, pitch, yaw = (float(one) for one in origin.get("rpy", "0 0 0").split())
+        given = np.array([float(one) for one in (axis.get("xyz") if axis is not None else "1 0 0").split()])
+        turned = pin.rpy.rpyToMatrix(roll, pitch, yaw) @ pin.AngleAxis(SHIFT, given / np.linalg.norm(given)).matrix()
+        origin.set("rpy", " ".join(map(repr, pin.rpy.matrixToRpy(turned).tolist())))
+        for name in ("lower", "upper"):
+            if joint.get("type") == "revolute" and limit is not None and limit.get(name):
+                limit.set(name, repr(float(limit.get(name)) - SHIFT))
+
+
+def _put_links_between(root: Any) -> None:
+    """Put a link without shape, which doesn't move, before each joint of a URDF that does, in place."""
+    for joint in [one for one in root.iterfind("joint") if one.get("type") != "fixed"]:
+        name, parent, origin = f"{joint.get('name')}_between", joint.find("parent"), joint.find("origin")
+        etree.SubElement(root, "link", name=name)
+        fixed = etree.SubElement(root, "joint", name=f"{name}_joint", type="fixed")
+        etree.SubElement(fixed, "parent", link=parent.get("link"))
+        etree.SubElement(fixed, "child", link=name)
+        if origin is not None:
+            fixed.append(origin)  # which leaves the other joint without one
+        parent.set("link", name)
 
 
 def _read(robot: UrdfFile) -> Any:
