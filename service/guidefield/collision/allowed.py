@@ -19,27 +19,16 @@ from guidefield.scene.scene import Scene
 
 
 class Allowed(NamedTuple):
-    """What may touch.
-
-    Attributes:
-        links: Pairs of links, each in both orders.
-        obstacles: By link the obstacles that it may touch, by their indices.
-    """
+    """What may touch: pairs of links, each in both orders, and by link the obstacles, by their indices."""
 
     links: set[PairNames]
     obstacles: dict[str, list[int]]
 
 
 def allowed_among(group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[PairNames]) -> Allowed | None:
-    """What may touch; None where nothing may.
+    """What may touch, by pairs of names of links or obstacles; None where nothing may.
 
-    Args:
-        group: The robot.
-        scene: The obstacles.
-        allowed_collisions: Pairs of names, of links or obstacles.
-
-    Raises:
-        UnknownObject: if a name is neither a link nor an obstacle; lists those there are.
+    Raises UnknownObject if a name is neither a link nor an obstacle; lists those there are.
     """
     pairs = list(allowed_collisions)
     if not pairs:
@@ -80,11 +69,7 @@ def _indices(scene: Scene) -> dict[str, int]:
 class HeldContact(NamedTuple):
     """A held object and a link, or another held object, in contact at every configuration of a group.
 
-    One wholly inside the other's closed mesh is in contact with it.
-
-    Attributes:
-        pair: Their names.
-        depth: How far they must move apart to be free [m]; None where a body is a surface without an inside.
+    One wholly inside the other's closed mesh is in contact with it. The depth is as of `Contact`.
     """
 
     pair: PairNames

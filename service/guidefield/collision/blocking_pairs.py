@@ -22,11 +22,9 @@ MOST_LOOKED_AT = 16
 
 @dataclass(frozen=True)
 class BlockingPairs:
-    """What was met.
+    """How often pairs touched at the configurations looked at, the most frequent first.
 
     Attributes:
-        looked_at: At how many configurations.
-        counts: By pair at how many of them it touches, the most frequent first.
         deepest: Of the first pair the greatest depth [m]; None where it has none.
         clearest: The most that one of them keeps from the obstacles, if they were to keep something [m].
     """
@@ -63,24 +61,14 @@ class BlockingPairs:
 
 
 class Met(NamedTuple):
-    """What touches at a configuration.
-
-    Attributes:
-        bodies: Where the robot's bodies stand there, as `World.body_placements` has them, shape (r, 3, 4) [m].
-        pairs: The pairs that touch.
-    """
+    """Where the robot's bodies stand at a configuration (r, 3, 4) [m], and the pairs that touch."""
 
     bodies: np.ndarray
     pairs: list[int]
 
 
 def met_each(world: World, qs: Sequence[ModelConfiguration]) -> tuple[list[Met], list[bool]]:
-    """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does.
-
-    Args:
-        world: Robot and obstacles.
-        qs: Configurations of the group's model, each of shape (model.nq,).
-    """
+    """What touches at the configurations that `blocking_pairs` looks at, and at which of all something does."""
     near, looked_at = world.near_each(qs), len(qs[:MOST_LOOKED_AT])
     met = _met(world, qs[:looked_at], near)
     touches = [bool(one.pairs or world.held_contacts) for one in met]
@@ -98,13 +86,10 @@ def _met(world: World, qs: Sequence[ModelConfiguration], near: Sequence[list[int
 def blocking_pairs(
     world: World, qs: Sequence[ModelConfiguration], clearance: float = 0.0, met: Sequence[Met] | None = None
 ) -> BlockingPairs:
-    """The pairs that touch, or of which one is wholly inside the other, at configurations.
+    """The pairs that touch, or of which one is wholly inside the other, at configurations of the group's model.
 
-    Args:
-        world: Robot and obstacles.
-        qs: Configurations of the group's model, each of shape (model.nq,).
-        clearance: What they were to keep from obstacles; the nearest pair counts where nothing touches [m].
-        met: What touches at the first of them, where that is known from `met_each`.
+    Where nothing touches, the nearest pair counts that doesn't keep a clearance from obstacles [m]. What touches at the
+    first of them may be known from `met_each`.
     """
     clearest: float | None = None
     counts: Counter[PairNames] = Counter()

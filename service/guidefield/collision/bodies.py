@@ -22,32 +22,17 @@ PARTS = 8
 
 
 def joint_placements(data: Any, *, writeable: bool = False) -> np.ndarray:
-    """Placements of all joints in the world, in Pinocchio's data: what is read is where they stand now.
+    """Placements of all joints in the world, in Pinocchio's data, read where they stand now; (njoints, 3, 4).
 
-    Copying them one by one takes longer than to compute them.
-
-    Args:
-        data: Pinocchio's data; what is returned is for no longer than they live.
-        writeable: Whether who writes in it puts joints elsewhere, until Pinocchio does.
-
-    Returns:
-        Rotation and translation, shape (njoints, 3, 4), read-only if not asked for otherwise [m].
-
-    Raises:
-        RuntimeError: if they don't lie one behind the other, as they do in Pinocchio 3 and 4.
+    Copying them one by one takes longer than to compute them. They are valid as long as the data live; who writes in
+    them, if that is asked for, puts joints elsewhere until Pinocchio does. Raises RuntimeError if they don't lie one
+    behind the other, as they do in Pinocchio 3 and 4.
     """
     return _one_behind_the_other(data.oMi, writeable=writeable)
 
 
 def body_placements(data: Any) -> np.ndarray:
-    """Placements of all bodies in the world, in Pinocchio's geometry data; see `joint_placements`.
-
-    Returns:
-        Rotation and translation, shape (r, 3, 4) [m]. Who writes in it puts bodies elsewhere, until Pinocchio does.
-
-    Raises:
-        RuntimeError: as there.
-    """
+    """The same of all bodies in Pinocchio's geometry data, shape (r, 3, 4) [m], which may be written."""
     return _one_behind_the_other(data.oMg, writeable=True)
 
 
@@ -77,10 +62,8 @@ class Bodies:
 
     Attributes:
         joints: Joint that carries each robot body, shape (r,); 0 is the world.
-        centres: Centres of the balls about robot bodies, in the frame of that joint, shape (r, 3) [m].
-        radii: Their radii, shape (r,) [m].
-        part_centres: Centres of balls that together hold a robot body, shape (r, `PARTS`, 3), in the same frame [m].
-        part_radii: Their radii, shape (r,) [m].
+        centres, radii: Balls about robot bodies, in the frame of that joint, shapes (r, 3) and (r,) [m].
+        part_centres, part_radii: Balls that together hold each, shapes (r, `PARTS`, 3) and (r,), in the same frame [m].
         moved_by: Whether joint j moves a robot body, shape (r, nv).
         turns: Whether joint j turns (revolute, continuous) rather than slides, shape (nv,).
     """
@@ -99,14 +82,7 @@ class Bodies:
         return BodyBalls(self.joints, self.centres, self.radii, self.part_centres, self.part_radii)
 
     def centres_in_world(self, joint_placements: np.ndarray) -> np.ndarray:
-        """Centres of the balls in the world.
-
-        Args:
-            joint_placements: ``T_world_joint`` of every joint of the model, shape (..., njoints, 3, 4) [m].
-
-        Returns:
-            Shape (..., r, 3) [m, world].
-        """
+        """Centres of the balls (..., r, 3) [m, world], by ``T_world_joint`` of all joints (..., njoints, 3, 4)."""
         carriers = joint_placements[..., self.joints, :, :]
         centres: np.ndarray = (carriers[..., :3] @ self.centres[:, :, None])[..., 0] + carriers[..., 3]
         return centres

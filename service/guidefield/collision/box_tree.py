@@ -25,11 +25,8 @@ _BITS = 16
 class BoxTree(ReadOnly):
     """Boxes in the order of their centres along a Morton curve, and above them boxes about every `CHILDREN` of them.
 
-    Attributes:
-        along: The centres in that order.
-        nodes: Lower, then upper corners, shape (m, 6) [m]: of the boxes themselves, then of those about them, up to a
-            level of `CHILDREN` at most.
-        firsts: Where each level begins among them, and the number of all, shape (levels + 1,).
+    `nodes` are lower, then upper corners (m, 6) [m], level by level from the boxes themselves up to one of `CHILDREN`
+    at most; `firsts` tells where each level begins, then the number of all.
     """
 
     along: Along
@@ -47,12 +44,7 @@ class BoxTree(ReadOnly):
         return cls(along, nodes, firsts)
 
     def changed(self, rows: Rows, fresh: np.ndarray) -> BoxTree | None:
-        """The tree of boxes of which some are others: the very one, or None where it has to be made anew.
-
-        Args:
-            rows: Where the boxes stood among those before.
-            fresh: The others, shape (k, 6) [m].
-        """
+        """The tree of boxes of which some are others (k, 6) [m]: the very one, or None if it is sooner made anew."""
         if not rows.count or not rows.before:
             return None
         along, runs, turn = changed_along(
@@ -77,14 +69,9 @@ class BoxTree(ReadOnly):
         return self.nodes[: len(self.along.order)]
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the boxes overlap which of others; boxes that touch do.
+        """Which of the boxes overlap which of others, corners (q, 3) [m]; boxes that touch do.
 
-        Args:
-            low: Lower corners of the others, shape (q, 3) [m].
-            high: Upper corners, shape (q, 3) [m].
-
-        Returns:
-            Index of one of the others and index of a box as it was given, both of shape (k,), in this order.
+        Index of one of the others and of a box as it was given, both of shape (k,), in this order.
         """
         low, high = np.ascontiguousarray(low, float), np.ascontiguousarray(high, float)
         pairs = np.empty((FEW * len(low), 2), np.int64)

@@ -35,16 +35,9 @@ _Closest = tuple[float, int, ClosestPoints]
 class ClearanceAt(ReadOnly):
     """Smallest distances at one configuration: signed where both bodies are convex, else 0 in contact.
 
-    A body wholly inside another's closed mesh is in contact with it.
-
-    Attributes:
-        obstacle_distance: Of moving links to obstacles [m]; infinite without such a pair.
-        obstacle_pair: The closest link and obstacle; None without such a pair.
-        witness: Their closest points, link first, shape (2, 3) [m, world]; None without such a pair.
-        self_distance: Of the robot to itself [m]; infinite without such a pair.
-        self_pair: The closest two links; None without such a pair.
-        pairs: Index of the closest own pair and of the closest pair with an obstacle; -1 without such a pair.
-        self_witness: As `witness`, of the closest two links.
+    A body wholly inside another's closed mesh is in contact with it. Without such a pair distances are infinite, the
+    closest pair of names, link first, and its closest points (2, 3) [m, world] None, and indices in `pairs`, of the own
+    pair and of that with an obstacle, -1.
     """
 
     obstacle_distance: float
@@ -70,14 +63,10 @@ class ClearanceAt(ReadOnly):
 
 
 def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
-    """Smallest distances at a configuration.
+    """Smallest distances at a configuration of the group's model, shape (model.nq,).
 
     Coal measures pairs in the order of a lower bound of their distance, until no pair left can be closer. The bound is
     that of balls and boxes about them first; where a mesh is in a pair, then the distance of hulls, sooner had.
-
-    Args:
-        world: Robot and obstacles.
-        q: Configuration of the group's model, shape (model.nq,).
     """
     inside = enclosed_pairs(world, q)
     world.place(q)
@@ -92,20 +81,12 @@ def clearance_at(world: World, q: ModelConfiguration) -> ClearanceAt:
 
 
 def clearance_gradient(world: World, q: ModelConfiguration, one: ClearanceAt, *, own: bool) -> np.ndarray | None:
-    """Gradient of a smallest distance by the velocities of the group.
+    """Gradient of a smallest distance at a configuration by the group's velocities, shape (group.nv,) [m per rad or m].
 
     The closest points move with their bodies, and the distance grows as they part along the line between them (the
-    envelope theorem); so of distances without contact it is exact wherever the closest pair is a single one.
-
-    Args:
-        world: Robot and obstacles.
-        q: Configuration of the group's model, shape (model.nq,).
-        one: The smallest distances there.
-        own: Whether that of the robot to itself is asked about.
-
-    Returns:
-        Shape (group.nv,) [m per rad or m]; None without such a pair, and where its bodies touch exactly, or one is a
-        surface and they touch: no direction leads out then.
+    envelope theorem); so of distances without contact it is exact wherever the closest pair is a single one. `own` asks
+    about the robot's distance to itself. None without such a pair, and where its bodies touch exactly, or one is a
+    surface and they touch: no direction leads out then.
     """
     pair, witness = one.pairs[0 if own else 1], one.self_witness if own else one.witness
     distance = one.self_distance if own else one.obstacle_distance
@@ -138,12 +119,7 @@ def _closer(world: World, known: _Closest | None, pair: int) -> _Closest:
 
 
 def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
-    """Distance, index and closest points of the closest pair with an obstacle: looked for within ever more around.
-
-    Args:
-        world: Robot and obstacles; the robot is placed.
-        centres: Of the balls about its bodies, shape (r, 3) [m, world].
-    """
+    """The closest pair of a placed robot with an obstacle, searched within ever more around its balls (r, 3)."""
     reach, count = FIRST_REACH * world.group.size, len(world.pairs) - world.pairs.n_self
     while True:
         pairs = _pairs_within(world, centres, reach)
@@ -154,18 +130,10 @@ def _closest_obstacle(world: World, centres: np.ndarray) -> _Closest | None:
 
 
 def separations(world: World, centres: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-    """Lower bounds of the signed distances of chosen pairs, by one ball about each of the robot's bodies.
+    """Lower bounds of the signed distances of pairs (m,), by one ball about each of the robot's bodies, shape (m,) [m].
 
-    A ball that overlaps another, or a box from outside, bounds the depth too; a centre inside a box bounds nothing:
-    minus infinity.
-
-    Args:
-        world: Robot and obstacles.
-        centres: Of the balls, shape (r, 3) [m, world].
-        pairs: Indices of the pairs, shape (m,).
-
-    Returns:
-        Shape (m,) [m].
+    Given the centres of the balls, shape (r, 3) [m, world]. A ball that overlaps another, or a box from outside, bounds
+    the depth too; a centre inside a box bounds nothing: minus infinity.
     """
     first, second = world.pairs.bodies(pairs).T
     own, radii, found = pairs < world.pairs.n_self, world.bodies.radii, np.empty(len(pairs))

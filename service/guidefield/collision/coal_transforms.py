@@ -10,11 +10,9 @@ import numpy as np
 
 
 class CoalTransforms:
-    """Transforms of a world's bodies; those of the robot's follow an array in which others write where they stand.
+    """Transforms of a world's bodies; those of the robot's follow an array (r, 3, 4) [m] in which others write.
 
-    Args:
-        robot: ``T_world_body`` of the robot's bodies, the first ones, shape (r, 3, 4) [m].
-        still: Where one of the other bodies stands, by its index, a pinocchio.SE3.
+    `still` tells where one of the other bodies stands, by its index, a pinocchio.SE3.
     """
 
     def __init__(self, robot: np.ndarray, still: Callable[[int], Any]) -> None:

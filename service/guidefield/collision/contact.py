@@ -10,12 +10,7 @@ from guidefield.robot.model.spaces import ModelConfiguration
 
 @dataclass(frozen=True)
 class Contact:
-    """Two bodies that touch.
-
-    Attributes:
-        pair: Their names: a link, and a link or an obstacle.
-        depth: How far they must move apart to be free [m]; None where a body is a surface without an inside.
-    """
+    """Names of a link and a link or obstacle that touch; how far they must part to be free [m], None of a surface."""
 
     pair: tuple[str, str]
     depth: float | None

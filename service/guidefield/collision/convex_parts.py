@@ -99,11 +99,9 @@ class PartsTable:
         raise UnservedError(type(shape).__name__)
 
     def add_above(self, balls: np.ndarray, links: np.ndarray) -> int:
-        """Add nodes without parts above bodies; the first of them.
+        """Add nodes without parts above bodies; the first one.
 
-        Args:
-            balls: Centre and radius of the ball about each, shape (n, 4) [m].
-            links: Their children, nodes of the table, which may be added later, shape (n, 2).
+        Balls about them are of shape (n, 4) [m]; their children, nodes that may be added later, of (n, 2).
         """
 
         def write(made: Arrays) -> None:
@@ -196,13 +194,9 @@ class PartsTable:
         counted_from: np.ndarray = _ZEROS,
         keep: Callable[[Arrays, np.ndarray], None] = lambda _made, _begins: None,
     ) -> int:
-        """Add the parts of one mesh; its root.
+        """Add the parts of one mesh, whose arrays `write` fills where they stay once all are known; its root.
 
-        Args:
-            layout: Of its arrays.
-            write: Writes them where they stay, once all are known.
-            counted_from: The first node, part and block that are written, shape (3,).
-            keep: Is given the arrays in the end, and their first node, part and block.
+        They count from some node, part and block, (3,). `keep` is given the arrays in the end, and their first ones.
         """
         begins = np.array([self._n_nodes, self._n_parts, self._n_blocks])
 
@@ -234,14 +228,9 @@ _KINDS = {"balls": "<f8", "links": "<i8", "shapes": "<i8", "numbers": "<f8", "ve
 
 
 def tree_layout(triangles: int, nodes: int, clusters: Sequence[int], hull_blocks: int = 0, boxes: int = 0) -> Layout:
-    """The arrays of `Parts` for the tree of a mesh.
+    """The arrays of `Parts` for the tree of a mesh, of so many triangles, nodes, and nodes of each of `CLUSTERS`.
 
-    Args:
-        triangles: How many triangles it has.
-        nodes: How many nodes.
-        clusters: How many of these are of each of `CLUSTERS`.
-        hull_blocks: Blocks of the vertices of a hull about all of it, 0 without one.
-        boxes: How many larger ones have a box.
+    Blocks of the vertices of a hull about all of it may be behind, and boxes about larger nodes.
     """
     parts = triangles + sum(clusters) + (hull_blocks > 0) + boxes
     blocks = sum(many * _blocks(most) for most, many in zip(CLUSTERS, clusters, strict=True)) + hull_blocks + boxes
@@ -262,23 +251,15 @@ def _blocks(triangles: int) -> int:
 
 
 def write_triangles(corners: np.ndarray, made: Arrays) -> None:
-    """Write the triangles of a mesh as its first parts.
-
-    Args:
-        corners: Shape (t, 3, 3) [m].
-        made: As `tree_layout` has them, all zero.
-    """
+    """Write triangles, corners (t, 3, 3) [m], as the first parts; `made` is as `tree_layout` has it, all zero."""
     made["numbers"].reshape(-1, PART)[: len(corners), :9] = corners.reshape(-1, 9)
     made["shapes"].reshape(-1, SHAPE)[: len(corners), KIND] = TRIANGLE
 
 
 def write_clusters(corners: np.ndarray, clusters: tuple[Cluster, ...], made: Arrays) -> None:
-    """Write the hulls of the clusters of a mesh as the parts behind its triangles.
+    """Write the hulls of the clusters of a mesh as the parts behind its triangles, contiguous corners (t, 3, 3) [m].
 
-    Args:
-        corners: Of the triangles, contiguous, shape (t, 3, 3) [m].
-        clusters: As of `MeshTree`.
-        made: As `tree_layout` has them, with the tree's links.
+    `made` is as `tree_layout` has it, with the tree's links.
     """
     part, block = len(corners), 0
     shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
@@ -301,13 +282,7 @@ def _write_hull(words: np.ndarray, made: Arrays) -> None:
 
 
 def write_boxes(nodes: np.ndarray, boxes: np.ndarray, made: Arrays) -> None:
-    """Write boxes about all that is below some nodes as the last parts.
-
-    Args:
-        nodes: Shape (k,).
-        boxes: Their corners, shape (k, 8, 3) [m].
-        made: As `tree_layout` has them, with the tree's links.
-    """
+    """Write boxes, corners (k, 8, 3) [m], about all below nodes (k,) as the last parts, as `write_clusters` does."""
     shapes, links = made["shapes"].reshape(-1, SHAPE), made["links"].reshape(-1, LINK)
     vertices = made["vertices"].reshape(-1, 3, LANES)
     part, block, count = len(shapes) - len(nodes), len(vertices) - len(nodes), len(nodes)
@@ -351,9 +326,7 @@ def robot_parts(group: PlanningGroup) -> BodyParts:
     """The convex parts of the robot's bodies in the frames of their joints; those in the world as seen from an anchor.
 
     The anchor is the world's origin, or one of the bodies if that is far away: single precision tells little there.
-
-    Raises:
-        UnservedError: if a shape is of a kind that the kernels don't know.
+    Raises UnservedError if a shape is of a kind that the kernels don't know.
     """
     table, shapes = PartsTable(), group.geometry.geometryObjects
     fixed = [shape.placement.translation for shape in shapes if shape.parentJoint == 0]

@@ -16,15 +16,11 @@ from guidefield.robot.model.spaces import ModelConfiguration
 
 
 def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
-    """Names of the first pair of bodies, one wholly inside the other's closed mesh, or None.
+    """Names of the first pair, one body wholly inside the other's closed mesh, at a configuration; None if none is.
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
-    tells. A body that touches may be reported too: it is partly inside.
-    A motion without contact can't change the answer: it is asked for once, at the start.
-
-    Args:
-        world: The robot among obstacles.
-        q: Configuration of the group's model, shape (model.nq,).
+    tells. A body that touches may be reported too: it is partly inside. A motion without contact can't change the
+    answer: it is asked for once, at the start.
     """
     answer = _ENCLOSURES.of(world, key := q.tobytes())  # starts are asked about again and again
     return _ENCLOSURES.keep(world, key, _enclosed_each(world, [q])[0]) if answer is MISSING else answer

@@ -21,27 +21,23 @@ class MotionBound(ReadOnly):
 
         sum over joints j that move b of  2 sin(e_j / 2) rho_bj        (a sliding joint: e_j)
 
-    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after
-    the other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j
-    as at m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about
-    an axis through its centre that may be any: rho is the largest distance from the centre. Lengths that belong
-    together count by their norm. Of two moving bodies only joints that move one and not the other count: the others
-    move both as one. A follower's e is its driver's times the size of its multiplier.
+    from where it is at m; rho_bj is the largest distance of b from axis j *at m*. Proof: turn the joints one after the
+    other from base to tip; while j turns, all joints beyond it still stand at m, so that b is as far from axis j as at
+    m. A ball joint turns by at most the Euclidean norm e of its coordinates' half widths (`chart`), about an axis
+    through its centre that may be any: rho is the largest distance from the centre. Lengths that belong together count
+    by their norm. Of two moving bodies only joints that move one and not the other count: the others move both as one.
+    A follower's e is its driver's times the size of its multiplier.
 
     Attributes:
         half_widths: Matrix (nv of the model, group.nv) from half widths of planned joints to those of all that move.
         alone: Whether a joint's move is its own column's, shape (nv of the model,).
-        together: Matrix (nv of the model, nv of the model): which columns make one move, counted in its first column.
+        together: Matrix (nv, nv of the model): which columns make one move, counted in its first column.
         centred: The same for turns about a centre, halved: the squared distances from three axes through a point add
             up to twice that from the point.
-        turns: Whether a joint turns rather than slides, shape (nv of the model,).
         doubled: 2 for the first column of a ball joint's rotation, 1 for joints that turn, 0 for those that slide.
         radii: Radius of the ball about a robot body, 0 where the joint slides, shape (r, nv of the model) [m].
-        moved_by: Whether a joint moves a robot body, shape (r, nv of the model).
-        own: The robot's own pairs, shape (n_self, 2).
-        first_only, second_only: Joints that move the one body of those pairs and not the other, shape (n_self, nv).
-        apart_from: The first column behind all joints that move both, shape (n_self,). Joints stand in a model before
-            those that they move, so that none from there on moves both.
+        first_only, second_only: Joints that move the one body of own pairs and not the other, shape (n_self, nv).
+        apart_from: The first column behind all joints that move both, shape (n_self,); none from there on moves both.
     """
 
     half_widths: np.ndarray
@@ -58,17 +54,11 @@ class MotionBound(ReadOnly):
     apart_from: np.ndarray
 
     def at(self, jacobians: np.ndarray, centres: np.ndarray, half_widths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """How much closer bodies can come within boxes about configurations.
+        """Bound how much closer bodies can come: own pairs (s, n_self), and each to what stands still (s, r) [m].
 
-        Args:
-            jacobians: Joint Jacobians there in the world frame, shape (s, 6, nv of the model): at a unit speed of joint
-                j a point c moves at v_j + w_j x c, which is as fast as c is far from the axis.
-            centres: Centres there of the balls about the robot's bodies, shape (s, r, 3) [m, world].
-            half_widths: Of the boxes in the group's chart, shape (s, group.nv) [rad or m].
-
-        Returns:
-            Each of the robot's own pairs, shape (s, n_self) [m], and each of its bodies to what stands still, shape
-            (s, r) [m].
+        Of boxes with half widths (s, group.nv) in the chart about configurations with joint Jacobians in the world
+        frame, shape (s, 6, nv of the model), and centres of the balls about the robot's bodies, shape (s, r, 3) [m,
+        world].
         """
         return self.bound_moves(self.reach(jacobians, centres), half_widths)
 

@@ -27,11 +27,8 @@ class NarrowPhase:
     """Coal's judgement of pairs of bodies; like the world that it belongs to it answers one question at a time.
 
     Unless points of contact are asked for, Coal (3.0.3, without a margin) overlooks boxes that overlap by centimetres
-    where an axis of one lies along an axis of the other. So they are.
-
-    Args:
-        shape: Makes a body's Coal shape, by its index; of a body that doesn't move it may be patches of one.
-        there: Where a body stands now, by its index, a coal.Transform3s.
+    where an axis of one lies along an axis of the other. So they are. A body's Coal shape, of one that doesn't move
+    maybe patches, and its coal.Transform3s now are asked for by its index.
     """
 
     def __init__(self, shape: Callable[[int], Any], there: Callable[[int], Any]) -> None:
@@ -51,12 +48,9 @@ class NarrowPhase:
         return self._shapes[body]
 
     def penetration(self, first: int, second: int, margin: float = 0.0) -> float | None:
-        """How far two bodies are apart [m] if they don't keep a margin, negative in contact; None if they keep it.
+        """How far two bodies are apart [m] if they don't keep a margin [m], negative in contact; None if they keep it.
 
-        Args:
-            first: Index of a body.
-            second: Index of another.
-            margin: What they have to keep [m]; Coal answers for none below 0 where a body is a mesh.
+        For a margin below 0 Coal answers none where a body is a mesh.
         """
         if isinstance(patches := self.shape(second), Patches):
             for apart, patch in patches.nearest_first(*self._box_of(first, second)):

@@ -26,10 +26,8 @@ class OwnBoxes(NamedTuple):
 
     Attributes:
         axes: Their axes as columns, row by row, shape (n, 9).
-        centres: Their middles along the axes, shape (n, 3) [m].
-        halves: Half extents, shape (n, 3) [m]; those of a half-space are infinite.
-        boxes: Lower, then upper corners of boxes along the world's axes that contain them, a hair wider than they have
-            to be, shape (n, 6) [m, world].
+        centres, halves: Middles along the axes, half extents, shape (n, 3) [m]; those of a half-space are infinite.
+        boxes: Lower, then upper corners of boxes along the world's axes about them, a hair wider, shape (n, 6) [m].
     """
 
     axes: np.ndarray
@@ -40,13 +38,9 @@ class OwnBoxes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ObstacleBoxes(ReadOnly):
-    """Boxes about the obstacles of a scene, as they are placed at first.
+    """Boxes about the obstacles of a scene as they are placed at first, as of `OwnBoxes`.
 
-    Attributes:
-        axes, centres, halves: As `OwnBoxes` has them.
-        endless: Those without an end, ascending indices, shape (e,).
-        bounded: The others, shape (b,).
-        tree: A tree of the boxes about those, along the world's axes.
+    The tree is of those along the world's axes about the `bounded` ones; the others are `endless`; ascending indices.
     """
 
     axes: np.ndarray
@@ -82,15 +76,7 @@ class ObstacleBoxes(ReadOnly):
         )
 
     def overlapping(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which obstacles may be in which of some boxes along the world's axes.
-
-        Args:
-            low: Their lower corners, shape (q, 3) [m, world].
-            high: Their upper corners, shape (q, 3) [m, world].
-
-        Returns:
-            Index of a box and index of an obstacle, both of shape (k,), in this order.
-        """
+        """Which boxes along the world's axes may hold which obstacles: indices of both (k,), in this order."""
         asked, found = self.tree.overlapping(low, high)
         if not len(self.endless):
             return asked, self.bounded[found]
@@ -100,15 +86,7 @@ class ObstacleBoxes(ReadOnly):
         return asked[order], found[order]
 
     def gaps(self, points: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
-        """Distances of points from the boxes about obstacles along their own axes: 0 inside.
-
-        Args:
-            points: Shape (m, k, 3) [m, world].
-            obstacles: Index of an obstacle for each row, shape (m,).
-
-        Returns:
-            Shape (m, k) [m]; of a half-space 0, for its box is endless.
-        """
+        """Distances of points (m, k, 3) from the box about one obstacle for each row; (m, k) [m], 0 inside."""
         axes, centres, halves = self.along_own_axes
         along = np.matmul(points, axes[obstacles]) - centres[obstacles, None]
         outside = np.maximum(np.abs(along) - halves[obstacles, None], 0.0)
@@ -134,12 +112,7 @@ class ObstacleBoxes(ReadOnly):
 
     @property
     def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The boxes along the obstacles' own axes.
-
-        Returns:
-            Their axes as columns, shape (o, 3, 3), centres along them and half extents, both of shape (o, 3) [m]; the
-            extents of a half-space are infinite.
-        """
+        """Axes as columns (o, 3, 3), centres along them and half extents (o, 3) [m], infinite of a half-space."""
         return self.axes.reshape(-1, 3, 3), self.centres, self.halves
 
 
@@ -160,16 +133,7 @@ def obstacle_boxes(scene: Scene) -> ObstacleBoxes:
 
 
 def boxes_along_axes(obstacles: Sequence[Obstacle]) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes along the world's axes that contain obstacles, a hair wider than they have to be.
-
-    Of primitives they are made of what is declared, many at once.
-
-    Args:
-        obstacles: Bounded obstacles.
-
-    Returns:
-        Lower and upper corners, both of shape (n, 3) [m, world].
-    """
+    """Lower and upper corners (n, 3) of boxes about bounded obstacles, a hair wider than they have to be [m, world]."""
     boxes = own_boxes(obstacles).boxes
     return boxes[:, :3], boxes[:, 3:]
 

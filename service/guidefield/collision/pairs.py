@@ -18,11 +18,9 @@ PairNames = tuple[str, str]
 class Pairs(ReadOnly):
     """First the robot's own pairs, then every body on a moving link with every obstacle, but those left out.
 
-    Bodies are the robot's, then the obstacles.
-
     Attributes:
         own: Bodies of the robot's own pairs, shape (n_self, 2), the lower index first.
-        links: How many bodies are the robot's.
+        links: How many bodies are the robot's, which come before the obstacles.
         moving: Those of them that are tested against obstacles, ascending, shape (m,).
         obstacles: How many obstacles there are.
         left_out: Of all m * obstacles pairs with obstacles those that may touch, as they are counted without own ones
@@ -50,14 +48,7 @@ class Pairs(ReadOnly):
         return len(self.own)
 
     def bodies(self, pairs: np.ndarray) -> np.ndarray:
-        """Bodies of some pairs, the lower index first.
-
-        Args:
-            pairs: Indices of pairs, shape (k,).
-
-        Returns:
-            Shape (k, 2).
-        """
+        """Bodies (k, 2) of pairs (k,), the lower index first."""
         count, found = max(1, self.obstacles), np.empty((len(pairs), 2), np.int64)
         own = pairs < self.n_self
         found[own] = self.own[pairs[own]]
@@ -94,15 +85,7 @@ class Pairs(ReadOnly):
         return [int(body) for body in self.moving]
 
     def with_obstacles(self, rows: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of bodies on moving links and obstacles.
-
-        Args:
-            rows: Which of `moving`, shape (k,).
-            obstacles: Which obstacles, shape (k,).
-
-        Returns:
-            Which of them are pairs, shape (k,), bool, and the indices of those that are.
-        """
+        """Tell which rows of `moving` and obstacles, both (k,), are pairs, and the indices of those that are."""
         mixed = rows * self.obstacles + obstacles
         if not len(self.left_out):
             return np.ones(len(mixed), bool), self.n_self + mixed
@@ -118,21 +101,13 @@ class Pairs(ReadOnly):
         return np.column_stack([self.moving[row], obstacle])
 
     def among(self, chosen: np.ndarray) -> Pairs:
-        """The pairs among some of the obstacles.
-
-        Args:
-            chosen: Which obstacles, ascending, shape (k,).
-        """
+        """The pairs among some of the obstacles, ascending, shape (k,)."""
         row, obstacle = np.divmod(self.left_out, max(1, self.obstacles))
         kept = np.isin(obstacle, chosen)
         left_out = row[kept] * len(chosen) + np.searchsorted(chosen, obstacle[kept])
         return Pairs(self.own, self.links, self.moving, len(chosen), left_out)
 
     def of_obstacles(self, chosen: np.ndarray) -> np.ndarray:
-        """All pairs with some obstacles, in ascending order.
-
-        Args:
-            chosen: Which obstacles, shape (k,).
-        """
+        """All pairs with some obstacles, in ascending order."""
         rows = np.repeat(np.arange(len(self.moving)), len(chosen))
         return np.sort(self.with_obstacles(rows, np.tile(chosen, len(self.moving)))[1])

@@ -30,12 +30,7 @@ FACES = 64
 
 
 class ClosestPoints(NamedTuple):
-    """How far two shapes are apart.
-
-    Attributes:
-        distance: Negative where they overlap [m].
-        first, second: Their closest points, or those that are deepest in the other, shape (3,) [m, world].
-    """
+    """How far two shapes are apart [m], negative where they overlap, and their closest or deepest points [m, world]."""
 
     distance: float
     first: np.ndarray
@@ -43,15 +38,7 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(first: Any, here: Any, second: Any, there: Any, measured: Any) -> ClosestPoints:
-    """Return what Coal measured of two shapes, its depth replaced where that can't be.
-
-    Args:
-        first: A Coal shape.
-        here: Where it stands, a coal.Transform3s.
-        second: Another.
-        there: Where it stands.
-        measured: A coal.DistanceResult about them.
-    """
+    """Return what Coal measured of two placed shapes, a coal.DistanceResult, its depth replaced where that can't be."""
     told = ClosestPoints(measured.min_distance, measured.getNearestPoint1(), measured.getNearestPoint2())
     if told.distance > 0.0 or not isinstance(first, _KNOWN) or not isinstance(second, _KNOWN):
         return told

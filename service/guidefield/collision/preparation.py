@@ -39,15 +39,9 @@ def is_prepared(robot: RobotModel) -> bool:
 
 
 def prepare(robot: RobotModel, deadline: Deadline = UNLIMITED, told: Told = lambda _: None) -> None:
-    """Find all that is missing.
+    """Find all that is missing, each task told by one thread at a time.
 
-    Args:
-        robot: The robot.
-        deadline: Checked before each task; what is found by then is kept.
-        told: Told what is being prepared, by one thread at a time.
-
-    Raises:
-        DeadlineExpired: if time was up.
+    Raises DeadlineExpired if time was up; what is found by then is kept.
     """
     if is_prepared(robot):
         return

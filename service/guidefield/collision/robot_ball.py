@@ -22,14 +22,10 @@ _TURNING_KINDS = {JointKind.REVOLUTE, JointKind.CONTINUOUS, JointKind.SPHERICAL}
 
 @memoized_for_alike
 def reach_ball(group: PlanningGroup, limited: bool = True) -> Ball | None:
-    """Return the ball about all bodies of a planning group; None if a joint may go anywhere.
+    """Return the ball about all bodies of a group, within joint limits or not; None if a joint may go anywhere.
 
     Its centre is the first joint, or the mean of several. The distance from one joint to the next is at most that of
     its placement and of its slide.
-
-    Args:
-        group: The robot.
-        limited: Whether the joints keep their limits.
     """
     model, about = group.model, bodies(group)
     first = [index for index in range(1, model.njoints) if model.parents[index] == 0]
@@ -66,15 +62,9 @@ def _slides(group: PlanningGroup, limited: bool) -> np.ndarray:
 
 
 def robot_ball(world: World, low: ChartPoint, high: ChartPoint) -> tuple[np.ndarray, float]:
-    """Return a ball about the bodies that meet obstacles, at any configuration within a box of the group's chart.
+    """Return a ball [m, world] about the bodies that meet obstacles, anywhere between two corners of the chart.
 
-    Args:
-        world: The robot; it is placed anew.
-        low: The box's lower corner, shape (nv,) [rad or m].
-        high: Its upper corner, shape (nv,).
-
-    Returns:
-        Centre, shape (3,) [m, world], and radius [m].
+    The robot is placed anew.
     """
     group, about, moving = world.group, world.bodies, world.pairs.moving
     q = group.expand_from_chart(0.5 * (low + high))

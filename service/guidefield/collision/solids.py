@@ -30,8 +30,7 @@ class Solid:
 
     Attributes:
         vertices: Those of a closed mesh that is judged as a surface, shape (v, 3).
-        surfaces: Triangles of each of its solids, shape (t, 3), and boxes about runs of them, see `find_run_boxes`,
-            shape (k, 4); none of all others.
+        surfaces: Triangles of each of its solids, shape (t, 3), and boxes about runs of them (k, 4); else none.
         boxes: Lower and upper corners about the solids, shape (n, 2, 3).
         points: A point of each connected piece, shape (n, 3); of a half-space none, because nothing encloses it.
     """

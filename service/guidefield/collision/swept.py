@@ -32,14 +32,7 @@ FLOOR = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class SweptWorld:
-    """A robot as capsules among obstacles.
-
-    Attributes:
-        group: The robot.
-        robot: Its capsules.
-        tables: The obstacles.
-        exact: Whether the capsules are the robot's very shapes and every pair counts: then a no is a no.
-    """
+    """A robot as capsules among obstacles; if they are its very shapes, and every pair counts, it is `exact`."""
 
     group: PlanningGroup
     robot: SweptRobot
@@ -47,15 +40,7 @@ class SweptWorld:
     exact: bool
 
     def ends(self, q0: Configuration, q1: Configuration) -> tuple[ChartPoint, ChartPoint]:
-        """Chart points of two configurations, the second next to the first.
-
-        Args:
-            q0: Configuration of the group, shape (nq,).
-            q1: Another, shape (nq,).
-
-        Returns:
-            Two of shape (nv,) [rad or m].
-        """
+        """Chart points (nv,) of two configurations of the group, shape (nq,), the second next to the first."""
         group = self.group
         if group.space is not group.model:
             z0 = group.chart(q0)
@@ -66,14 +51,9 @@ class SweptWorld:
         return z0, z1
 
     def apart(self, z0: ChartPoint, z1: ChartPoint, margin: float) -> bool:
-        """Return whether all stays apart along the straight motion between two points of the group's chart.
+        """Return whether robot and obstacles keep a margin [m] along the straight motion between two chart points.
 
         True is rigorous. False means that the capsules touch, or (unless `exact`) that they cannot tell.
-
-        Args:
-            z0: Start, shape (nv,) [rad or m].
-            z1: End, shape (nv,).
-            margin: What robot and obstacles have to keep apart [m].
         """
         start, end = self.group.expand_chart(z0), self.group.expand_chart(z1)
         own, floor = SELF_MARGIN * self.group.size, FLOOR * self.group.size

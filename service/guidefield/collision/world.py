@@ -42,17 +42,11 @@ class World:
 
     Bodies are the collision shapes of the robot, then the obstacles. Pairs are, first, the robot's own that count and
     can move relative to each other, then every body on a moving link with every obstacle; a body that stands still in
-    the world, such as a base on the floor, is not tested against obstacles. Allowed collisions are left out.
+    the world, such as a base on the floor, is not tested against obstacles. Allowed collisions are left out; what a
+    held object touches wherever the planned joints are is in `held_contacts`.
 
-    A world's scratch space answers one question at a time, and is not for two threads. What lanes don't need is made
-    when it is asked for. Whoever asks it gives a configuration of the group's model, as Pinocchio takes it:
-    `PlanningGroup.expand` and `expand_from_chart` lead there.
-
-    Attributes:
-        group: The robot's planned joints.
-        scene: The scene.
-        pairs: The pairs, counted.
-        held_contacts: What a held object touches wherever the planned joints are, unless that is allowed.
+    A world's scratch space answers one question at a time, and is not for two threads. What SIMD batches don't need is
+    made on demand. Configurations are those of the group's model: `PlanningGroup.expand` leads there.
     """
 
     group: PlanningGroup
@@ -62,12 +56,7 @@ class World:
 
     @classmethod
     def build(cls, group: PlanningGroup, scene: Scene, allowed_collisions: Iterable[tuple[str, str]] = ()) -> World:
-        """Put a robot among obstacles.
-
-        Args:
-            group: The robot's planned joints.
-            scene: The scene.
-            allowed_collisions: Pairs of names, of links or obstacles, that may touch.
+        """Put a robot among obstacles, of which pairs of names, of links or obstacles, may touch.
 
         Raises:
             RobotInvalid: if the robot has no collision geometry.
@@ -251,12 +240,10 @@ class World:
         return self._near_where(self.joint_placements.copy(order="C")[None], None)[0]
 
     def near_each(self, qs: Sequence[ModelConfiguration], of: np.ndarray | None = None) -> list[list[int]]:
-        """The pairs that may touch at each of some configurations, as `near` has them; the robot is left anywhere.
+        """Return the pairs that may touch at each of some configurations of the model; the robot is left anywhere.
 
-        Args:
-            qs: Configurations of the model, each of shape (model.nq,).
-            of: Which of the robot's bodies are asked about, shape (r,): pairs without any of them are left out, but
-                for those with obstacles where these are surfaces. None: all.
+        Asked of some of the robot's bodies alone, `of` (r,), pairs without any of them are left out, but for those with
+        obstacles where these are surfaces.
         """
         placements = np.empty((len(qs), self.model.njoints, 3, 4))
         for row, q in enumerate(qs):
@@ -286,11 +273,7 @@ class World:
     ) -> list[bool]:
         """Return whether any pair touches, at each of some configurations of the model.
 
-        The pair that touched at the one before is asked first.
-
-        Args:
-            qs: The configurations, each of shape (model.nq,).
-            near: What `near_each` tells of them, where that is known.
+        `near` is what `near_each` told. The pair that touched at the one before is asked first.
         """
         if self.held_contacts:
             return [True] * len(qs)

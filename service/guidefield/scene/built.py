@@ -20,24 +20,15 @@ MANY = 1000
 
 
 class BuiltScenes:
-    """The last built scenes.
-
-    Args:
-        limit: The largest number of scenes and bytes.
-    """
+    """The last built scenes, so many and so many bytes."""
 
     def __init__(self, limit: Limit = BUILT_SCENES) -> None:
         self._scenes = BoundedMap[bytes, Scene](limit)
 
     def of(self, message: messages.Scene, deadline: Deadline = UNLIMITED) -> Scene:
-        """Build the scene of a message, unless it is there; raises as `build`.
+        """Build the scene of a message, unless it is there.
 
-        Args:
-            message: The scene.
-            deadline: Checked before a large scene is read, and before it is built.
-
-        Raises:
-            DeadlineExpired: if the deadline passed before it was built.
+        Raises as `build`, and DeadlineExpired if the deadline passed before a large one was built.
         """
         content, parts = self._content(message, deadline)
         built = self._scenes.get(content)

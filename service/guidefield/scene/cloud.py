@@ -97,12 +97,7 @@ AROUND_POINTS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class CloudTables:
-    """A cloud for kernels.
-
-    Attributes:
-        tables: What the kernels read.
-        words: The same packed; valid as long as the tables live.
-    """
+    """A cloud for kernels: tables, and the same packed, whose address is true as long as the tables live."""
 
     tables: LaneCloud
     words: Words
@@ -114,13 +109,7 @@ class CloudTables:
 
 
 def make_cloud_tables(points: np.ndarray, box: np.ndarray, radius: float) -> CloudTables:
-    """Make the tables of a cloud; what kernels find of its grid stays in them.
-
-    Args:
-        points: Shape (n, 3) [m, world].
-        box: Corners of the box about them, shape (2, 3) [m].
-        radius: Of the balls about them [m].
-    """
+    """Make the tables of points (n, 3) in a box (2, 3), with a radius [m, world]; kernels keep grids in them."""
     points = points.copy()
     sort_for_tree(points)
     sizes = [-(-len(points) // LANES)]
@@ -173,12 +162,7 @@ _SPHERE = math.sqrt(4.0 * math.pi)
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Balls of one radius.
-
-    Attributes:
-        points: Their centres, shape (n, 3) [m, world]; some may be the same.
-        radius: [m].
-    """
+    """Balls of one radius about points (n, 3) [m, world], of which some may be the same."""
 
     points: np.ndarray
     radius: float
@@ -195,13 +179,9 @@ class Cloud:
 
 
 def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Make a tiny triangle at every point: if its corners are the same, Coal (3.0.3) takes distances of spheres for 0.
+    """Make a tiny triangle at each of points (n, 3) [m]: vertices (3 n, 3) and triangles (n, 3).
 
-    Args:
-        points: Shape (n, 3) [m], in any frame.
-
-    Returns:
-        Vertices, shape (3 n, 3) [m], and triangles, shape (n, 3).
+    If its corners are the same, Coal (3.0.3) takes distances of spheres for 0.
     """
     size, count = _SPECK * (1.0 + np.abs(points).max()), len(points)
     vertices = (points[:, None] + size * np.eye(3)).reshape(-1, 3)
@@ -209,16 +189,9 @@ def cloud_specks(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Make icosahedra that contain the balls around the points, for uses that need faces.
+    """Make icosahedra that contain the balls around points (n, 3) [m], for uses that need faces.
 
-    Their vertices stand 1.26 radii from the points.
-
-    Args:
-        points: Shape (n, 3) [m], in any frame.
-        radius: Of the balls [m].
-
-    Returns:
-        Vertices in the points' frame, shape (12 n, 3) [m], and triangles, shape (20 n, 3).
+    Vertices (12 n, 3), 1.26 radii from the points, and triangles (20 n, 3).
     """
     ball = surfaces.sphere(1.0, subdivisions=0)
     a, b, c = ball.corners[0]
@@ -229,13 +202,9 @@ def cloud_surface(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.nda
 
 
 def cloud_charges(points: np.ndarray, radius: float) -> Charges:
-    """Charge every point by the area that is nearest to it on the surface, at most that of its own ball.
+    """Charge points (n, 3) [m, world] by the area nearest to each on the surface, at most that of its ball.
 
-    Of a large cloud points are put together first: those in each cube of a grid.
-
-    Args:
-        points: Shape (n, 3) [m, world]; those at the same place count once.
-        radius: Of the balls around them [m].
+    Those at the same place count once. Of a large cloud those in each cube of a grid are put together first.
     """
     points = np.unique(points, axis=0)
     points, members = _put_together(points, _MOST_CHARGED)
@@ -245,12 +214,7 @@ def cloud_charges(points: np.ndarray, radius: float) -> Charges:
 
 @memoized
 def covering(cloud: Cloud, most: int) -> Cloud:
-    """Cover a cloud by one with fewer points, whose balls contain its balls.
-
-    Args:
-        cloud: The other.
-        most: How many points it may have.
-    """
+    """Cover a cloud by one of at most so many points, whose balls contain its balls."""
     centres, members = _put_together(cloud.points, most)
     away = np.linalg.norm(cloud.points - centres[members], axis=1)
     return Cloud(centres, cloud.radius + float(away.max()))

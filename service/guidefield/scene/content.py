@@ -13,12 +13,7 @@ from guidefield.messages.frozen_scenes import Derivation
 
 
 class Content(NamedTuple):
-    """Hashes of a declared obstacle.
-
-    Attributes:
-        all: Of everything that is declared of it.
-        geometry: Of its points and triangles alone; of what isn't declared by many, none.
-    """
+    """Hashes of a declared obstacle: of all, and of its points and triangles alone, if it is declared by many."""
 
     all: bytes
     geometry: bytes = b""
@@ -42,27 +37,14 @@ def content_of(message: messages.Obstacle) -> Content:
 
 
 def scene_content(message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
-    """The hash of all that is declared of a scene, and those of its meshes and clouds, by index.
-
-    Args:
-        message: The scene.
-    """
+    """The hash of all that is declared of a scene, and those of its meshes and clouds, by index."""
     many = {index: content_of(one) for index, one in enumerate(message.obstacles) if type(one) in _GEOMETRY}
     obstacles = [many[index].all if index in many else one for index, one in enumerate(message.obstacles)]
     return _hashed(msgspec.structs.asdict(message) | {"obstacles": obstacles}), many
 
 
 def changed_content(before: bytes, change: Derivation, message: messages.Scene) -> tuple[bytes, dict[int, Content]]:
-    """Return the hash of a changed scene: that of the hash before and of the change.
-
-    Args:
-        before: What the scene before is known by.
-        change: What it was before.
-        message: The scene now.
-
-    Returns:
-        The hash, and those of the obstacles that are others, by index.
-    """
+    """Return the hash of a changed scene, of the hash before and the change, and those of others by index."""
     others = [*change.moved, *range(len(message.obstacles) - change.added, len(message.obstacles))]
     fresh = {index: content_of(message.obstacles[index]) for index in others}
     return _hashed([before, message.name, change.removed, others, [one.all for one in fresh.values()]]), fresh

@@ -59,8 +59,7 @@ class NearestObstacles(NamedTuple):
     """The obstacles of a scene that may be nearest to some place in a ball.
 
     Attributes:
-        least: Smallest distance of each obstacle from any place in the ball, at any time, shape (n,) [m].
-        most: Its largest distance, shape (n,) [m].
+        least, most: Bounds on the distance of each obstacle from any place in the ball, at any time, shape (n,) [m].
         chosen: Those that may be nearest, ascending indices, shape (k,).
         some: The scene with these alone; None: they are all of it.
     """
@@ -90,21 +89,10 @@ def has_large(scene: Scene) -> bool:
 def crop(
     scene: Scene, ball: Ball, named: frozenset[str] = NOBODY, deadline: Deadline = UNLIMITED
 ) -> tuple[Scene, np.ndarray | None]:
-    """Crop a scene to a ball.
+    """Crop a scene to a ball; return it, itself if all is kept, and its obstacles' former indices (k,), None if all.
 
-    Args:
-        scene: The scene.
-        ball: The ball.
-        named: Obstacles that are kept, and that no other is left out for: something may touch them, and then the
-            nearest of the others counts.
-        deadline: Checked before each search.
-
-    Returns:
-        The scene, itself if all of it is kept, and its obstacles' indices in the whole scene, shape (k,), ascending;
-        None if it has all of them.
-
-    Raises:
-        DeadlineExpired: if time was up before.
+    Named obstacles are kept, and no other is left out for them: something may touch them, and then the nearest of the
+    others counts. Raises DeadlineExpired if time was up before.
     """
     chosen = None
     if has_many(scene):

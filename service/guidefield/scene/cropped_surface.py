@@ -39,7 +39,7 @@ class CroppedSurface:
     Attributes:
         parts: The kept triangles of each of its solids that is near, or of the thin surface, with their neighbours; all
             of the same vertices.
-        anchors: Places outside or inside of each solid, see `anchor_of`; zeros of one that is whole.
+        anchors: Places outside or inside of each solid, see `Anchor`; zeros of one that is whole.
         box: Lower and upper corner about all of the surface, shape (2, 3) [m].
         whole: Makes all of the surface.
         content: The key of the part on disk; empty if it isn't kept there.
@@ -77,14 +77,8 @@ def crop_surface(
 ) -> CroppedSurface | None:
     """Crop a surface to a ball: from everywhere in the ball it is as far as its part. Small solids stay whole or go.
 
-    Args:
-        whole: Makes the surface; kept with the part.
-        solids: Makes the triangles of each solid, or all of them.
-        content: The surface's key; its part is kept on disk. If empty, it is found each time.
-        centre: Of the ball, shape (3,) [m].
-        radius: Of the ball [m].
-        solid: Whether the surface is closed; else it is thin.
-        most: None is returned if a larger share of its triangles is kept.
+    The surface and the triangles of its solids, or all of a thin one, are made when they are needed. With the surface's
+    key, content, the part is kept on disk. None if a larger share than `most` of its triangles is kept.
     """
 
     def find() -> Arrays:
@@ -177,16 +171,8 @@ def nearest_parts(vertices: np.ndarray, corners: np.ndarray, centre: np.ndarray,
 def anchor_of(vertices: np.ndarray, triangles: np.ndarray, centre: np.ndarray, radius: float) -> np.ndarray:
     """Return a place from which the sides of a solid are known within a ball, see `ray_winding.surely_outside_seen`.
 
-    It is the ball's centre, or the place around it about which most is free of the surface.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Those of the solid, shape (t, 3).
-        centre: Of the ball, shape (3,) [m].
-        radius: Of the ball [m].
-
-    Returns:
-        Shape (ANCHOR,); with no room where nothing is known.
+    It is the ball's centre (3,), or the place around it about which most is free of the surface of vertices (v, 3) and
+    triangles (t, 3) [m]. Shape (ANCHOR,); with no room where nothing is known.
     """
     wide = triangles[are_wide(vertices, triangles)]
     surface, row = (np.ascontiguousarray(vertices, float), np.ascontiguousarray(wide, np.int64)), np.zeros(ANCHOR)

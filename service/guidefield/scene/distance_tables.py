@@ -43,12 +43,7 @@ from guidefield.scene.scene import Scene, is_other, placed_rows, rows_of, unplac
 
 
 class _Standing(NamedTuple):
-    """Bodies that rest.
-
-    Attributes:
-        tables: As the kernels read them.
-        along: The middles of the boxes about those in the tree, numbered as the obstacles that they are of.
-    """
+    """Bodies that rest; the middles of boxes about those in the tree, numbered as the obstacles that they are of."""
 
     tables: DistanceTables
     along: Along

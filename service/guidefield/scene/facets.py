@@ -31,11 +31,8 @@ Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
 class Facets:
     """Triangles that Coal judges as a surface.
 
-    Args:
-        count: Their number.
-        made: Makes their vertices (v, 3) [m], each used, and the triangles (t, 3), in the obstacle's own frame.
-        content: Their hash, if results for them are kept on disk; else empty.
-        box: As the property, if it is at hand.
+    Their number is known, vertices (v, 3) [m], each used, and triangles (t, 3) are made on demand, in the obstacle's
+    own frame. With a hash results for them are kept on disk; the box may be at hand.
     """
 
     def __init__(self, count: int, made: Whole, content: bytes = b"", box: np.ndarray | None = None) -> None:
@@ -69,12 +66,7 @@ def _tree(facets: Facets) -> Any:
 
 
 class Patches:
-    """Triangles as trees of at most `PATCH` neighbours, each made when it is first asked for.
-
-    Args:
-        surface: Makes the vertices (v, 3) [m] and triangles (t, 3); not before they are needed.
-        content: Their hash, if the patches are kept on disk; else empty.
-    """
+    """Triangles as trees of at most `PATCH` neighbours, each made on first use; with a hash kept on disk."""
 
     def __init__(self, surface: Whole, content: bytes = b"") -> None:
         self._make = surface
@@ -95,11 +87,7 @@ class Patches:
         return len(self._low)
 
     def apart(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Distances of the patches' boxes from a box with these corners, shapes (3,), at most those of what is in them.
-
-        Returns:
-            Shape (k,) [m]; 0 where boxes overlap.
-        """
+        """Distances (k,) of the patches' boxes from one with these corners [m], at most those of what is in them."""
         gaps = np.maximum(0.0, np.maximum(self._low - high, low - self._high))
         found: np.ndarray = np.sqrt((gaps * gaps).sum(axis=1))
         return found

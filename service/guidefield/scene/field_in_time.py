@@ -30,16 +30,10 @@ def coarse_tables(scene: Scene, origin: Origin) -> FieldTables:
 def field_in_time(
     scene: Scene, points: np.ndarray, times: np.ndarray | None, origin: Origin
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the field at points of several times, good to a few thousandths.
+    """Return potential (n, p) [1/m] and gradient (n, p, 3) [1/m^2] at points (n, p, 3) to a few thousandths.
 
-    Args:
-        scene: What is charged.
-        points: Shape (n, p, 3) [m, world].
-        times: The time of each row of points, shape (n,) [s]; None: all obstacles are at their first placements.
-        origin: A place in the midst of the points [m, world].
-
-    Returns:
-        Potential [1/m], shape (n, p), and its gradient [1/m^2], shape (n, p, 3).
+    Each row of points has its time [s], (n,); None: all obstacles are at their first placements. The origin is a place
+    in the midst of the points [m, world].
     """
     field = field_at_points(coarse_tables(scene.resting, origin), points.reshape(-1, 3))
     potential, gradient = field.potential.reshape(points.shape[:2]), field.gradient.reshape(points.shape)

@@ -51,10 +51,8 @@ class FieldSlice:
 
     Attributes:
         image: RGB, shape (rows, columns, 3), uint8; the first row is on top.
-        plane: The rectangle of the world that it covers; `plane.corners` go with the texture coordinates (0, 0),
-            (1, 0), (1, 1), (0, 1), `plane.projected` puts points of the world into the picture.
-        log_potential: log10 of the potential [1/m] of each pixel, shape (rows, columns); NaN inside of solids, -inf
-            where nothing is charged.
+        plane: The rectangle of the world; `plane.corners` go with texture coordinates (0, 0), (1, 0), (1, 1), (0, 1).
+        log_potential: log10 of the potential [1/m], shape (rows, columns); NaN in solids, -inf without charges.
     """
 
     image: np.ndarray
@@ -75,20 +73,12 @@ class FieldSlice:
 def field_slice(
     scene: Scene, plane: SlicePlane, resolution: int = 320, origin: Origin | None = None, every: int = 1
 ) -> FieldSlice:
-    """The scene's field in a plane, as a picture.
+    """The scene's field in a plane, as a picture of `resolution` pixels along the longer side.
 
     Dark is far from everything, bright near a surface, by the logarithm of the potential; grey is inside of a solid.
-    Contour lines are where the potential is that of a wall 1, 2, 5, 10 .. cm away.
-
-    Args:
-        scene: What is charged.
-        plane: Where, e.g. one of `slice_plane.planes_along` the tip's path.
-        resolution: Pixels along the longer side.
-        origin: A place near the rectangle for which the field's tables are kept [m, world]; None: its centre.
-        every: The field is evaluated at every n-th pixel of a row and of a column, and interpolated between.
-
-    Raises:
-        ValueError: if the resolution is not positive.
+    Contour lines are where the potential is that of a wall 1, 2, 5, 10 .. cm away. Tables are kept for an origin near
+    the rectangle [m, world], by default its centre; the field is evaluated at every n-th pixel of a row and of a
+    column, and interpolated between. Raises ValueError if the resolution is not positive.
     """
     rows, columns = plane.pixels(resolution)
     x, y, z = plane.pose.translation.tolist()

@@ -25,11 +25,10 @@ SMALLEST_AREA = 1e-9
 class FlatPolygon:
     """Corners in the plane that fits them best.
 
+    The plane of corners (k, 3) [m, world] goes through their mean, the origin, with a unit normal about which they turn
+    counter-clockwise (as a whole) and two unit axes (2, 3), ``axes[0] x axes[1] = normal``.
+
     Attributes:
-        vertices: Corners, shape (k, 3) [m, world].
-        normal: Unit normal, shape (3,), about which the corners turn counter-clockwise (as a whole).
-        origin: Mean of the corners, shape (3,) [m, world]: the plane runs through it.
-        axes: Two unit vectors in the plane, shape (2, 3); ``axes[0] x axes[1] = normal``.
         corners: The vertices in those axes about the origin, shape (k, 2) [m].
         size: Diagonal of the box about the corners [m].
         deviation: Largest distance of a corner from the plane [m].
@@ -46,11 +45,7 @@ class FlatPolygon:
     area: float
 
     def from_plane(self, corners: np.ndarray) -> np.ndarray:
-        """Points in the world, shape (n, 3) [m], of points in the plane.
-
-        Args:
-            corners: In the plane's axes about its origin, shape (n, 2) [m].
-        """
+        """Points in the world (n, 3) of points (n, 2) in the plane's axes about its origin [m]."""
         points: np.ndarray = self.origin + corners @ self.axes
         return points
 
@@ -82,13 +77,10 @@ def centroid(polygon: np.ndarray) -> np.ndarray:
 
 
 def flat_polygons(vertices: np.ndarray) -> FlatPolygons:
-    """Fit planes to polygons.
+    """Fit planes to polygons, corners in order (n, k, 3) [m, world].
 
     The normal is Newell's, half the sum of the cross products of successive corners: exact for a flat polygon, convex
     or not, however many corners lie on one line.
-
-    Args:
-        vertices: Corners of each in order, shape (n, k, 3) [m, world].
     """
     vertices = np.array(vertices, float)
     origins = vertices.mean(axis=1)
@@ -136,14 +128,7 @@ def flatness_faults(polygons: FlatPolygons) -> dict[int, str]:
 
 
 def axes_across(normal: np.ndarray) -> np.ndarray:
-    """Return two unit vectors that complete a unit normal to a right-handed frame.
-
-    Args:
-        normal: Shape (..., 3).
-
-    Returns:
-        Shape (..., 2, 3).
-    """
+    """Return two unit vectors (..., 2, 3) that complete a unit normal (..., 3) to a right-handed frame."""
     seed = (np.abs(normal).argmin(axis=-1)[..., None] == np.arange(3)).astype(float)
     first = np.cross(seed, normal)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
@@ -151,13 +136,10 @@ def axes_across(normal: np.ndarray) -> np.ndarray:
 
 
 def crossing_edges(polygons: FlatPolygons) -> dict[int, tuple[int, int]]:
-    """Find two edges that touch though they aren't neighbours, or fold back on each other, by the polygon's index.
+    """Find two edges that touch but aren't neighbours, or fold back on each other, by index of a flat polygon.
 
     Edge i runs from corner i to corner i + 1. Lengths below `PLANARITY` of the size count as touching. Those that are
     missing are simple.
-
-    Args:
-        polygons: Polygons without a fault.
     """
     start = polygons.corners
     end = np.roll(start, -1, axis=1)
@@ -178,11 +160,7 @@ def crossing_edges(polygons: FlatPolygons) -> dict[int, tuple[int, int]]:
 
 
 def are_bulging(corners: np.ndarray) -> np.ndarray:
-    """Tell which outlines turn left at every corner, shape (n,).
-
-    Args:
-        corners: Shape (n, k, 2), counter-clockwise.
-    """
+    """Tell which counter-clockwise outlines (n, k, 2) turn left at every corner, shape (n,)."""
     leaving = np.roll(corners, -1, axis=1) - corners
     arriving = np.roll(leaving, 1, axis=1)
     turns: np.ndarray = (arriving[..., 0] * leaving[..., 1] > arriving[..., 1] * leaving[..., 0]).all(axis=1)
@@ -193,11 +171,8 @@ def are_bulging(corners: np.ndarray) -> np.ndarray:
 class Sheet:
     """A flat, simple polygon.
 
-    Attributes:
-        vertices: Its corners, shape (k, 3) [m, world].
-        triangles: Shape (t, 3); they turn as the corners do.
-        box: Lower and upper corner of the box about it, shape (2, 3) [m, world].
-        charges: Its share of the field, for a charge of 1 per area.
+    Corners (k, 3) [m, world], triangles (t, 3) that turn as these do, the box about it (2, 3), and its share of the
+    field for a charge of 1 per area.
     """
 
     vertices: np.ndarray

@@ -25,14 +25,12 @@ class GuidePlane:
     beyond the inradius stands for the inradius: what is left then is the deepest point, or the deepest stretch.
 
     Attributes:
-        name: Its name in the scene.
-        vertices: Corners, shape (k, 3) [m, world], counter-clockwise about the normal.
-        normal: Unit normal, shape (3,).
-        centroid: Centroid of the area, shape (3,) [m, world].
+        vertices: Corners, shape (k, 3) [m, world], counter-clockwise about the unit normal (3,).
+        centroid: Of the area, shape (3,) [m, world].
         inradius: Radius of the largest circle inside [m].
         flat: The polygon in its plane.
-        inward: Unit normals (k, 2) of the edges, in the plane, to the inside; edge i runs from corner i to i + 1.
-        offsets: Shape (k,): ``inward[i] . x - offsets[i]`` is the height of x over edge i [m].
+        inward, offsets: ``inward[i] . x - offsets[i]`` is the height of x in the plane over edge i, from corner i to
+            i + 1 [m]; shapes (k, 2) and (k,).
     """
 
     name: str
@@ -49,12 +47,7 @@ class GuidePlane:
         return float(self.normal @ (point - self.flat.origin))
 
     def contains(self, point: np.ndarray, inset: float = 0.0) -> bool:
-        """Return whether the foot of a point on the plane lies in the inset polygon, whatever its height.
-
-        Args:
-            point: Shape (3,) [m, world].
-            inset: How far from the edges [m].
-        """
+        """Return whether the foot of a point (3,) [m, world] lies in the inset polygon, whatever its height."""
         return self.depth(point) >= min(inset, self.inradius) - SLACK * self.flat.size
 
     def depth(self, point: np.ndarray) -> float:
@@ -71,12 +64,7 @@ class GuidePlane:
         return closest
 
     def distance(self, point: np.ndarray, inset: float = 0.0) -> float:
-        """Distance of a point to the inset polygon [m].
-
-        Args:
-            point: Shape (3,) [m, world].
-            inset: How far from the edges [m].
-        """
+        """Return the distance of a point (3,) from the inset polygon [m, world]."""
         return float(np.linalg.norm(point - self.closest_point(point, inset)))
 
     def inset_vertices(self, inset: float) -> np.ndarray:
@@ -97,12 +85,7 @@ class GuidePlane:
 
 
 def build_all(declared: Sequence[messages.GuidePlane], deadline: Deadline = UNLIMITED) -> tuple[GuidePlane, ...]:
-    """Build guide planes.
-
-    Raises:
-        SceneInvalid: as `build`.
-        DeadlineExpired: if the deadline passed before.
-    """
+    """Build guide planes; raises SceneInvalid as `build`, DeadlineExpired if the deadline passed before."""
     built = []
     for index, message in enumerate(declared):
         if index:
@@ -112,14 +95,9 @@ def build_all(declared: Sequence[messages.GuidePlane], deadline: Deadline = UNLI
 
 
 def build(message: messages.GuidePlane, index: int) -> GuidePlane:
-    """Check a guide plane and make it ready for questions.
+    """Check a guide plane, that of an index in its scene, and make it ready for questions.
 
-    Args:
-        message: Its declaration.
-        index: Where it stands in the scene, for error messages.
-
-    Raises:
-        SceneInvalid: if it isn't flat, isn't convex or has no area; `details` name the plane and the path.
+    Raises SceneInvalid if it isn't flat, isn't convex or has no area; `details` name the plane and the path.
     """
     flats = flat_polygons(np.array(message.vertices, float)[None])
     flat = flats.one(0)
@@ -163,11 +141,7 @@ def _convexity_fault(flat: FlatPolygon) -> str | None:
 
 
 def _mitred(corners: np.ndarray, inward: np.ndarray, inset: float) -> np.ndarray | None:
-    """Corners after all edges moved inwards; None once an edge has vanished.
-
-    An edge's length falls linearly with the inset as long as all edges are there: if all are positive now, none has
-    vanished before.
-    """
+    """Corners after all edges moved inwards; None once an edge has vanished, whose length falls linearly until then."""
     arriving = np.roll(inward, 1, axis=0)
     mitre = (arriving + inward) / (1.0 + np.einsum("ij,ij->i", arriving, inward))[:, None]
     moved: np.ndarray = corners + inset * mitre

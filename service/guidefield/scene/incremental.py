@@ -40,10 +40,8 @@ Run = tuple[int, int]
 class Rows:
     """The rows of a scene's obstacles in the one that it was changed from; those that stayed keep their order.
 
-    Attributes:
-        runs: Obstacles that stand one behind the other now as before: where the first of them stood, and how many they
-            are; -1 and how many of others.
-        before: How many obstacles there were.
+    Runs are of obstacles that stand one behind the other now as `before`, of how many there were: where the first of
+    them stood, and how many they are; -1 and how many of others.
     """
 
     runs: Sequence[Run]
@@ -60,13 +58,10 @@ class Rows:
 
     @classmethod
     def changed(cls, before: int, removed: Iterable[int], moved: Sequence[int], count: int) -> Rows:
-        """By what a change does.
+        """By what a change does to `before` obstacles.
 
-        Args:
-            before: How many there were.
-            removed: Which of these aren't there any more, ascending.
-            moved: Which of those that are left are others, by where they stand now, ascending.
-            count: How many there are now; those behind the ones that are left are others.
+        Some are removed; of those left some have moved, by where they stand now; all ascending. Those behind the ones
+        that are left, of `count` now, are others.
         """
         runs, place, others = list[Run](), 0, 0
         for begin, many in _between(removed, before):
@@ -134,13 +129,7 @@ class Rows:
         return len(self.fresh) <= FEW * self.count
 
     def carry(self, rows: np.ndarray, fresh: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Rows of obstacles, of shape (n, ...), made of those of the obstacles before, with those of the others put in.
-
-        Args:
-            rows: One of each obstacle before, shape (m, ...).
-            fresh: One of each of the others, shape (k, ...).
-            out: Gets them, shape (n, ...); None: an array is made.
-        """
+        """Rows of obstacles (n, ...), of those before (m, ...) and of the others (k, ...), in `out` if it is given."""
         carried = np.empty((self.count, *rows.shape[1:]), rows.dtype) if out is None else out
         if len(self.runs) > MANY_RUNS:
             np.take(rows, self.source, axis=0, out=carried, mode="wrap")
@@ -180,12 +169,7 @@ class Rows:
         return [index for index in now if index >= 0]
 
     def among(self, before: np.ndarray, now: np.ndarray) -> Rows:
-        """The same of some of the obstacles.
-
-        Args:
-            before: Which of those before, ascending indices, shape (b,).
-            now: Which of those now, ascending indices, shape (k,).
-        """
+        """The same of some of the obstacles before and now, both by ascending indices."""
         source = self.source[now]
         place = np.minimum(np.searchsorted(before, source), len(before) - 1)
         stood = before[place] == source if len(before) else np.zeros(len(now), bool)
@@ -246,9 +230,7 @@ def incremental(
 ) -> Callable[[Callable[Concatenate[Any, Rest], Table]], Callable[Concatenate[Any, Rest], Table]]:
     """Memoize a function of a scene, and update its result when the scene is a changed one.
 
-    Args:
-        update: Makes the result from that of the scene before, the rows, the scene and the function's other arguments;
-            None where it is sooner made anew.
+    `update` makes it from that of the scene before, the rows, the scene and other arguments; None if sooner made anew.
     """
 
     def decorate(make: Callable[Concatenate[Any, Rest], Table]) -> Callable[Concatenate[Any, Rest], Table]:

@@ -18,14 +18,7 @@ def names() -> tuple[str, ...]:
 
 
 def read(name: str) -> Scene:
-    """Read a packaged scene.
-
-    Args:
-        name: One of `names`.
-
-    Raises:
-        SceneInvalid: if there is none of that name; lists those there are.
-    """
+    """Read a packaged scene; raises SceneInvalid, which lists those there are, if there is none of that name."""
     available = names()
     if name not in available:
         raise SceneInvalid(

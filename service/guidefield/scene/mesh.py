@@ -33,14 +33,8 @@ from guidefield.scene.points import corners_in, count_of, points_in
 class JudgedMesh:
     """The facts of a mesh that are known before its triangles are looked at.
 
-    Attributes:
-        count: Its number of triangles.
-        extent: Its largest extent along an axis [m].
-        solid: As of `MeshSurface`.
-        hull: As there.
-        warnings: As there.
-        surface: Returns its vertices (v, 3) [m] and triangles (t, 3), as there; read from disk for a large mesh.
-        content: Its hash, if it is large; else empty.
+    `solid`, `hull` and `warnings` are as of `MeshSurface`, whose surface is read from disk for a large mesh, known by
+    its hash `content`; `count` triangles, the largest `extent` along an axis [m].
     """
 
     count: int
@@ -53,15 +47,9 @@ class JudgedMesh:
 
 
 def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMesh | None:
-    """`mesh_surface`, with a warning where triangles cross; of a large mesh from disk if it was asked for before.
+    """`mesh_surface` of declared points and triangles, with a warning where these cross; None if they have no area.
 
-    Args:
-        points: Its vertices as declared [m].
-        corners: Its triangles as declared.
-        content: The hash of both.
-
-    Returns:
-        Its facts; None if its triangles have no area.
+    Of a large mesh, known by its hash, it is read from disk if it was asked for before.
     """
     if not is_large(count_of(corners)):
         surface = _judge(points_in(points), corners_in(corners))
@@ -71,11 +59,7 @@ def judged_mesh(points: Points, corners: Triangles, content: bytes) -> JudgedMes
 
 
 class _LargeMesh:
-    """A mesh whose surface is kept on disk, and judged at most once.
-
-    Args:
-        points, corners, content: As of `judged_mesh`.
-    """
+    """A mesh whose surface is kept on disk, and judged at most once."""
 
     def __init__(self, points: Points, corners: Triangles, content: bytes) -> None:
         self._points, self._corners = points, corners
@@ -157,11 +141,7 @@ def _restored(facts: Arrays, surface: Callable[[], tuple[np.ndarray, np.ndarray]
 def solids_of(vertices: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
     """Return the triangles of each solid: a piece that encloses a volume, with the hollows that lie within it.
 
-    Solids that touch at corners or along edges are pieces of their own.
-
-    Args:
-        vertices: Shape (v, 3) [m].
-        triangles: Of a closed mesh, counter-clockwise from outside, shape (t, 3).
+    The triangles (t, 3) are of a closed mesh. Solids that touch at corners or along edges are pieces of their own.
     """
     labels = _label_pieces(len(vertices), triangles)
     if (labels == labels[0]).all():

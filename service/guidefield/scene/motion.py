@@ -20,10 +20,8 @@ from guidefield.scene.points import points_in
 class ObstacleMotion:
     """Placements of an obstacle's frame in time.
 
-    Attributes:
-        times: Shape (k,), increasing [s].
-        placements: ``T_world_obstacle`` at those times, pinocchio.SE3.
-        twists: Velocity of the frame in itself between one time and the next, shape (k - 1, 6), linear part first.
+    ``T_world_obstacle`` (pinocchio.SE3) at increasing times (k,) [s], and between them velocities of the frame in
+    itself, shape (k - 1, 6), linear part first.
     """
 
     times: np.ndarray
@@ -56,47 +54,28 @@ class ObstacleMotion:
         return self.placements[piece] * pin.exp6(pin.Motion((time - self.times[piece]) * self.twists[piece]))
 
     def speed(self, start: float, end: float, centre: np.ndarray, radius: float) -> float:
-        """The largest speed between two times of any point of a ball that the obstacle's frame carries [m/s].
+        """The largest speed between two times [s] of any point of a ball in the obstacle's frame [m/s].
 
-        On a screw every point keeps its speed |v + omega x c|, and none of the ball is faster than that and
-        |omega| radius.
-
-        Args:
-            start: From when [s].
-            end: Until when [s].
-            centre: Centre of the ball in the obstacle's frame, shape (3,) [m].
-            radius: Its radius [m].
+        On a screw every point keeps its speed |v + omega x c|, and none of the ball is faster than that and |omega|
+        radius.
         """
         moving = (self.times[1:] > start) & (self.times[:-1] < end)
         return float(ball_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))
 
     def rates(self, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """The largest speed and acceleration of any point of such a ball: before, between any two times, and after.
+        """The largest speed and acceleration of such a ball: before, between any two times, and after; (k + 1,).
 
-        A point's acceleration on a screw is omega x (v + omega x c).
-
-        Args:
-            centre: As in `speed`, shape (3,) [m].
-            radius: As there [m].
-
-        Returns:
-            Both of shape (k + 1,), the first and the last 0 [m/s and m/s^2].
+        A point's acceleration on a screw is omega x (v + omega x c). The first and the last are 0 [m/s and m/s^2].
         """
         speeds, accelerations = ball_rates(self.twists, centre, radius)
         return np.r_[0.0, speeds, 0.0], np.r_[0.0, accelerations, 0.0]
 
     def passing(self, centre: np.ndarray, radius: float) -> np.ndarray:
-        """The largest speed at which what the frame carries passes points of a ball that stands in the world.
+        """The largest speeds at which what the frame carries passes points of a ball in the world [m/s].
 
-        No distance of such a point from the obstacle changes faster, however large the obstacle is: seen from its
-        frame the point is on a screw, and keeps its speed.
-
-        Args:
-            centre: Centre of the ball, shape (3,) [m, world].
-            radius: Its radius [m].
-
-        Returns:
-            Before, between any two times, and after, shape (k + 1,), the first and the last 0 [m/s].
+        No distance of such a point from the obstacle changes faster, however large the obstacle is: seen from its frame
+        the point is on a screw, and keeps its speed. Before, between any two times, and after, shape (k + 1,), at the
+        ends 0.
         """
         seen = np.array([placement.actInv(centre) for placement in self.placements[:-1]]).reshape(-1, 3)
         speeds: np.ndarray = np.r_[0.0, ball_rates(self.twists, seen, radius)[0], 0.0]
@@ -104,15 +83,9 @@ class ObstacleMotion:
 
 
 def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """The largest speed and acceleration of points of a ball on screws [m/s and m/s^2].
+    """The largest speed and acceleration of points of a ball on screws (k, 6), linear part first; both (k,).
 
-    Args:
-        twists: Of the screws, shape (k, 6), linear part first.
-        centre: Of the ball, seen from the frame, shape (3,) or (k, 3) [m].
-        radius: Its radius [m].
-
-    Returns:
-        Both of shape (k,).
+    The centre, (3,) or (k, 3), is seen from the frame [m].
     """
     angular = np.linalg.norm(twists[:, 3:], axis=1)
     speeds = np.linalg.norm(twists[:, :3] + np.cross(twists[:, 3:], centre), axis=1) + radius * angular
@@ -120,10 +93,9 @@ def ball_rates(twists: np.ndarray, centre: np.ndarray, radius: float) -> tuple[n
 
 
 def posed(message: messages.Obstacle, placement: Any) -> messages.Obstacle:
-    """Return an obstacle at rest at a placement of its trajectory.
+    """Return an obstacle at rest at a placement of its trajectory, which replaces its own.
 
-    The placement replaces the obstacle's own. It moves the declared corners of a polygon, points of a cloud and plane
-    of a half-space.
+    It moves the declared corners of a polygon, points of a cloud and plane of a half-space.
     """
     return POSED[type(message)](message, placement)
 

@@ -29,12 +29,7 @@ _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
 class MovingBall(NamedTuple):
-    """A ball about an obstacle that moves.
-
-    Attributes:
-        centre: In the frame of the motion, shape (3,) [m].
-        radius: Its radius [m].
-    """
+    """A ball about an obstacle that moves: centre (3,) in the frame of the motion, and radius [m]."""
 
     centre: np.ndarray
     radius: float
@@ -44,9 +39,8 @@ class Swept(NamedTuple):
     """The swept volumes of moving obstacles.
 
     Attributes:
-        boxes: Lower, then upper corners of boxes along the world's axes that they stay in: before one moves, between
-            each of its placements and the next, and after that, one obstacle behind the other, shape (n, 6)
-            [m, world]. Those of a half-space are everything.
+        boxes: Boxes along the world's axes that they stay in: before one moves, between each of its placements and the
+            next, and after that, one obstacle behind the other, lower then upper corners (n, 6) [m]; half-spaces: all.
         first: Index of the first box of each obstacle, shape (m,).
         speeds: The largest speed at which each loses distance during that, shape (n,); 0 for a half-space [m/s].
     """
@@ -78,12 +72,7 @@ def moving_ball(obstacle: Obstacle) -> MovingBall | None:
 
 
 def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> Swept:
-    """Return the swept volumes of moving obstacles.
-
-    Args:
-        obstacles: They all move.
-        balls: About each, `moving_ball`.
-    """
+    """Return the swept volumes of moving obstacles, given the balls about them, `moving_ball`."""
     motions = [motion_of(one) for one in obstacles]
     counts = np.array([len(motion.times) for motion in motions], int)
     if not len(counts):
@@ -118,16 +107,7 @@ def swept(obstacles: Sequence[Obstacle], balls: Sequence[MovingBall | None]) -> 
 
 
 def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bound the distances of points in boxes from places in a ball.
-
-    Args:
-        boxes: Lower, then upper corners, shape (n, 6) [m].
-        centre: Of the ball, shape (3,) [m].
-        radius: Its radius [m].
-
-    Returns:
-        At least, and at most, both of shape (n,) [m].
-    """
+    """Bound the distances of points in boxes (n, 6), lower then upper corners, from places in a ball: least, most."""
     below, above = boxes[:, :3] - centre, centre - boxes[:, 3:]
     least = np.linalg.norm(np.maximum(np.maximum(below, above), 0.0), axis=1) - radius
     most = np.linalg.norm(np.maximum(np.abs(below), np.abs(above)), axis=1) + radius
@@ -138,16 +118,9 @@ def gaps_from_boxes(boxes: np.ndarray, centre: np.ndarray, radius: float) -> tup
 class Movers(ReadOnly):
     """Obstacles that move.
 
-    Attributes:
-        indices: Their indices in the scene, ascending, shape (m,).
-        obstacles: The obstacles.
-        balls: A ball about each; None about a half-space.
-        boxes: Boxes about their shapes along their own axes, shape (m, 2, 3) [m].
-        rounded: Radii by which they are rounded, shape (m,) [m].
-        times: The times of each one's placements [s].
-        speeds: The largest speed at which each loses distance from one placement to the next; 0 for a half-space [m/s].
-        swept: Their swept volumes.
-        endless: True if any is a half-space.
+    Ascending indices (m,) in the scene, balls about them (None about a half-space), boxes about their shapes along
+    their own axes (m, 2, 3) [m], radii by which they are rounded (m,) [m], times of placements [s], largest speeds at
+    which each loses distance from one placement to the next [m/s], and swept volumes.
     """
 
     indices: np.ndarray
@@ -161,16 +134,7 @@ class Movers(ReadOnly):
     endless: bool
 
     def near(self, centre: np.ndarray, radius: float, margin: float) -> np.ndarray:
-        """Find those that come within a margin [m] of a ball at any time.
-
-        Args:
-            centre: Of the ball, shape (3,) [m, world].
-            radius: Its radius [m].
-            margin: The margin [m].
-
-        Returns:
-            Shape (m,), bool.
-        """
+        """Find those that come within a margin of a ball [m, world] at any time; shape (m,), bool."""
         gaps = gaps_from_boxes(self.swept.boxes, centre, radius)[0]
         near: np.ndarray = np.minimum.reduceat(gaps, self.swept.first) <= margin
         return near

@@ -38,8 +38,6 @@ class Obstacle:
     """An obstacle at rest; one that moves, where it is at first.
 
     Attributes:
-        message: Its declaration.
-        recipe: Makes the rest of it.
         placed: Its row `PLACED` for kernels, if it is a primitive, or a mesh that is a box; else empty.
         warnings: Harmless oddities of it.
         motion: Its motion; None at rest.
@@ -186,15 +184,7 @@ class Obstacle:
 
 
 def build_all(declared: Sequence[messages.Obstacle], contents: Mapping[int, Content]) -> tuple[Obstacle, ...]:
-    """Build the obstacles of a scene; polygons that are new are judged together.
-
-    Args:
-        declared: Their declarations.
-        contents: Hashes of some of them, by index, where they are at hand.
-
-    Raises:
-        SceneInvalid: as `build`.
-    """
+    """Build the obstacles of a scene; polygons that are new are judged together. Raises SceneInvalid as `build`."""
     polygons = {index: one for index, one in enumerate(declared) if isinstance(one, messages.Polygon)}
     contents = {**contents, **{index: content_of(one) for index, one in polygons.items() if index not in contents}}
     new = [k for k, one in polygons.items() if one.trajectory is None and contents[k].all not in _KNOWN]
@@ -207,14 +197,8 @@ def build(
 ) -> Obstacle:
     """Build an obstacle from its message; from the same declaration it is the same object, unless it is a primitive.
 
-    Args:
-        message: Its declaration.
-        index: Its index in the scene, for error messages.
-        content: Its hash, where it is at hand.
-        sheet: As of `build_sheets`, of a polygon at rest, where it is at hand.
-
-    Raises:
-        SceneInvalid: if its shape can't be used or its kind isn't served; `details` name the obstacle and the path.
+    Its hash and, of a polygon at rest, its sheet may be at hand. Raises SceneInvalid if its shape can't be used or its
+    kind isn't served; `details` name the obstacle and, by its index in the scene, the path.
     """
     if type(message) in PRIMITIVES and message.trajectory is None:  # sooner made than looked up
         primitive = _primitive(message)
@@ -355,12 +339,7 @@ HARDLY_METRES = 100.0
 
 
 def size_warnings(message: messages.Obstacle, declared_extent: float | None) -> tuple[str, ...]:
-    """A warning about an obstacle that is larger than `HARDLY_METRES` along one of its axes, if it is.
-
-    Args:
-        message: Its declaration.
-        declared_extent: Its largest extent along an axis [m], where it is declared by points.
-    """
+    """A warning if an obstacle, of an extent if declared by points, is larger than `HARDLY_METRES` along an axis."""
     if declared_extent is not None:
         extent = declared_extent
     elif isinstance(message, messages.Box):

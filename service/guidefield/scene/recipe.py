@@ -15,14 +15,9 @@ from guidefield.scene.facets import Facets
 class Charges:
     """The charges of an obstacle, in rows, in the world [m].
 
-    Attributes:
-        triangles: Charged triangles, shape (n, 3, 3).
-        spheres: Centre and radius, shape (n, 4).
-        capsules: Both ends of the axis and the radius, shape (n, 7).
-        planes: Unit normal and offset, shape (n, 4).
-        quads: Flat convex quadrilaterals, shape (n, 4, 3).
-        boxes: Centre, unit axes and full sizes, shape (n, 15).
-        cloud: Points, the area that each stands for [m^2] and its softening length, shape (n, 5).
+    Triangles (n, 3, 3) and flat convex quads (n, 4, 3); spheres: centre, radius; capsules: both ends of the axis,
+    radius; planes: unit normal, offset; boxes: centre, unit axes, full sizes; cloud: points, the area that each stands
+    for [m^2], its softening length.
     """
 
     triangles: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 3)))
@@ -41,7 +36,6 @@ class Recipe(NamedTuple):
         body: Of its message: Coal geometry in its own frame, and ``T_world_shape``, a pinocchio.SE3.
         surface: Of its message: a triangulation in its own frame, vertices (v, 3) [m] and triangles (t, 3).
         charged: Of its message and ``T_world_shape``: its share of the field.
-        solid: True if it has an inside; else it is a thin surface.
         convex: True if Coal judges it as one convex body: distances are signed then.
         facets: The triangles that Coal judges; None for a convex body.
         placement: ``T_world_shape``, if it is known before the body is made.

@@ -32,14 +32,9 @@ NO_CONTENTS: Mapping[int, Content] = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False)
 class Scene(SharedAnswer):
-    """A scene, ready to plan in.
+    """A scene, ready to plan in: obstacles in the message's order, guide planes in that in which they lead through it.
 
-    Attributes:
-        message: Its declaration.
-        name: Its name.
-        obstacles: In the message's order.
-        guide_planes: In the order in which they lead through the scene.
-        warnings: Harmless oddities of obstacles; each names its obstacle.
+    The warnings tell harmless oddities of obstacles, by name.
     """
 
     message: messages.Scene
@@ -129,15 +124,10 @@ class Scene(SharedAnswer):
 
 
 def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
-    """Build a scene from its message.
+    """Build a scene from its message; hashes of some of its obstacles, by index, may be at hand.
 
-    Args:
-        message: Obstacles and guide planes as declared.
-        contents: Hashes of some of its obstacles, by index, where they are at hand.
-
-    Raises:
-        SceneInvalid: if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
-            `guide_plane`) and the `path` in the scene.
+    Raises SceneInvalid if an obstacle or guide plane can't be used; `details` hold its name (as `obstacle` or
+    `guide_plane`) and the `path` in the scene.
     """
     obstacles = obstacle.build_all(message.obstacles, contents)
     guide_planes = guide_plane.build_all(message.guide_planes)
@@ -151,16 +141,9 @@ def build(message: messages.Scene, contents: Mapping[int, Content] = NO_CONTENTS
 
 
 def changed(before: Scene, message: messages.Scene, rows: Rows, contents: Mapping[int, Content] = NO_CONTENTS) -> Scene:
-    """Build a scene from its message and the scene that it was derived from; only other obstacles are built.
+    """Build a scene from its message, with the guide planes of the one that it was derived from.
 
-    Args:
-        before: The scene before.
-        message: Obstacles as declared; guide planes are those from before.
-        rows: The rows of its obstacles there.
-        contents: As `build` takes them.
-
-    Raises:
-        SceneInvalid: as `build`.
+    Only other obstacles, as the rows say, are built. Raises SceneInvalid as `build`.
     """
     fresh = [obstacle.build(message.obstacles[index], index, contents.get(index)) for index in rows.fresh]
     return with_others(before, rows, fresh, message)
@@ -174,14 +157,7 @@ def declared_with(message: messages.Scene, obstacles: list[messages.Obstacle]) -
 
 
 def with_others(before: Scene, rows: Rows, fresh: Sequence[Obstacle], message: messages.Scene) -> Scene:
-    """Make a scene that has the obstacles of another one, and some others.
-
-    Args:
-        before: The other one.
-        rows: The rows of the obstacles there.
-        fresh: The other obstacles.
-        message: Its declaration, with the guide planes from before.
-    """
+    """Make a scene of another one's obstacles and some fresh ones, as the rows say, with its guide planes."""
     warned = before.warnings or any(one.warnings for one in fresh)
     obstacles = tuple(rows.listed(before.obstacles, fresh))
     scene = Scene(

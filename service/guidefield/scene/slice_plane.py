@@ -23,12 +23,9 @@ _UPRIGHT = 0.3
 
 @dataclass(frozen=True, eq=False)
 class SlicePlane:
-    """A rectangle in the world; a picture on it has its first row and column at the corner.
+    """A rectangle in the world; a picture on it has its first row and column at the corner (3,) [m].
 
-    Attributes:
-        corner: Where the picture's first row and column meet, shape (3,) [m].
-        across: From there along the first row to the last column, shape (3,) [m].
-        down: From there along the first column to the last row, across `across`, shape (3,) [m].
+    The first row leads `across` (3,) to the last column, the first column `down` (3,), at right angles to that [m].
     """
 
     corner: np.ndarray
@@ -53,11 +50,7 @@ class SlicePlane:
         return corners
 
     def pixels(self, resolution: int) -> tuple[int, int]:
-        """Return the rows and columns of a picture, given the pixels along its longer side.
-
-        Raises:
-            ValueError: if `resolution` is not positive.
-        """
+        """Return rows and columns of a picture, by its pixels along the longer side; ValueError if not positive."""
         if resolution < 1:
             raise ValueError(f"`resolution` must be positive, got {resolution}")
         width, height = self.size
@@ -86,15 +79,10 @@ class SlicePlane:
 def planes_along(path: np.ndarray) -> tuple[SlicePlane, SlicePlane]:
     """Two planes in which a path can be followed: the one that fits it best, and the one across that along it.
 
-    Both go through the middle of the path and contain its main direction, so that a path that is nearly flat runs in
-    the first and, from the side, along the second. For a straight path the first is as level as it can be. They show
-    the path with a margin on all sides; up in the picture is up in the world, or, seen from above, the world's y.
-
-    Args:
-        path: Positions of the tip, shape (n, 3), n >= 1 [m, world].
-
-    Raises:
-        ValueError: if there are no positions, or one isn't finite.
+    Both go through the middle of the tip's path, shape (n, 3) [m, world], and contain its main direction, so that a
+    path that is nearly flat runs in the first and, from the side, along the second. For a straight path the first is as
+    level as it can be. They show the path with a margin on all sides; up in the picture is up in the world, or, seen
+    from above, the world's y. Raises ValueError if there are no positions, or one isn't finite.
     """
     path = np.asarray(path, dtype=np.float64)
     if path.ndim != 2 or path.shape[1] != 3 or not len(path) or not np.isfinite(path).all():

@@ -44,12 +44,8 @@ SLACK = 1.001
 class Grids(NamedTuple):
     """What `LaneBodies` holds under the same names.
 
-    Attributes:
-        grids: (GRID_PLACES * meetings,).
-        grid_numbers: (GRID_NUMBERS * meetings,) float32.
-        cells: (CHILDREN + n + ROOM,) int32, nothing judged yet; n are the largest cells, and what is known of many of
-            these together.
-        apart: uint32, a bit for each of these but `ROOM`.
+    Of cells (CHILDREN + n + ROOM,) nothing is judged yet; n are the largest cells, and what is known of many of these
+    together; `apart` has a bit for each of these but `ROOM`.
     """
 
     grids: np.ndarray
@@ -78,14 +74,10 @@ def lane_grids(
 ) -> Grids:
     """Lay grids over the coordinates of meetings that depend on three at most.
 
-    Args:
-        joints: The robot's joints.
-        meetings: Pairs of carriers, the first two columns; shape (m, 4).
-        carrying: Joint of each carrier.
-        covers: Balls (n, 4) that contain each carrier's bodies, in its joint's frame.
-        ranges: Least and largest value of each coordinate, shape (nv, 2).
-        most: How many coordinates the grid of each meeting may have, shape (m,): where what decides else is quick, the
-            many cells of three take longer to judge than they save.
+    Meetings are pairs of carriers, the first two columns of (m, 4); `carrying` has the joint of each carrier, `covers`
+    balls (n, 4) that contain its bodies, `ranges` least and largest values (nv, 2). The grid of each meeting has at
+    most so many coordinates, `most` (m,): where what decides else is quick, the many cells of three take longer than
+    they save.
     """
     numbers = joints.numbers.reshape(-1, JOINT)
     every: list[list[_Side] | None] = []

@@ -18,12 +18,9 @@ from guidefield.kernels.simd.blocks import BLOCK
 
 
 class FlatParts(NamedTuple):
-    """The parts of a surface, as if there were no other.
+    """The parts of a flat surface, as if there were no other.
 
-    Attributes:
-        parts: Its tree; no polytope is about all of it, which a flat surface has none of.
-        nodes: Nodes that stand for it, shape (k,).
-        rows: The numbers of the box about each, as `collide.primitive` has them, shape (k, PRIMITIVE).
+    The nodes (k,) stand for it, and the rows are the numbers of the box about each, shape (k, PRIMITIVE).
     """
 
     parts: Parts
@@ -32,16 +29,9 @@ class FlatParts(NamedTuple):
 
 
 class _Sorted:
-    """Rows of a forest in the order of their meshes; those of a mesh keep their order.
+    """Rows of a forest in the `order` of their meshes; those of a mesh keep their order.
 
-    Args:
-        meshes: The mesh of each row, shape (n,).
-        count: How many meshes there are.
-
-    Attributes:
-        order: The rows in that order, shape (n,).
-        starts: The first of each mesh, then how many rows there are, shape (count + 1,).
-        place: The place of each row among those of its mesh, shape (n,).
+    `starts` are the first of each of the meshes, then how many rows there are; `place` that of each among its mesh's.
     """
 
     def __init__(self, meshes: np.ndarray, count: int) -> None:

@@ -66,13 +66,9 @@ def _with_words(robot: LaneRobot, group: PlanningGroup) -> tuple[LaneRobot, Word
 
 
 def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
-    """Remove pairs of links that keep apart wherever their coordinates are within their limits.
+    """Remove pairs of links that keep apart wherever their nv coordinates are within their limits.
 
     A robot's description rarely names all pairs that can't collide.
-
-    Args:
-        robot: The robot.
-        nv: Its coordinates.
     """
     bodies = robot.bodies
     layout = lane_memory(robot, nv, len(bodies.pairs) // PAIR, 0)
@@ -92,15 +88,10 @@ def without_never_colliding(robot: LaneRobot, nv: int) -> LaneRobot:
 
 @dataclass(frozen=True, eq=False)
 class BatchCollision:
-    """A world for the lane kernels; like the world itself it answers one question at a time.
+    """A world for the kernels of SIMD batches; like the world itself it answers one question at a time.
 
-    Attributes:
-        world: Robot and obstacles.
-        words: The same as the kernels know it, a packed `LaneWorld`.
-        memory: What it works in, see lane_memory.
-        begins: Where in it the first array is [bytes].
-        scene: The obstacles as the kernels know them, whose memory the words tell.
-        robot: The robot's tables, whose memory they tell too.
+    The words are a packed `LaneWorld`, true as long as the memory that it works in, the scene and the robot are held;
+    the first array begins at `begins` in the memory [bytes].
     """
 
     world: World
@@ -139,17 +130,9 @@ class BatchCollision:
         )
 
     def touching(self, zs: ChartPoints, clearance: float = 0.0) -> np.ndarray:
-        """Which of some chart points touch an obstacle or themselves.
+        """Which chart points (n, nv) touch themselves, or an obstacle nearer than a clearance [m]; (n,), bool.
 
-        Args:
-            zs: Chart points, shape (n, nv) [rad or m].
-            clearance: What to keep from obstacles [m].
-
-        Returns:
-            Shape (n,), bool.
-
-        Raises:
-            ValueError: if a coordinate is not a finite number.
+        Raises ValueError if a coordinate is not a finite number.
         """
         if not np.isfinite(zs).all():
             raise ValueError("a chart point has a coordinate that is not a number")
@@ -158,23 +141,16 @@ class BatchCollision:
         return touching
 
     def free_until(self, path: ChartPoints, resolution: float, clearance: float = 0.0) -> int:
-        """How many of the straight motions along a path are free before the first that is not, by samples.
+        """How many of the straight motions along a path (n, nv) are free before the first that is not, as in `shorten`.
 
-        Args:
-            path: Chart points, shape (n, nv); the first itself is not judged.
-            resolution: Samples per length in the chart [1/rad or 1/m].
-            clearance: What to keep from obstacles [m].
+        The first chart point itself is not judged.
         """
         return int(path_free_until(self.words, clearance, np.ascontiguousarray(path, np.float32), resolution))
 
     def shorten(self, path: ChartPoints, resolution: float, clearance: float = 0.0, tries: int = TRIES) -> ChartPoints:
-        """A path with the same ends that is no longer; free by samples where it was.
+        """A path with the same ends that is no longer, shape (k, nv), by so many tries; free by samples where it was.
 
-        Args:
-            path: Chart points, shape (n, nv).
-            resolution: Samples per length in the chart [1/rad or 1/m].
-            clearance: What to keep from obstacles [m].
-            tries: Straight ways between places on it that are looked at.
+        The resolution is in samples per length in the chart [1/rad or 1/m]; the clearance is kept from obstacles [m].
         """
         most, nv = len(path) + tries + 2, path.shape[1]
         rows, short = np.empty((most, nv), np.float32), np.empty((most, nv))

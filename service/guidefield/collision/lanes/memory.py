@@ -34,10 +34,8 @@ from guidefield.memo import memoized
 class LaneMemory(NamedTuple):
     """Where what is in such a memory.
 
-    Attributes:
-        size: Whole numbers of 64 bits that it takes.
-        offsets: As `lay_out` or `primitive_tables` take them.
-        arrays: Of each array, by its name in the tuple that it is of: offset [bytes], type, length.
+    Its size in numbers of 64 bits, offsets as `lay_out` or `primitive_tables` take them, and of each array, by its name
+    in the tuple that it is of: offset [bytes], type, length.
     """
 
     size: int
@@ -45,12 +43,7 @@ class LaneMemory(NamedTuple):
     arrays: dict[str, tuple[int, Any, int]]
 
     def views(self, memory: np.ndarray, begins: int) -> dict[str, np.ndarray]:
-        """The arrays by their names.
-
-        Args:
-            memory: The memory, shape (size,).
-            begins: Where in it the first one is [bytes].
-        """
+        """The arrays by their names, in a memory (size,) from where the first one begins [bytes]."""
         return {
             name: np.frombuffer(memory, kind, length, begins + offset)
             for name, (offset, kind, length) in self.arrays.items()
@@ -59,14 +52,7 @@ class LaneMemory(NamedTuple):
 
 @memoized
 def lane_memory(robot: LaneRobot, nv: int, own_pairs: int, obstacles: int) -> LaneMemory:
-    """Lay out the memory for a robot among some obstacles.
-
-    Args:
-        robot: The robot.
-        nv: Its coordinates.
-        own_pairs: How many pairs of its bodies must not touch.
-        obstacles: How many there are.
-    """
+    """Lay out the memory for a robot of nv coordinates and so many own pairs among so many obstacles."""
     poses, met = robot.joints.size * POSE, robot.bodies.size * obstacles
     lengths = {
         "poses": poses,

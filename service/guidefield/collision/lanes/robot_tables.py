@@ -84,10 +84,8 @@ class LinkTables(SharedAnswer):
         parts: Hulls of the shapes and of their pieces, in the turned frames of joints.
         roots: The node of each shape's hull, shape (n,).
         pieces: Nodes of each shape that are nearly convex, and together about all of it.
-        surfaces: The shapes themselves, in the frames of joints.
-        surface_frames: Those frames in the turned ones, or the anchor's, rotation and translation row by row, (n, 12).
-        balls: Bounding spheres, inscribed spheres, groups of the first and one sphere about each shape, in its joint's
-            frame; arrays (k, 4) [m].
+        surfaces, surface_frames: The shapes themselves in the frames of joints; these in the turned ones, (n, 12).
+        balls: Bounding spheres, inscribed ones, groups of the first, one about each shape; arrays (k, 4) [m].
         sizes: How many bounding spheres each group has.
     """
 
@@ -182,14 +180,10 @@ def _surface_of(vertices: np.ndarray, faces: np.ndarray, part: Part) -> np.ndarr
 
 @dataclass(frozen=True, eq=False)
 class LaneRobot:
-    """A robot for lanes: joints that turn about z or slide along it where they have one axis, bodies in their frames.
+    """A robot for SIMD batches: joints with one axis turn about z or slide along it, bodies are in their frames.
 
-    Attributes:
-        links: Its collision shapes, which sets of pairs share.
-        joints: Its joints, from where the group starts.
-        bodies: Its shapes, as the group's geometry has them, each with its bounding and inscribed spheres.
-        pieces_paired: How many pairs of pieces there are.
-        fractions: As `LaneWorld` has them.
+    Its collision shapes, `links`, are shared by sets of pairs; `pieces_paired` counts pairs of pieces, `fractions` are
+    those of `LaneWorld`.
     """
 
     links: LinkTables

@@ -45,10 +45,8 @@ class _Tables(NamedTuple):
 
     Attributes:
         places: Kind, whether the primitive is the obstacle itself, root of each stand-in, and the address of the words
-            of what is a cloud, else 0, shape (k, 4).
-        primitives: Their numbers, shape (k, PRIMITIVE), float32.
-        boxes: Their boxes along the world's axes, the least x, y, z, then the largest, shape (k, 6), float32.
-        parts: Its parts.
+            of a cloud, else 0, shape (k, 4).
+        primitives, boxes: Their numbers (k, PRIMITIVE), and boxes along the world's axes (k, 6), float32.
     """
 
     places: np.ndarray
@@ -59,12 +57,12 @@ class _Tables(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LaneScene:
-    """Obstacles for lanes, primitives first.
+    """Obstacles for SIMD batches, primitives first.
 
     Attributes:
         owners: Which obstacle of the scene each of them stands for, shape (n,).
         roots: Root of each obstacle of the scene in the parts, shape (o,); a cloud's is one ball at the origin.
-        words: As the kernels know them, obstacles and parts, packed: true as long as this is held.
+        words: Obstacles and parts, packed: true as long as this is held.
         made: Makes the same as arrays; holds their memory.
         memory: That memory, and where in it the first array is [bytes]; None where there are others than primitives.
     """
@@ -181,15 +179,10 @@ def _behind(obstacles: LaneObstacles, tables: list[_Tables], roots: np.ndarray) 
 
 
 def prepare_scene(scene: Scene, deadline: Deadline, told: Told = lambda _: None) -> None:
-    """Make what lanes need of those obstacles of a scene that aren't primitives: of large meshes it takes seconds.
+    """Make what SIMD batches need of those obstacles that aren't primitives: of large meshes it takes seconds.
 
-    Args:
-        scene: The scene.
-        deadline: Checked before each obstacle: one that was begun is finished, and kept.
-        told: Told before each obstacle which it is.
-
-    Raises:
-        DeadlineExpired: if time was up; its text says at what.
+    Each is told before; one that was begun is finished, and kept. Raises DeadlineExpired if time was up, and says at
+    what.
     """
     if scene in _prepared:
         return
@@ -322,14 +315,9 @@ def _hull_of(used: np.ndarray, rows: np.ndarray, vertices: np.ndarray) -> np.nda
 
 
 def _tree_above(bodies: Sequence[np.ndarray], roots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Halve bodies along the widest side of their middles until each is alone.
+    """Halve bodies, corners (t, 3, 3) [m] of each, along the widest side of their middles until each is alone.
 
-    Args:
-        bodies: The corners of each, shape (t, 3, 3) [m]; two of them at least.
-        roots: The node of each, shape (n,).
-
-    Returns:
-        The ball about each node above them, shape (n - 1, 4) [m], and its children, shape (n - 1, 2); the root first.
+    Return the ball about each node above their roots, (n - 1, 4) [m], and its children, (n - 1, 2); the root is first.
     """
     boxes = np.array([(some.min(axis=(0, 1)), some.max(axis=(0, 1))) for some in bodies])
     centres = boxes.mean(axis=1)

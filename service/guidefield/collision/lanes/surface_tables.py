@@ -31,15 +31,10 @@ SINGLE = 2.0**-20
 
 
 def large_surface(obstacle: Obstacle) -> Arrays:
-    """The tables of the tree over an obstacle's triangles, and of the boxes that stand for it.
+    """The tables of the tree over an obstacle's triangles, and of the boxes that stand for it where it stands.
 
-    Args:
-        obstacle: It; where it stands.
-
-    Returns:
-        The arrays of `Parts` by name; the nodes that stand for it, shape (k,), the numbers of the box about each, as
-        `collide.primitive` has them, shape (k, PRIMITIVE), and the boxes along the world's axes about these, lower and
-        upper corner, shape (k, 6) [m].
+    The arrays of `Parts` by name; `nodes` that stand for it (k,), numbers of the box about each as `collide.primitive`
+    has them (k, PRIMITIVE), and `boxes` along the world's axes about these, lower and upper corner (k, 6) [m].
     """
 
     def write(room: Room) -> Arrays:
@@ -124,14 +119,9 @@ def _write_tree(
 
 
 def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Boxes about clusters of triangles, along the axes in which their corners spread.
+    """Boxes about clusters (k, most) of triangles (t, 3, 3) [m], along the axes in which their corners spread.
 
-    Args:
-        corners: Of all triangles, shape (t, 3, 3) [m].
-        members: The triangles of each cluster, shape (k, most).
-
-    Returns:
-        The numbers of each, as `collide.primitive` has them, shape (k, PRIMITIVE).
+    The numbers of each, as `collide.primitive` has them, shape (k, PRIMITIVE).
     """
     corners, members = np.ascontiguousarray(corners, float), np.ascontiguousarray(members, np.int64)
     count = len(members)
@@ -148,16 +138,9 @@ def cluster_rows(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
 
 
 def box_corners(corners: np.ndarray, members: np.ndarray) -> np.ndarray:
-    """Corners of boxes about clusters of triangles, along the axes in which some of their corners spread.
+    """Corners (k, 8, 3) of boxes about clusters (k, most) of triangles (t, 3, 3), along the axes of some [m].
 
     The boxes are larger by what single precision may take from them.
-
-    Args:
-        corners: Of all triangles, shape (t, 3, 3) [m].
-        members: The triangles of each cluster, shape (k, most).
-
-    Returns:
-        Shape (k, 8, 3) [m].
     """
     members = np.ascontiguousarray(members, np.int64)
     some, count = np.ascontiguousarray(members[:, :: -(-members.shape[1] // SOME)]), len(members)
