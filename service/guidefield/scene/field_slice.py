@@ -35,7 +35,7 @@ SOLID_COLOR = (98, 101, 108)
 
 _VIRIDIS = np.array(
     [(68, 1, 84), (72, 40, 120), (62, 74, 137), (49, 104, 142), (38, 130, 142), (31, 158, 137), (53, 183, 121),
-     (109, 205, 89), (180, 222, 44), (253, 231, 37)], float,
+     (109, 205, 89), (180, 222, 44), (253, 231, 37)], float
 )  # fmt: skip
 """Colours of equal steps from far to near, that differ as much in brightness for every eye."""
 

@@ -38,9 +38,7 @@ def _box(message: messages.Box) -> bytes:
 _BOX = Recipe(
     lambda m: (_bounded(coal.Box(*m.size)), se3(m.position, m.quaternion_xyzw)),
     lambda m: surfaces.box(m.size),
-    lambda m, placement: Charges(
-        boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *m.size]]),
-    ),
+    lambda m, placement: Charges(boxes=np.array([[*placement.translation, *placement.rotation.T.ravel(), *m.size]])),
 )
 
 

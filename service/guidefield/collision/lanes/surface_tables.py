@@ -112,9 +112,7 @@ def _write_tree(
     balls, links = made["balls"].reshape(-1, BALL_ROW), made["links"].reshape(-1, LINK)
     clusters = tree_written(corners, balls, links, boxed).clusters
     run_parallel(
-        lambda: write_triangles(corners, made),
-        lambda: more(clusters),
-        lambda: write_clusters(corners, clusters, made),
+        lambda: write_triangles(corners, made), lambda: more(clusters), lambda: write_clusters(corners, clusters, made)
     )
 
 
