@@ -47,7 +47,6 @@ def allowed_among(group: PlanningGroup, scene: Scene, allowed_collisions: Iterab
 
 
 def _require_known(group: PlanningGroup, scene: Scene, index: int, pair: PairNames) -> None:
-    """Refuse names that nobody has."""
     for name in pair:
         if name not in group.robot.links and name not in scene.names:
             obstacles = [obstacle.name for obstacle in scene.obstacles]
@@ -62,7 +61,6 @@ def _require_known(group: PlanningGroup, scene: Scene, index: int, pair: PairNam
 
 @memoized
 def _indices(scene: Scene) -> dict[str, int]:
-    """Where each obstacle stands, by its name."""
     return {one.name: index for index, one in enumerate(scene.obstacles)}
 
 

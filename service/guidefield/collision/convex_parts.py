@@ -218,7 +218,6 @@ class PartsTable:
     def _single(
         self, kind: int, numbers: np.ndarray, centre: np.ndarray, radius: float, vertices: np.ndarray = _NO_VERTICES
     ) -> int:
-        """Add one part, with its vertices in blocks and a ball about it; its node."""
         ball, link = np.array([*centre, radius]), np.array([-1, -1, 0])
         return self.add_parts(Parts(ball, link, np.array([kind, 0, len(vertices) // BLOCK]), numbers, vertices))
 
@@ -246,7 +245,6 @@ def _in_blocks(vertices: np.ndarray) -> np.ndarray:
 
 
 def _blocks(triangles: int) -> int:
-    """In how many blocks the corners of a cluster are."""
     return -(-3 * triangles // LANES)
 
 

@@ -80,7 +80,6 @@ def _around_a_point(world: World, outer: int, solid: Solid, points: np.ndarray) 
 
 
 def _solid_of(world: World, body: int) -> Solid:
-    """Of a body of a world."""
     if body >= world.pairs.links:
         return solid_of_obstacle(world.scene.obstacles[body - world.pairs.links])
     return solids_of_group(world.group)[body]

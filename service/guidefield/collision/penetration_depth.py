@@ -78,7 +78,6 @@ _KNOWN = coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase
 
 
 class _Bodies:
-    """Two placed shapes."""
 
     def __init__(self, first: Any, here: Any, second: Any, there: Any) -> None:
         self._shapes, self._places = (first, second), (here, there)
@@ -108,7 +107,6 @@ class _Bodies:
         return overlap
 
     def descend(self, direction: np.ndarray) -> ClosestPoints:
-        """Descend to a least overlap from a unit direction, shape (3,)."""
         (first, second), (here, there) = self._shapes, self._places
         best = float(self.overlaps(direction[None])[0])
         result, request = coal.DistanceResult(), coal.DistanceRequest()

@@ -73,7 +73,6 @@ _prepared = MemoSet()
 
 
 def _surfaces(robot: RobotModel) -> list[ShapeTask]:
-    """The trees of the meshes, in the geometry's order."""
     return [
         ShapeTask.of("laying out", robot, index, 0.0, functools.partial(known_surface, shape.geometry))
         for index, shape in enumerate(robot.geometry.geometryObjects)

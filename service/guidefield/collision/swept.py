@@ -65,7 +65,6 @@ class SweptWorld:
 
     @cached_property
     def _zero(self) -> ChartPoint:
-        """The chart's origin, shape (nv,)."""
         return cast(ChartPoint, np.zeros(self.group.nv))
 
 
@@ -95,7 +94,6 @@ def swept_world(world: World) -> SweptWorld:
 
 @memoized_for_alike
 def _apart(group: PlanningGroup, own_pairs: bytes) -> np.ndarray:
-    """`SweptRobot.apart` of own pairs, an array (own, 2) of int64."""
     supports = [list(group.model.supports[shape.parentJoint]) for shape in group.geometry.geometryObjects]
     apart = [
         [_first_apart(supports[one], supports[other]) for one, other in ((a, b), (b, a))]

@@ -100,7 +100,6 @@ class World:
 
     @cached_property
     def _surfaces(self) -> tuple[bool, ...]:
-        """Which of the robot's bodies Coal judges as surfaces."""
         return _surfaces(self.group)
 
     def is_signed(self, pair: int) -> bool:
@@ -291,7 +290,6 @@ class World:
 
     @cached_property
     def _robot(self) -> Any:
-        """Scratch for placements of the robot's bodies."""
         return _unpaired(self.group).createData()
 
     def _obstacle(self, body: int) -> Any:
@@ -329,7 +327,6 @@ def _require_other_names(group: PlanningGroup, scene: Scene) -> None:
 
 @memoized_for_alike
 def _link_names(group: PlanningGroup) -> tuple[str, ...]:
-    """The link of each of the robot's bodies."""
     return tuple(group.robot.link_of_geometry(index) for index in range(group.geometry.ngeoms))
 
 
@@ -343,7 +340,6 @@ def _unpaired(group: PlanningGroup) -> Any:
 
 @memoized_for_alike
 def _surfaces(group: PlanningGroup) -> tuple[bool, ...]:
-    """Which of the robot's bodies Coal judges as surfaces."""
     return tuple(isinstance(shape.geometry, coal.BVHModelBase) for shape in group.geometry.geometryObjects)
 
 

@@ -54,5 +54,4 @@ _ENCODER = msgspec.msgpack.Encoder(enc_hook=np.generic.tolist)
 
 
 def _hashed(declared: object) -> bytes:
-    """Hash what is declared, as MessagePack."""
     return content_key(_ENCODER.encode(declared))

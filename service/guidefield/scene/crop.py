@@ -185,7 +185,6 @@ def _with_cropped(scene: Scene, ball: Ball) -> Scene | None:
 
 
 def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
-    """Crop an obstacle that rests; None if most of it is kept."""
     centre, recipe = obstacle.placement.actInv(np.array(ball[:3])), obstacle.recipe
     if obstacle.cloud is not None:
         return _cropped_cloud(obstacle, obstacle.cloud, centre, ball.radius)
@@ -205,7 +204,6 @@ def _cropped(obstacle: Obstacle, ball: Ball) -> Obstacle | None:
 
 
 def _cropped_cloud(obstacle: Obstacle, cloud: Cloud, centre: np.ndarray, radius: float) -> Obstacle | None:
-    """Crop a cloud; a large one is read from disk if it was cropped before."""
 
     def find() -> Arrays:
         chosen = nearest_parts(cloud.points, np.arange(len(cloud.points))[:, None], centre, radius)

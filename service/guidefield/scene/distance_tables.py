@@ -175,7 +175,6 @@ def _is_small_sheet(obstacle: Obstacle) -> bool:
 
 
 def _small_sheets(obstacles: list[Obstacle]) -> BodyRows:
-    """Return the bodies of thin surfaces of few triangles, one for each."""
     placements = [obstacle.placement for obstacle in obstacles]
     return sheets(
         [obstacle.whole_surface for obstacle in obstacles],

@@ -108,7 +108,6 @@ class Patches:
 
 
 def _write_patches(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
-    """Triangles in the order of their patches, shape (t, 3), and the boxes about these, shape (k, 6) [m]."""
     vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
     made = room({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})
     sums = np.empty((len(triangles), 3))

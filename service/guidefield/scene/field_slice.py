@@ -158,7 +158,6 @@ def _contours(field: Field, plane: SlicePlane, pixel: float) -> np.ndarray:
 
 
 def _blended(colors: np.ndarray, inked: np.ndarray) -> np.ndarray:
-    """Lines over colours: light on dark, dark on light."""
     bright = colors @ np.array([0.299, 0.587, 0.114]) > 140.0
     ink = np.where(bright, 20.0, 245.0)[:, None]
     blended: np.ndarray = (1.0 - inked[:, None]) * colors + inked[:, None] * ink

@@ -71,13 +71,11 @@ class _LargeMesh:
 
     @cached_property
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its vertices (v, 3) [m] and triangles (t, 3)."""
         found = remembered("surface", self.known, lambda: _arrays_of(self._judgement))
         vars(self).pop("_judgement", None)
         return found["vertices"], found["triangles"].astype(np.int64)
 
     def find_facts(self) -> Arrays:
-        """Return the facts of its surface, and keep that on disk."""
         made = _facts_of(self._judgement)
         if self._judgement is not None:
             _ = self.surface
@@ -124,7 +122,6 @@ def _facts_of(surface: MeshSurface | None) -> Arrays:
 
 
 def _arrays_of(surface: MeshSurface | None) -> Arrays:
-    """A surface's arrays, numbers of vertices in four bytes."""
     assert surface is not None, "what has no area has no surface"
     return {"vertices": surface.vertices, "triangles": surface.triangles.astype(np.int32)}
 

@@ -233,7 +233,6 @@ _KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)
 
 
 class _UnusableError(Exception):
-    """An obstacle can't be used; holds the fault and the field."""
 
     def __init__(self, fault: str, field: str) -> None:
         super().__init__(fault)

@@ -28,7 +28,6 @@ def corners_in(triangles: Triangles) -> np.ndarray:
 
 
 def _triples(listed: list[Any], kind: type) -> np.ndarray:
-    """Return triples as an array (n, 3)."""
     flat = itertools.chain.from_iterable(listed)  # which NumPy reads in a third of the time
     return np.fromiter(flat, kind, 3 * len(listed)).reshape(-1, 3)
 

@@ -24,7 +24,6 @@ _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def _bounded(shape: Any) -> Any:
-    """The shape, with the box about it that Coal's broad phase asks for."""
     shape.computeLocalAABB()
     return shape
 

@@ -193,7 +193,6 @@ _held = memoized_by(lambda scene: scene, _held_at, HELD)
 
 
 def _since(message: messages.Obstacle, motion: ObstacleMotion, time: float) -> messages.Obstacle:
-    """Return a moving obstacle from a time on [s]."""
     declared = message.trajectory
     assert declared is not None, "it moves"
     if motion.end <= time:
@@ -221,12 +220,10 @@ def _tables(obstacles: tuple[Obstacle, ...]) -> FieldTables:
 
 
 def _charge_of_each(obstacles: tuple[Obstacle, ...], kind: str) -> np.ndarray:
-    """Return the charge of every face of one kind."""
     return np.concatenate([np.empty(0), *(np.full(len(getattr(one.charges, kind)), one.charge) for one in obstacles)])
 
 
 def _charged_rows(obstacles: tuple[Obstacle, ...], kind: str, width: int) -> np.ndarray:
-    """Return the rows of one kind of closed form of all obstacles, each with its charge behind."""
     rows = [np.insert(getattr(one.charges, kind), width, one.charge, axis=1) for one in obstacles]
     return np.concatenate([np.empty((0, width + 1)), *rows])
 

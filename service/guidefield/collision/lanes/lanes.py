@@ -55,7 +55,6 @@ def _turned_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]
 
 @memoized_for_alike
 def _alike_robot(group: PlanningGroup, pairs: bytes) -> tuple[LaneRobot, Words]:
-    """The same, wherever the group starts."""
     pairs_of_bodies = np.frombuffer(pairs, np.int64).reshape(-1, 2)
     robot = lane_robot(group, pairs_of_bodies)
     return _with_words(without_never_colliding(robot, group.nv), group)

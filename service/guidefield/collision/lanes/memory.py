@@ -105,7 +105,6 @@ Arrays = dict[str, tuple[int, Any, int]]
 
 @functools.cache
 def _types_in(*layouts: type) -> dict[str, Any]:
-    """Return the types of the arrays that are fields of some layouts."""
     return {name: kind for layout in layouts for name, kind in array_types(layout).items()}
 
 

@@ -370,7 +370,6 @@ def _place_balls(placement: Any, balls: np.ndarray) -> np.ndarray:
 
 
 def _ball_about(balls: np.ndarray) -> np.ndarray:
-    """A ball (1, 4) about balls (n, 4)."""
     ball = np.empty(4)
     ball_around_balls(np.ascontiguousarray(balls), ball)
     return ball[None]

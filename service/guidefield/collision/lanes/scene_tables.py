@@ -146,7 +146,6 @@ def _primitives(placed: np.ndarray, owners: np.ndarray) -> LaneScene:
 
 
 def _in_memory(owners: np.ndarray, words: Words, layout: LaneMemory, memory: np.ndarray, begins: int) -> LaneScene:
-    """Tables of primitives alone that are in some memory."""
 
     def made() -> tuple[LaneObstacles, Parts]:
         views = layout.views(memory, begins)
@@ -210,7 +209,6 @@ _MADE = Answers[_Tables]()
 
 
 def _tables(obstacle: Obstacle) -> _Tables:
-    """The tables of an obstacle that is no primitive, made once."""
     made = _MADE.of(obstacle, None)
     return _MADE.keep(obstacle, None, _tables_of(obstacle)) if made is MISSING else made
 
@@ -221,7 +219,6 @@ def _is_flat(obstacle: Obstacle) -> bool:
 
 
 def _make_flat(obstacles: Sequence[Obstacle]) -> list[_Tables]:
-    """Make the tables of polygons, and keep them."""
     made = flat_forest([np.take(*one.whole_surface, axis=0) for one in obstacles])  # which is in the world
     rows, places = (
         np.concatenate([flat.rows for flat in made]),
@@ -355,7 +352,6 @@ def _places_of(nodes: np.ndarray) -> np.ndarray:
 
 
 def _row(axes: np.ndarray, centre: np.ndarray, halves: Any, radius: float = 0.0) -> np.ndarray:
-    """The numbers of a primitive, as `collide.primitive` has them."""
     row = np.empty(PRIMITIVE)
     row[:CENTRE], row[CENTRE:HALVES], row[HALVES:ROUND], row[ROUND] = axes.ravel(), centre, halves, radius
     return row
