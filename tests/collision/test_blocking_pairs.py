@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs, met_each
+from guidefield.collision.blocking_pairs import MOST_LOOKED_AT, blocking_pairs, contacts_among, contacts_at, met_each
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_among, contacts_at
 from tests.collision.scenery import box, world_of
 from tests.robots import box_arm, grouped
 

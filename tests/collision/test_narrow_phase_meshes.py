@@ -6,8 +6,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, strategies as st
 
-from guidefield.collision.coal_transforms import transform
-from guidefield.collision.narrow_phase import NarrowPhase
+from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.convex import bvh
 from guidefield.messages.scene import Mesh
 from guidefield.planner.guide.tip_reach import obstacle_touched

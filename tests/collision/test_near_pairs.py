@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.collision.box_tree import CHILDREN, BoxTree
 from guidefield.collision.clearance import clearance_at, separations
-from guidefield.collision.obstacle_boxes import boxes_along_axes, obstacle_boxes
+from guidefield.collision.obstacle_boxes import CHILDREN, BoxTree, obstacle_boxes, own_boxes
 from guidefield.collision.pairs import Pairs
 from guidefield.collision.world import ROOM, TOUCHING
 from guidefield.messages import scene as messages
@@ -53,7 +52,7 @@ def test_boxes_along_the_worlds_axes_are_coals(seed):
     turned = mesh_message(*l_prism(), position=(0.3, 0.1, 0.2), quaternion_xyzw=(0.5, 0.5, -0.5, 0.5))
     cloud = messages.PointCloud(name="cloud", points=[(0.1, 0.2, 0.3), (0.4, 0.2, 0.1)], radius=0.05)
     obstacles = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, cloud])).obstacles
-    low, high = boxes_along_axes(list(obstacles))
+    low, high = np.split(own_boxes(list(obstacles)).boxes, 2, axis=1)
     for one, least, most in zip(obstacles, low, high, strict=True):
         placed = coal.CollisionObject(one.shape, one.placement.rotation, one.placement.translation)
         placed.computeAABB()

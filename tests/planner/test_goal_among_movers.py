@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import guidefield
+from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import Status

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.plan import plan

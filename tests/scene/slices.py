@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from guidefield.scene.slice_plane import SlicePlane
+from guidefield.scene.field_slice import SlicePlane
 
 
 def horizontal(centre: tuple[float, float, float], size: float) -> SlicePlane:

@@ -8,11 +8,10 @@ import coal
 import numpy as np
 import pytest
 
-from guidefield.collision.coal_transforms import transform
-from guidefield.collision.narrow_phase import NarrowPhase
+from guidefield.collision.narrow_phase import NarrowPhase, transform
 from guidefield.geometry.placements import se3
-from guidefield.scene import facets
-from guidefield.scene.facets import Facets, Patches
+from guidefield.scene import recipe
+from guidefield.scene.recipe import Facets, Patches
 
 
 def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -27,7 +26,7 @@ def terrain(side: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """Patches of few triangles."""
-    monkeypatch.setattr(facets, "PATCH", 50)
+    monkeypatch.setattr(recipe, "PATCH", 50)
 
 
 def _placement(rng: np.random.Generator) -> Any:
@@ -58,7 +57,7 @@ def test_a_surface_in_patches_is_judged_as_in_one_piece() -> None:
     vertices, triangles = terrain(20)
     body, whole, patches = (
         coal.Capsule(0.05, 0.3),
-        facets.bvh(vertices, triangles),
+        recipe.bvh(vertices, triangles),
         Patches(lambda: (vertices, triangles)),
     )
     rng = np.random.default_rng(4)

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from guidefield.messages import scene as messages
-from guidefield.scene.field_slice import CONTOURS, SOLID_COLOR, field_slice
+from guidefield.scene.field_slice import CONTOURS, SOLID_COLOR, SlicePlane, field_slice
 from guidefield.scene.scene import build
-from guidefield.scene.slice_plane import SlicePlane
 from tests.scene.slices import horizontal
 
 BALL = build(messages.Scene(name="s", obstacles=[messages.Sphere(name="ball", radius=0.5, position=(0.3, 0.0, 0.0))]))

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.bounded_map import Limit
-from guidefield.collision import box_tree
+from guidefield.collision import obstacle_boxes as boxes_module
 from guidefield.collision.lanes import scene_tables
 from guidefield.collision.lanes.scene_tables import lane_scene
 from guidefield.collision.obstacle_boxes import obstacle_boxes
@@ -294,7 +294,7 @@ def test_where_one_of_many_moves_nothing_is_sorted_nor_made_anew(monkeypatch: py
     first = kept.of(message)
     before = bits(tables(first))
     moved = kept.of(apply_change(message, SceneDiff(move={"b7": Placement((0.1, 0.2, 0.3))})))
-    for where in (box_tree, of_distances):
+    for where in (boxes_module, of_distances):
         monkeypatch.setattr(where, "along_curve", None)
     monkeypatch.setattr(scene_tables, "primitive_tables", only_one(scene_tables.primitive_tables))
     found = obstacle_boxes(moved), distance_tables(moved), lane_scene(moved).tables

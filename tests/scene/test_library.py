@@ -9,7 +9,7 @@ from guidefield.collision.clearance import clearance_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.errors import SceneInvalid
-from guidefield.scene import facets, library
+from guidefield.scene import library, recipe
 from guidefield.scene.scene import build
 from tests.robots import group, rest
 
@@ -63,7 +63,7 @@ def test_guide_planes_are_in_free_space(name):
         # Their edges may touch obstacles; a millimetre inside, nothing does.
         corners = plane.inset_vertices(1e-3)
         fan = np.array([[0, i, i + 1] for i in range(1, len(corners) - 1)])
-        sheet = facets.bvh(corners, fan)
+        sheet = recipe.bvh(corners, fan)
         for obstacle in scene.obstacles:
             request, result = coal.CollisionRequest(), coal.CollisionResult()
             here = coal.Transform3s.Identity()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from guidefield.scene.slice_plane import LEAST_MARGIN, SlicePlane, planes_along
+from guidefield.scene.field_slice import LEAST_MARGIN, SlicePlane, planes_along
 from tests.scene.slices import horizontal
 
 LAWS = settings(deadline=None, max_examples=15)

@@ -17,8 +17,8 @@ import pinocchio as pin
 
 from benchmarks.posed import posed
 from benchmarks.problems import Problems, scene_of
+from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
 from guidefield.errors import Status
 from guidefield.messages import scene as messages
 from guidefield.planner.guide.auto_planes import derive

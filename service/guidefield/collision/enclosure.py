@@ -20,7 +20,7 @@ def enclosed(world: World, q: ModelConfiguration) -> PairNames | None:
 
     Without contact a connected body is inside with all of its points or with none, so one point of each connected piece
     tells. A body that touches may be reported too: it is partly inside. A motion without contact can't change the
-    answer: it is asked for once, at the start.
+    answer: it is asked for once, at the start. The configuration is the model's, shape (model.nq,).
     """
     answer = _ENCLOSURES.of(world, key := q.tobytes())  # starts are asked about again and again
     return _ENCLOSURES.keep(world, key, _enclosed_each(world, [q])[0]) if answer is MISSING else answer

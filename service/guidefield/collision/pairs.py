@@ -108,6 +108,6 @@ class Pairs(ReadOnly):
         return Pairs(self.own, self.links, self.moving, len(chosen), left_out)
 
     def of_obstacles(self, chosen: np.ndarray) -> np.ndarray:
-        """All pairs with some obstacles, in ascending order."""
+        """All pairs with some obstacles, shape (k,), in ascending order."""
         rows = np.repeat(np.arange(len(self.moving)), len(chosen))
         return np.sort(self.with_obstacles(rows, np.tile(chosen, len(self.moving)))[1])

@@ -78,7 +78,6 @@ _KNOWN = coal.Box, coal.Sphere, coal.Capsule, coal.Cylinder, coal.ConvexBase
 
 
 class _Bodies:
-
     def __init__(self, first: Any, here: Any, second: Any, there: Any) -> None:
         self._shapes, self._places = (first, second), (here, there)
         self._rotations = [np.array(place.getRotation()) for place in self._places]

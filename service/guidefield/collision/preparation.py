@@ -14,7 +14,7 @@ from collections.abc import Callable
 import coal
 
 from guidefield.collision.convex_parts import known_surface
-from guidefield.collision.hulls import hulls_of
+from guidefield.collision.solids import hulls_of
 from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.geometry.solid_cache import clear_solids
 from guidefield.memo import MemoSet

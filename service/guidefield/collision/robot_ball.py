@@ -62,7 +62,9 @@ def _slides(group: PlanningGroup, limited: bool) -> np.ndarray:
 
 
 def robot_ball(world: World, low: ChartPoint, high: ChartPoint) -> tuple[np.ndarray, float]:
-    """Return a ball [m, world] about the bodies that meet obstacles, anywhere between two corners of the chart.
+    """Return a ball about the bodies that meet obstacles, anywhere between corners of the chart, shape (nv,).
+
+    Centre (3,) and radius [m, world].
 
     The robot is placed anew.
     """

@@ -24,8 +24,7 @@ from guidefield.robot.model.model import GeometryChoice, RobotModel
 from guidefield.robot.urdf.links import NO_LENGTH
 from guidefield.scene import obstacle
 from guidefield.scene.cloud import MOST_IN_BODIES
-from guidefield.scene.content import content_of
-from guidefield.scene.points import are_many, count_of
+from guidefield.scene.content import are_many, content_of, count_of
 from guidefield.scene.scene import Scene
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from guidefield.case_file import Motion
-from guidefield.collision.contact import contacts_at
+from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.preparation import Told, is_prepared, prepare
 from guidefield.collision.world import World
 from guidefield.deadline import UNLIMITED, Deadline

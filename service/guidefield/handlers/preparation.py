@@ -22,9 +22,9 @@ from guidefield.parallel import run_parallel
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.prove.tables import prepare_obstacles
 from guidefield.robot.model.model import RobotModel
+from guidefield.scene.content import are_many
 from guidefield.scene.crop import crop, has_large, has_many
 from guidefield.scene.distance_tables import distance_tables
-from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene, unplaced
 
 Asked = TypeVar("Asked", bound=Conditions)

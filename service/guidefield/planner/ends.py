@@ -14,9 +14,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, met_each
+from guidefield.collision.blocking_pairs import BlockingPairs, blocking_pairs, contacts_at, depth_of, met_each
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at, depth_of
 from guidefield.collision.enclosure import enclosed, enclosed_each
 from guidefield.collision.world import World
 from guidefield.errors import Status

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from guidefield.collision.contact import Contact, contacts_at
+from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.world import World
 from guidefield.planner.leaving import DISTANCE_ERROR, LEFT_DISTANCE, SLIGHT_DEPTH, distances_of, touching_pairs

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import Contact, contacts_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another

@@ -24,8 +24,8 @@ from guidefield.read_only import read_only
 from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import joints_of
+from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
-from guidefield.scene.points import points_in
 from guidefield.scene.scene import Scene, build, unplaced
 
 ROUNDED = 1e-5

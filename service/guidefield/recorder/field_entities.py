@@ -16,9 +16,8 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import Configurations
 from guidefield.scene.field_in_time import Origin, field_in_time
-from guidefield.scene.field_slice import field_slice
+from guidefield.scene.field_slice import field_slice, planes_along
 from guidefield.scene.scene import Scene, build
-from guidefield.scene.slice_plane import planes_along
 
 MOMENTS = 13
 """Configurations at which forces are shown, of those at which the robot is shown."""

@@ -19,7 +19,7 @@ from guidefield.messages.kinematics_replies import PackedClearance, PackedNumber
 from guidefield.messages.streams import StreamOpen
 from guidefield.messages.triples import Points
 from guidefield.messages.values import ORIGIN, Float32Array, Placement, Vector3
-from guidefield.scene.points import points_in
+from guidefield.scene.content import points_in
 from guidefield.scene.scene import Scene, build
 
 FAR = 100.0

@@ -10,9 +10,8 @@ from guidefield.deadline import UNLIMITED, Deadline
 from guidefield.messages import scene as messages
 from guidefield.messages.frozen_scenes import Derivation, FrozenFacts, frozen_facts
 from guidefield.scene import scene as scenes
-from guidefield.scene.content import Content, changed_content, scene_content
+from guidefield.scene.content import Content, are_many, changed_content, scene_content
 from guidefield.scene.incremental import Rows
-from guidefield.scene.points import are_many
 from guidefield.scene.scene import Scene
 
 MANY = 1000

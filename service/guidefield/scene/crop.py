@@ -25,10 +25,10 @@ from guidefield.kernels.collide.primitive_boxes import gaps_from_ball
 from guidefield.memo import memoized_by
 from guidefield.scene.cloud import Cloud, cloud_specks
 from guidefield.scene.cropped_surface import crop_surface, nearest_parts
-from guidefield.scene.facets import Facets
 from guidefield.scene.incremental import MANY, Rows, incremental
 from guidefield.scene.movers import gaps_from_boxes, moving_ball, swept
 from guidefield.scene.obstacle import Obstacle
+from guidefield.scene.recipe import Facets
 from guidefield.scene.scene import Scene, declared_with, rows_of, with_others
 
 NOBODY: frozenset[str] = frozenset()

@@ -169,7 +169,7 @@ class Rows:
         return [index for index in now if index >= 0]
 
     def among(self, before: np.ndarray, now: np.ndarray) -> Rows:
-        """The same of some of the obstacles before and now, both by ascending indices."""
+        """The same of some of the obstacles before, shape (b,), and now, shape (k,), both by ascending indices."""
         source = self.source[now]
         place = np.minimum(np.searchsorted(before, source), len(before) - 1)
         stood = before[place] == source if len(before) else np.zeros(len(now), bool)

@@ -26,7 +26,7 @@ from guidefield.geometry.surfaces import extents
 from guidefield.kernels.field.field import field_at_points
 from guidefield.messages.triples import Points, Triangles
 from guidefield.parallel import run_parallel
-from guidefield.scene.points import corners_in, count_of, points_in
+from guidefield.scene.content import corners_in, count_of, points_in
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from guidefield.geometry.placements import se3, transform_points
 from guidefield.messages import scene as messages
-from guidefield.scene.points import points_in
+from guidefield.scene.content import points_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class ObstacleMotion:
         """The largest speed between two times [s] of any point of a ball in the obstacle's frame [m/s].
 
         On a screw every point keeps its speed |v + omega x c|, and none of the ball is faster than that and |omega|
-        radius.
+        radius. The centre is of shape (3,).
         """
         moving = (self.times[1:] > start) & (self.times[:-1] < end)
         return float(ball_rates(self.twists[moving], centre, radius)[0].max(initial=0.0))

@@ -22,15 +22,13 @@ from guidefield.kernels.collide.primitive import BOX
 from guidefield.kernels.collide.primitives_layout import PLACED
 from guidefield.messages import scene as messages
 from guidefield.scene.cloud import Cloud, cloud_charges, cloud_specks, cloud_surface
-from guidefield.scene.content import Content, content_of
+from guidefield.scene.content import Content, content_of, points_in
 from guidefield.scene.cropped_surface import CroppedSurface
-from guidefield.scene.facets import Facets
 from guidefield.scene.flat import Sheet, build_sheets
 from guidefield.scene.mesh import JudgedMesh, extent_of, judged_mesh, solids_of
 from guidefield.scene.motion import ObstacleMotion, posed
-from guidefield.scene.points import points_in
 from guidefield.scene.primitives import PRIMITIVES
-from guidefield.scene.recipe import Charges, Recipe
+from guidefield.scene.recipe import Charges, Facets, Recipe
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +231,6 @@ _KNOWN: BoundedMap[bytes, Obstacle] = BoundedMap(OBSTACLES)
 
 
 class _UnusableError(Exception):
-
     def __init__(self, fault: str, field: str) -> None:
         super().__init__(fault)
         self.fault = fault

@@ -1,14 +1,116 @@
-"""The recipe of an obstacle: functions that make its parts from its declaration, on demand, such as its charges."""
+"""The recipe of an obstacle, which makes its parts on demand; Coal trees of its triangles, by patches where many."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from guidefield.scene.facets import Facets
+from guidefield.geometry.cache import made_in_place
+from guidefield.geometry.convex import bvh
+from guidefield.geometry.curve_order import curve_order
+from guidefield.geometry.entries import Arrays, Room, in_memory
+from guidefield.geometry.surfaces import box_about
+from guidefield.kernels.distance.triangle_rows import corner_sums, runs_of_triangles
+from guidefield.memo import memoized
+
+PATCH = 8192
+"""Most triangles in one tree; a call of Coal's for so many takes some hundredths of a second."""
+
+
+Whole = Callable[[], tuple[np.ndarray, np.ndarray]]
+"""Makes the vertices (v, 3) [m] and triangles (t, 3) of a surface."""
+
+
+class Facets:
+    """Triangles that Coal judges as a surface.
+
+    Their number is known, vertices (v, 3) [m], each used, and triangles (t, 3) are made on demand, in the obstacle's
+    own frame. With a hash results for them are kept on disk; the box may be at hand.
+    """
+
+    def __init__(self, count: int, made: Whole, content: bytes = b"", box: np.ndarray | None = None) -> None:
+        self.count, self._made, self._content = count, made, content
+        if box is not None:
+            vars(self)["box"] = box
+
+    @cached_property
+    def box(self) -> np.ndarray:
+        """Lower and upper corner of the box about them, shape (2, 3) [m, own frame]."""
+        return box_about(self._made()[0])
+
+    @property
+    def whole(self) -> Any:
+        """All of them as one Coal tree."""
+        return _tree(self)
+
+    def surface(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return their vertices (v, 3) [m] and the triangles (t, 3)."""
+        return self._made()
+
+    @cached_property
+    def patches(self) -> Patches | None:
+        """Trees of neighbours; None where one tree is no more than `PATCH`."""
+        return Patches(self._made, self._content) if self.count > PATCH else None
+
+
+@memoized
+def _tree(facets: Facets) -> Any:
+    return bvh(*facets.surface())
+
+
+class Patches:
+    """Triangles as trees of at most `PATCH` neighbours, each made on first use; with a hash kept on disk."""
+
+    def __init__(self, surface: Whole, content: bytes = b"") -> None:
+        self._make = surface
+
+        def write(room: Room) -> Arrays:
+            return _write_patches(*self._surface, room)
+
+        known = {"content": np.frombuffer(content, np.uint8), "patch": np.array(PATCH)}
+        made = made_in_place("patches", known, write) if content else write(in_memory)
+        self._triangles, (self._low, self._high) = made["triangles"], np.split(made["boxes"], 2, axis=1)
+        self._shapes: dict[int, Any] = {}
+
+    @cached_property
+    def _surface(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._make()
+
+    def __len__(self) -> int:
+        return len(self._low)
+
+    def apart(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Distances (k,) of the patches' boxes from one with these corners [m], at most those of what is in them."""
+        gaps = np.maximum(0.0, np.maximum(self._low - high, low - self._high))
+        found: np.ndarray = np.sqrt((gaps * gaps).sum(axis=1))
+        return found
+
+    def shape(self, index: int) -> Any:
+        """A patch as a Coal tree, in the frame of all."""
+        if index not in self._shapes:
+            corners = self._triangles[index * PATCH : (index + 1) * PATCH]
+            used, local = np.unique(corners, return_inverse=True)
+            self._shapes[index] = bvh(self._surface[0][used], local.reshape(-1, 3))
+        return self._shapes[index]
+
+    def nearest_first(self, low: np.ndarray, high: np.ndarray) -> Iterator[tuple[float, int]]:
+        """Patches by the distance of their boxes from a box with these corners, shapes (3,), the nearest first [m]."""
+        apart = self.apart(low, high)
+        for index in np.argsort(apart, kind="stable").tolist():
+            yield float(apart[index]), index
+
+
+def _write_patches(vertices: np.ndarray, triangles: np.ndarray, room: Room) -> Arrays:
+    vertices, triangles = np.ascontiguousarray(vertices, float), np.ascontiguousarray(triangles, np.int64)
+    made = room({"triangles": ("<i4", triangles.shape), "boxes": ("<f8", (-(-len(triangles) // PATCH), 6))})
+    sums = np.empty((len(triangles), 3))
+    corner_sums(vertices, triangles, sums)
+    runs_of_triangles(vertices, triangles, curve_order(sums), PATCH, made["triangles"], made["boxes"])
+    return made
 
 
 @dataclass(frozen=True, eq=False)

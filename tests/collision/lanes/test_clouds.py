@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from guidefield.collision.blocking_pairs import contacts_at
 from guidefield.collision.clearance import clearance_at
-from guidefield.collision.contact import contacts_at
 from guidefield.collision.enclosure import enclosed
 from guidefield.collision.lanes.lanes import BatchCollision
 from guidefield.collision.world import World

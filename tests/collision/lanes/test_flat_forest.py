@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.lanes.flat_forest import flat_forest
+from guidefield.collision.lanes.surface_tables import flat_forest
 from guidefield.geometry.mesh_tree import mesh_tree
 from guidefield.kernels.collide.parts import BLOCKS, FIRST_BLOCK, KIND, LINK, OWN, PART, SHAPE, TRIANGLE, Parts
 from guidefield.kernels.simd.blocks import BLOCK

@@ -12,11 +12,17 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.collision.convex_parts import PartsTable
-from guidefield.collision.hulls import MOST_TRIANGLES
-from guidefield.collision.lanes.flat_forest import flat_forest
 from guidefield.collision.lanes.memory import LaneMemory, scene_memory
-from guidefield.collision.lanes.surface_tables import CLUSTER, boxes_about, cloud_parts, cluster_rows, large_surface
+from guidefield.collision.lanes.surface_tables import (
+    CLUSTER,
+    boxes_about,
+    cloud_parts,
+    cluster_rows,
+    flat_forest,
+    large_surface,
+)
 from guidefield.collision.preparation import Told
+from guidefield.collision.solids import MOST_TRIANGLES
 from guidefield.deadline import Deadline
 from guidefield.geometry.mesh_surface import own_hull
 from guidefield.geometry.mesh_tree import mesh_tree

@@ -24,10 +24,10 @@ from guidefield.robot.model.size import MARGIN
 from guidefield.robot.model.spaces import ChartPoint
 from guidefield.scene import obstacle as obstacles
 from guidefield.scene.cloud import covering
+from guidefield.scene.content import count_of
 from guidefield.scene.motion import posed
 from guidefield.scene.movers import MovingBall, motion_of, movers
 from guidefield.scene.obstacle import Obstacle
-from guidefield.scene.points import count_of
 
 Moments = Mapping[int, Sequence[float]]
 """At which times [s] each obstacle of a scene, by its index, stands; one that rests, at any single one."""
