@@ -277,7 +277,7 @@ def test_where_hpp_cant_be_installed_it_is_told(tmp_path: Path, monkeypatch: pyt
     assert "hpp-python>=9,<10 can't be installed: " in hpp.install()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_distances_of_convex_bodies_have_a_second_way(seed: int) -> None:
     from doubting import hulls
 

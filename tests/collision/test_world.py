@@ -61,7 +61,7 @@ def test_contact_is_what_coal_says_pair_by_pair(name, seed):
         )
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0])
 def test_many_bodies_and_a_slanted_half_space_change_nothing(seed):
     rng = np.random.default_rng(seed)
     slope = messages.HalfSpace(name="slope", normal=(0.3, -0.2, 1.0), offset=-0.05)

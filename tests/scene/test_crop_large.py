@@ -111,7 +111,7 @@ def test_what_is_inside_a_wall_is_told_as_before() -> None:
     np.testing.assert_allclose(near, far, atol=1e-12)
 
 
-@pytest.mark.parametrize("cutoff", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("cutoff", [0.01, 0.3])
 @pytest.mark.parametrize("ball", [Ball(4.1, 0.2, 1.0, 0.6), Ball(3.3, 0.0, 1.2, 0.5)])
 def test_a_cutoff_leaves_out_what_is_beyond_and_nothing_inside(ball: Ball, cutoff: float) -> None:
     whole = one_alone(everything(), 1)
