@@ -21,7 +21,6 @@ from guidefield.robot.group.alike import memoized_for_alike
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.model import RobotModel
 from guidefield.robot.model.shapes import hull, triangulation
-from guidefield.scene.mesh import solids_of
 from guidefield.scene.obstacle import Obstacle
 
 MOST_TRIANGLES = 20_000
@@ -119,8 +118,7 @@ def solid_of_obstacle(obstacle: Obstacle) -> Solid:
         return _NOTHING
     if obstacle.facets is None:
         return _solid(obstacle.shape)
-    vertices, triangles = obstacle.whole_surface
-    return _of_surface(vertices, triangles, solids_of(vertices, triangles) if obstacle.solid else [])
+    return _of_surface(*obstacle.whole_surface, obstacle.whole_solids)
 
 
 def _around_nothing(points: np.ndarray) -> Solid:

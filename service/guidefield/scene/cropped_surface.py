@@ -41,7 +41,7 @@ class CroppedSurface:
             of the same vertices.
         anchors: Places outside or inside of each solid, see `Anchor`; zeros of one that is whole.
         box: Lower and upper corner about all of the surface, shape (2, 3) [m].
-        whole: Makes all of the surface.
+        whole, solids: Make all of the surface, and the triangles of each of its solids.
         content: The key of the part on disk; empty if it isn't kept there.
     """
 
@@ -49,6 +49,7 @@ class CroppedSurface:
     anchors: np.ndarray
     box: np.ndarray
     whole: Whole
+    solids: Callable[[], list[np.ndarray]]
     content: bytes
 
     @property
@@ -85,10 +86,10 @@ def crop_surface(
         return _find_parts(whole(), solids(), solid, centre, radius, most)
 
     if not content:
-        return _restored(find(), whole, b"")
+        return _restored(find(), whole, solids, b"")
     known = {"content": np.frombuffer(content, np.uint8), "ball": np.array([*centre, radius, most])}
     own = content_key(*known.values())
-    return _restored(remembered("seen", known, find), whole, own)
+    return _restored(remembered("seen", known, find), whole, solids, own)
 
 
 def _find_parts(
@@ -133,14 +134,16 @@ def _near_solids(vertices: np.ndarray, solids: list[np.ndarray], centre: np.ndar
     return [one for one, kept in zip(solids, near.tolist(), strict=True) if kept]
 
 
-def _restored(found: Arrays, whole: Whole, content: bytes) -> CroppedSurface | None:
+def _restored(
+    found: Arrays, whole: Whole, solids: Callable[[], list[np.ndarray]], content: bytes
+) -> CroppedSurface | None:
     counts = found["counts"]
     if not len(counts):
         return None
     numbers = np.split(found["triangles"].astype(np.int64), np.cumsum(counts.ravel())[:-1])
     parts = zip(numbers[0::2], numbers[1::2], strict=True)
     kept = tuple((found["vertices"], *part) for part in parts)
-    return CroppedSurface(kept, found["anchors"], found["box"], whole, content)
+    return CroppedSurface(kept, found["anchors"], found["box"], whole, solids, content)
 
 
 def _part(

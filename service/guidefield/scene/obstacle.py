@@ -172,6 +172,13 @@ class Obstacle:
         """Vertices (v, 3) [m] and triangles (t, 3) of all of it in its own frame, if it is cropped, too."""
         return self.recipe.surface(self.message) if self.cropped is None else self.cropped.whole()
 
+    @property
+    def whole_solids(self) -> list[np.ndarray]:
+        """The triangles of each of its solids, shape (t, 3), as `whole_surface` has them; none of a thin surface."""
+        if self.cropped is not None:
+            return self.cropped.solids() if self.solid else []
+        return [part for _, part, _ in self.surfaces] if self.solid else []
+
     @cached_property
     def charges(self) -> Charges:
         """Its share of the field, for a charge of 1 per area."""
