@@ -69,7 +69,9 @@ def test_boxes_along_own_axes_are_coals(seed):
     turned = mesh_message(*l_prism(), position=(0.3, 0.1, 0.2), quaternion_xyzw=(0.5, 0.5, -0.5, 0.5))
     scene = build(messages.Scene(name="s", obstacles=[*scattered(rng, 40), turned, FLOOR]))
     boxes = obstacle_boxes(scene)
-    for one, axes, centre, halves in zip(scene.obstacles, *boxes.along_own_axes, strict=True):
+    for one, axes, centre, halves in zip(
+        scene.obstacles, boxes.axes.reshape(-1, 3, 3), boxes.centres, boxes.halves, strict=True
+    ):
         if isinstance(one.message, messages.HalfSpace):
             assert np.isinf(halves).all()
             continue

@@ -170,9 +170,8 @@ class ObstacleBoxes(ReadOnly):
 
     def gaps(self, points: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
         """Distances of points (m, k, 3) from the box about one obstacle for each row; (m, k) [m], 0 inside."""
-        axes, centres, halves = self.along_own_axes
-        along = np.matmul(points, axes[obstacles]) - centres[obstacles, None]
-        outside = np.maximum(np.abs(along) - halves[obstacles, None], 0.0)
+        along = np.matmul(points, self.axes.reshape(-1, 3, 3)[obstacles]) - self.centres[obstacles, None]
+        outside = np.maximum(np.abs(along) - self.halves[obstacles, None], 0.0)
         found: np.ndarray = np.sqrt(np.einsum("mki,mki->mk", outside, outside))
         return found
 
@@ -192,11 +191,6 @@ class ObstacleBoxes(ReadOnly):
         )
         read_only(*made)
         return made
-
-    @property
-    def along_own_axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Axes as columns (o, 3, 3), centres along them and half extents (o, 3) [m], infinite of a half-space."""
-        return self.axes.reshape(-1, 3, 3), self.centres, self.halves
 
 
 def _split(halves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -256,10 +256,6 @@ def _mesh(message: messages.Mesh, content: Content) -> Obstacle:
     return _surface(message, mesh, se3(message.position, message.quaternion_xyzw))
 
 
-def _polygon(message: messages.Polygon, _: Content) -> Obstacle:
-    return _sheet(message, build_sheets([message.vertices])[0])
-
-
 def _sheet(message: messages.Obstacle, sheet: Sheet | str) -> Obstacle:
     if isinstance(sheet, str):
         raise _UnusableError(sheet, ".vertices")
@@ -303,7 +299,7 @@ def _point_cloud(message: messages.PointCloud, content: Content) -> Obstacle:
 BUILDERS: dict[type[messages.Obstacle], Callable[[Any, Content], Obstacle]] = {
     **dict.fromkeys(PRIMITIVES, _primitive),
     messages.Mesh: _mesh,
-    messages.Polygon: _polygon,
+    messages.Polygon: lambda message, _: _sheet(message, build_sheets([message.vertices])[0]),
     messages.PointCloud: _point_cloud,
 }
 """Builder by kind of message; they raise `_UnusableError`."""
