@@ -35,12 +35,9 @@ from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.scene.flat import axes_across
 from guidefield.scene.guide_plane import GuidePlane, build
 
-NOMINAL = 0.9
-"""Share of the velocity limits that is used; its square of the accelerations', its cube of the jerks'."""
-AHEAD = 0.25
-"""How far ahead of the robot's time the obstacles' places are looked at first [s]."""
-WAIT = 0.1
-"""How long the robot waits before it looks again [s]."""
+NOMINAL = 0.9  # share of the velocity limits that is used; its square of the accelerations', its cube of the jerks'
+AHEAD = 0.25  # how far ahead of the robot's time the obstacles' places are looked at first [s]
+WAIT = 0.1  # how long the robot waits before it looks again [s]
 COMFORT = 0.02
 """What a round keeps from what moves, beyond what is asked for, if it does after waiting for `PATIENCE` at most [m],
 at size 1."""
@@ -262,8 +259,7 @@ def _approach(
     return along_planes if reached else along_planes.failed(Ending(crossing.status, crossing.message, crossing.details))
 
 
-SQUARE = 1.05
-"""Half side of the square about the goal over the radius of the tip's body."""
+SQUARE = 1.05  # half side of the square about the goal over the radius of the tip's body
 
 
 def find_led_goals(

@@ -28,8 +28,7 @@ from guidefield.robot.ik.pose_search import EXACT, SEARCH, PoseTarget
 from guidefield.robot.ik.unreachable import Cause
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ModelConfiguration
 
-SURE = 1e-3
-"""Only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1."""
+SURE = 1e-3  # only what is deeper than this is taken for a proof: Coal's depths are found by steps [m], at size 1
 
 
 def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> BlockingPairs | None:
@@ -61,18 +60,14 @@ def blocked_tip(world: World, target: PoseTarget, q: ModelConfiguration) -> Bloc
     return BlockingPairs(1, dict.fromkeys(ordered, 1), depths[ordered[0]])
 
 
-SOLUTIONS = 8
-"""Configurations at a pose for which a connection looks at once. Unrecorded."""
+SOLUTIONS = 8  # configurations at a pose for which a connection looks at once. Unrecorded
 
 CANDIDATES = 64
 """Configurations from which those next to the start in time are chosen. With them motions of a Panda to poses are a
 tenth faster. The number is unrecorded."""
 
-STARTS = 128
-"""Descents that begin about the problem's start, for these. Unrecorded."""
-
-START_SPREAD = 0.7
-"""Their distance from it, as a standard deviation [rad, or the group's unit of length]. Unrecorded."""
+STARTS = 128  # descents that begin about the problem's start, for these. Unrecorded
+START_SPREAD = 0.7  # their distance from it, as a standard deviation [rad, or the group's unit of length]. Unrecorded
 
 LEAST_DIFFERENCE = 0.3
 """Chosen ones differ by this at least in some coordinate [rad, or the unit of length]. Unrecorded."""
@@ -81,8 +76,7 @@ GRAZING_DISTANCE = 1e-3
 """Distance that they keep from obstacles beyond the clearance asked for, if there are such, at size 1 [m]: grazing
 would stop a certificate. Unrecorded."""
 
-MAX_STARTS = 8192
-"""Starts from which a configuration that is free is looked for. Unrecorded."""
+MAX_STARTS = 8192  # starts from which a configuration that is free is looked for. Unrecorded
 
 GOALS_AT_ONCE = 100
 """Of configurations that are given, the number judged before the deadline is asked: it takes some milliseconds."""

@@ -44,8 +44,7 @@ from guidefield.planner.task.trace import Note
 from guidefield.prove.verdict import Verdict
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 
-MotionJudge = Callable[[Trajectory], Verdict]
-"""Judges a motion from time 0 on."""
+MotionJudge = Callable[[Trajectory], Verdict]  # judges a motion from time 0 on
 
 
 def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> Finished:

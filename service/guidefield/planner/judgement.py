@@ -31,8 +31,7 @@ from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults
 from guidefield.robot.model.spaces import ChartCurves, ChartPoints
 
-SPACING = 0.005
-"""Between samples at which what touches is measured [rad or m]."""
+SPACING = 0.005  # between samples at which what touches is measured [rad or m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,23 +22,15 @@ from guidefield.prove.certificate import motion_free
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
-SLIGHT_DEPTH = 0.01
-"""A contact deeper than this is not slight [m]: what the page about the certificate promises."""
-
-LEFT_DISTANCE = 1e-3
-"""Distance that what touched keeps in the end, at least [m]. Unrecorded."""
+SLIGHT_DEPTH = 0.01  # a contact deeper than this is not slight [m]: what the page about the certificate promises
+LEFT_DISTANCE = 1e-3  # distance that what touched keeps in the end, at least [m]. Unrecorded
 
 WAY_OUT_LENGTHS = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
 """Of the motions that are tried, short ones first [rad or m]. Unrecorded."""
 
-DIRECTIONS = 48
-"""Directions that are tried with each length. Unrecorded."""
-
-DISTANCE_ERROR = 1e-6
-"""A distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers."""
-
-WAY_OUT_SAMPLES = 24
-"""Places on the motion where what touches is measured. Unrecorded."""
+DIRECTIONS = 48  # directions that are tried with each length. Unrecorded
+DISTANCE_ERROR = 1e-6  # a distance that becomes smaller by less has not become smaller [m]: the error of Coal's answers
+WAY_OUT_SAMPLES = 24  # places on the motion where what touches is measured. Unrecorded
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,8 +47,7 @@ def judge(problem: Problem, trajectory: Trajectory) -> Verdict:
     return _with_constraints(problem, verdict, pieces, deadline)
 
 
-Judge = Callable[[Problem, Trajectory], Verdict]
-"""Judges a motion from time 0 on."""
+Judge = Callable[[Problem, Trajectory], Verdict]  # judges a motion from time 0 on
 
 
 def certify_motion(

@@ -78,15 +78,11 @@ class Crossed(ReadOnly):
         return at_ends | dict(zip(self.on_way, passed, strict=True))
 
 
-NO_PLANES = Crossed((), (), {})
-"""Of a motion that crosses none."""
+NO_PLANES = Crossed((), (), {})  # of a motion that crosses none
 
 
-LOOKS = 3
-"""How often a motion that is refused again is optimised with a look at where it touched, at most."""
-
-ANY_TIME = (0.0, -math.inf)
-"""Of a motion that begins at time 0, and may end at any."""
+LOOKS = 3  # how often a motion that is refused again is optimised with a look at where it touched, at most
+ANY_TIME = (0.0, -math.inf)  # of a motion that begins at time 0, and may end at any
 
 
 def optimize_motion(

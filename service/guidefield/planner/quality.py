@@ -30,48 +30,32 @@ from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.model.spaces import ChartCurves, Configurations
 from guidefield.scene.scene import Scene
 
-LENGTH_STEPS = 100
-"""Chords by which the length of a path is measured, at least. Unrecorded."""
+LENGTH_STEPS = 100  # chords by which the length of a path is measured, at least. Unrecorded
 
 LENGTH_SHARE = 5e-5
 """Pieces are divided on where their lengths by chords and by chords twice as long differ by more, all together, than
 this share of the whole. The messages promise lengths to a share of 1e-4; of the public problems' motions they were off
 by 3e-7 at most."""
 
-LENGTH_LEVELS = 10
-"""Divisions at most: a piece is 1000 times shorter by then, and so is what is missing."""
+LENGTH_LEVELS = 10  # divisions at most: a piece is 1000 times shorter by then, and so is what is missing
 
 SAMPLE_SPACING = 0.05
 """Joint distance between samples of the clearance [rad or m]: a choice, as the next five, that decides what a figure
 means."""
 
-MAX_SAMPLES = 100
-"""Samples at most."""
-
-SAMPLE_RATE_HZ = 10.0
-"""Least rate of samples among obstacles that move, within the most."""
-
-COARSE_STRIDE = 3
-"""The mean is over one sample of this number; the search of the smallest distances begins there."""
-
-END_LENGTH = 0.3
-"""Joint distance at each end that the inner clearance leaves out [rad or m]."""
-
-TIMES_A_KNOT = 20
-"""Times at which the travelled length is computed, for each knot. Unrecorded."""
-
-MAX_TIMES = 100_000
-"""Such times at most. Unrecorded."""
-
-TIMES_BETWEEN = 100
-"""Times between two close ones, to find when exactly a length has been travelled. Unrecorded."""
+MAX_SAMPLES = 100  # samples at most
+SAMPLE_RATE_HZ = 10.0  # least rate of samples among obstacles that move, within the most
+COARSE_STRIDE = 3  # the mean is over one sample of this number; the search of the smallest distances begins there
+END_LENGTH = 0.3  # joint distance at each end that the inner clearance leaves out [rad or m]
+TIMES_A_KNOT = 20  # times at which the travelled length is computed, for each knot. Unrecorded
+MAX_TIMES = 100_000  # such times at most. Unrecorded
+TIMES_BETWEEN = 100  # times between two close ones, to find when exactly a length has been travelled. Unrecorded
 
 LAST_SEARCH_S = 0.01
 """Time for the smallest distances when time is up or the run is ended. An answer may come 50 ms late: a certificate,
 the layout of what is measured and the reply need the rest."""
 
-FEW_SAMPLES = 40
-"""Of more samples the potential is evaluated at every second."""
+FEW_SAMPLES = 40  # of more samples the potential is evaluated at every second
 
 
 class MotionInTime(Protocol):

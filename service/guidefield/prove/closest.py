@@ -48,8 +48,7 @@ def enclosures_at(world: World, curve: Curve, times: np.ndarray, deadline: Deadl
     return found
 
 
-MAX_PAIRS = 100_000
-"""Above so many pairs configurations are measured one by one, among what is near them."""
+MAX_PAIRS = 100_000  # above so many pairs configurations are measured one by one, among what is near them
 
 
 class ClosestPairs:

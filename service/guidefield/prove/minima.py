@@ -17,8 +17,7 @@ from guidefield.prove.search import ContradictionError, Found, Goal, Smallest, s
 from guidefield.prove.tables import world_tables
 from guidefield.prove.verdict import with_coal_error
 
-DEPTHS = 4
-"""Maximum number of samples in contact at which depth is measured."""
+DEPTHS = 4  # maximum number of samples in contact at which depth is measured
 
 
 def smallest_along(

@@ -41,8 +41,7 @@ from guidefield.prove.tables import WorldTables, world_tables
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.scene.movers import motion_of, movers
 
-ROWS = 4096
-"""Rows that there is room for at first: a Panda's motion has some hundred."""
+ROWS = 4096  # rows that there is room for at first: a Panda's motion has some hundred
 
 SPARE = 1e-6
 """What a proof claims less than a smallest distance that was found: its numbers are in single precision [m]."""

@@ -28,11 +28,8 @@ from guidefield.scene.content import points_in
 from guidefield.scene.movers import motion_of, movers
 from guidefield.scene.scene import Scene, build, unplaced
 
-ROUNDED = 1e-5
-"""What single precision gives away for hulls whose corners are within some hundred metres [m]."""
-
-ARITHMETIC = 2e-9
-"""What double precision may be off, of a metre and of each metre from the origin [m]."""
+ROUNDED = 1e-5  # what single precision gives away for hulls whose corners are within some hundred metres [m]
+ARITHMETIC = 2e-9  # what double precision may be off, of a metre and of each metre from the origin [m]
 
 
 class WorldTables(NamedTuple):

@@ -16,8 +16,7 @@ from guidefield.robot.model.spaces import ChartPoint
 
 _D = TypeVar("_D", float, np.ndarray)
 
-COAL_ACCURACY = 1e-6
-"""How far off Coal's answers may be [m]: the tolerance of its search for distances."""
+COAL_ACCURACY = 1e-6  # how far off Coal's answers may be [m]: the tolerance of its search for distances
 
 COAL_RELATIVE = 2e-6
 """The same for each metre of distance: crossing cylinders, whose distance is known, are at most 1 um and 0.9 um a metre

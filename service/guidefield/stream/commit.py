@@ -18,11 +18,8 @@ from guidefield.messages.streams import PieceTrajectory
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint
 
-SAME_TIME = 1e-9
-"""Knots that are closer are one [s]; see `ROUNDED`."""
-
-ROUNDED = 16
-"""Nor are two of them closer than so many steps of a double at the client's clock."""
+SAME_TIME = 1e-9  # knots that are closer are one [s]; see `ROUNDED`
+ROUNDED = 16  # nor are two of them closer than so many steps of a double at the client's clock
 
 
 @dataclass(frozen=True, eq=False)

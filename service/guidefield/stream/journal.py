@@ -27,18 +27,12 @@ from guidefield.stores.files import checked_name
 from guidefield.stream.state import Snapshot, Watching, decode_part, encode_part
 from guidefield.stream.ways import give_way
 
-ENDING = ".stream"
-"""Of the files."""
-FILE_BYTES = 8 << 20
-"""A file whose entries are as large ends, and another one begins [bytes]."""
-MOST_FILES = 16
-"""So many files are kept of a stream; the oldest go first."""
-MOST_WAITING = 2_000
-"""So many entries may wait to be written."""
-TRIED_AGAIN = 10.0
-"""So long after the disk refused another file is begun [s]."""
-LONGEST_ENTRY = 1 << 30
-"""A longer entry is none [bytes]."""
+ENDING = ".stream"  # of the files
+FILE_BYTES = 8 << 20  # a file whose entries are as large ends, and another one begins [bytes]
+MOST_FILES = 16  # so many files are kept of a stream; the oldest go first
+MOST_WAITING = 2_000  # so many entries may wait to be written
+TRIED_AGAIN = 10.0  # so long after the disk refused another file is begun [s]
+LONGEST_ENTRY = 1 << 30  # a longer entry is none [bytes]
 _LENGTH = struct.Struct("<I")
 
 _log = logging.getLogger(__name__)
@@ -260,8 +254,7 @@ def entries_of(file: Path) -> Iterator[Entry]:
             yield _decoder.decode(payload)
 
 
-MOST_KEPT = 8
-"""So many streams are kept of a user, one that is open among them."""
+MOST_KEPT = 8  # so many streams are kept of a user, one that is open among them
 
 
 def file_bytes(most: int | None) -> int:

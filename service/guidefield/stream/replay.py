@@ -15,8 +15,7 @@ from guidefield.stream.journal import Aimed, Begun, Entry, Halted, SoughtGoal, U
 from guidefield.stream.stream import CertifiedStream, Sought
 from guidefield.stream.takeover import AsBefore, TakeOver
 
-Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]
-"""Opens a stream in this process."""
+Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]  # opens a stream in this process
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-WITHIN = 1e-7
-"""What pieces leave of each limit, so that no rounding leads beyond it; a share of the limit."""
-
-RISE = 0.05
-"""In so long the acceleration's limit is reached where no jerk limit is given [s]."""
+WITHIN = 1e-7  # what pieces leave of each limit, so that no rounding leads beyond it; a share of the limit
+RISE = 0.05  # in so long the acceleration's limit is reached where no jerk limit is given [s]
 
 
 @dataclass(frozen=True)

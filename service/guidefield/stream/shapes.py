@@ -25,8 +25,7 @@ from guidefield.robot.group.kinematics import group_joints
 from guidefield.scene.obstacle import Obstacle
 from guidefield.stream.views import read_only_views
 
-LEAF = 8
-"""Solids in a leaf of a tree."""
+LEAF = 8  # solids in a leaf of a tree
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +178,7 @@ def _cloud(points: np.ndarray, radius: float) -> JudgedShape:
     return JudgedShape(solids, nodes, links, None, False, _clusters(points, radius))
 
 
-CLUSTERS = 128
-"""About so many boxes stand for a cloud in planning."""
+CLUSTERS = 128  # about so many boxes stand for a cloud in planning
 
 
 def _clusters(points: np.ndarray, radius: float) -> np.ndarray:
@@ -270,8 +268,7 @@ def shapes_of(shapes: Sequence[JudgedShape]) -> JudgedShapes:
 _NONE = np.empty((0, 16))
 
 
-MOST_PARTS = 8
-"""Most parts of a mesh, which stand for it: nothing asks its triangles."""
+MOST_PARTS = 8  # most parts of a mesh, which stand for it: nothing asks its triangles
 
 
 def require_one_axis(group: PlanningGroup) -> None:

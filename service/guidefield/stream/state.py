@@ -15,8 +15,7 @@ from guidefield.robot.model.spaces import ChartPoint
 from guidefield.stream.commit import Commit
 from guidefield.stream.dodging import Way
 
-MAX_COMMITS = 64
-"""Most commits that are remembered: the one that is executed and the last ones."""
+MAX_COMMITS = 64  # most commits that are remembered: the one that is executed and the last ones
 
 
 class Phase(enum.Enum):

@@ -52,14 +52,9 @@ from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room, goal
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 
-GOAL_TOLERANCE = 1e-6
-"""A configuration this close to a goal has reached it [rad or m]."""
-
-TRAVELLED_IN = 20
-"""In so many parts it is added up how far the robot goes before what appears can have come."""
-
-SLACK = 1e-6
-"""Joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]."""
+GOAL_TOLERANCE = 1e-6  # a configuration this close to a goal has reached it [rad or m]
+TRAVELLED_IN = 20  # in so many parts it is added up how far the robot goes before what appears can have come
+SLACK = 1e-6  # joints may be off by so much beyond the tolerance, for numbers that were written down [rad or m]
 
 
 KERNELS = (dodge, judge, profiles, room, way)

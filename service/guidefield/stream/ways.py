@@ -32,19 +32,13 @@ from guidefield.stream.settings import STREAM, Kept
 from guidefield.stream.shapes import room_robot
 from guidefield.stream.views import read_only_views
 
-FAR = 0.3
-"""Distances are measured up to this [m], at size 1."""
-
-NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))
-"""Nothing moves."""
+FAR = 0.3  # distances are measured up to this [m], at size 1
+NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
 
 _T = TypeVar("_T")
 
-YIELDING = 10
-"""By how much what is done beside the cycle is nicer than the cycle, where a clock decides."""
-
-INSIDE = 0.005
-"""By so much what is grown is less than an end is away from it [m], at size 1."""
+YIELDING = 10  # by how much what is done beside the cycle is nicer than the cycle, where a clock decides
+INSIDE = 0.005  # by so much what is grown is less than an end is away from it [m], at size 1
 
 
 class Room:

@@ -81,14 +81,12 @@ def _shorten(problem: Problem, keeper: Keeper, path: ChartPoints, rng: np.random
     return path
 
 
-STEPS = 15
-"""Steps at most. From the edges of tolerances three to six lead to where both hold."""
+STEPS = 15  # steps at most. From the edges of tolerances three to six lead to where both hold
 
 TRIES = 20
 """After so many configurations in a row that can't be helped no other is tried: the constraint is out of reach."""
 
-DAMPING = 1e-9
-"""Of the steps, relative to the largest singular value: a row that nothing moves is given up."""
+DAMPING = 1e-9  # of the steps, relative to the largest singular value: a row that nothing moves is given up
 
 
 class PoseKeeper:

@@ -263,5 +263,4 @@ def univariate(group: PlanningGroup) -> tuple[Attempt, ...]:
     return Attempt(minimizer, step, careful=True), Attempt(minimizer, step / 2, careful=True)
 
 
-ATTEMPTS = {"projected": projected, "univariate": univariate}
-"""By the name that a request gives."""
+ATTEMPTS = {"projected": projected, "univariate": univariate}  # by the name that a request gives

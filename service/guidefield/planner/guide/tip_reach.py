@@ -21,8 +21,7 @@ from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
 
-_ROUNDING = 1e-9
-"""What a reach is wider by, for rounding [m]."""
+_ROUNDING = 1e-9  # what a reach is wider by, for rounding [m]
 
 
 def obstacle_touched(scene: Scene, centre: np.ndarray, radius: float) -> str | None:
@@ -54,11 +53,8 @@ def _near(obstacle: Obstacle, centre: np.ndarray, reach: float) -> Iterator[Any]
         yield patches.shape(patch)
 
 
-INSET = 1.6
-"""The tip heads for the polygon inset by this many radii of its own."""
-
-KEPT = 0.5
-"""Share of that inset that it keeps while the motion is made better."""
+INSET = 1.6  # the tip heads for the polygon inset by this many radii of its own
+KEPT = 0.5  # share of that inset that it keeps while the motion is made better
 
 
 def inset_of(problem: Problem, plane: GuidePlane) -> float:

@@ -11,8 +11,7 @@ from guidefield.kernels.timing.hermite import spline_points, spline_slopes
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
-ENDS = 3
-"""Control points that an end takes: its position, velocity and acceleration."""
+ENDS = 3  # control points that an end takes: its position, velocity and acceleration
 
 
 def basis(t: np.ndarray) -> np.ndarray:

@@ -20,8 +20,7 @@ from guidefield.planner.motion.waypoints import polyline
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints, ChartRates
 
-SHORTEST = 1e-3
-"""Time that a straight piece takes at least where only the order of places counts."""
+SHORTEST = 1e-3  # time that a straight piece takes at least where only the order of places counts
 
 
 class CurveKind(enum.Enum):

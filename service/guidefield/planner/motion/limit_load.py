@@ -13,11 +13,8 @@ from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoints, ChartRate, ChartRates
 
-TOLERANCE = 1e-9
-"""By this share a motion may exceed a limit, for rounding."""
-
-MOST_ROUNDS = 16
-"""How often rounding is looked at again."""
+TOLERANCE = 1e-9  # by this share a motion may exceed a limit, for rounding
+MOST_ROUNDS = 16  # how often rounding is looked at again
 
 
 def limit_load(
@@ -62,11 +59,8 @@ def at_limits(
     return Trajectory(times * stretch, positions, velocities / stretch + 0.0, max(stretch, 1.0))
 
 
-KEPT = 1.0 + 1e-6
-"""A share up to this keeps its limit, for rounding."""
-
-STEP = 1e-6
-"""An acceleration jumps at a knot where it changes by more than this share of its limit."""
+KEPT = 1.0 + 1e-6  # a share up to this keeps its limit, for rounding
+STEP = 1e-6  # an acceleration jumps at a knot where it changes by more than this share of its limit
 
 ROUNDING = 16.0 * float(np.finfo(float).eps)
 """Of positions, as a share of them, where accelerations are their differences."""

@@ -55,8 +55,7 @@ class Profile(ReadOnly):
         return max(float(np.max(lasts)) / nominal, SHORTEST)
 
 
-SHORTEST = 1e-3
-"""A motion lasts so long at least [s]."""
+SHORTEST = 1e-3  # a motion lasts so long at least [s]
 
 CUBIC = Profile(np.array([0.0, 1.0]), np.array([0.0, 1.0]), np.zeros(2), 1.5, 6.0, np.inf)
 LEAST_JERK = Profile(
@@ -74,24 +73,14 @@ def profile_of(limits: Limits) -> Profile:
     return LEAST_JERK if np.isfinite(limits.jerk).any() else CUBIC
 
 
-RAMP = 0.02
-"""Where there is no limit of jerk, accelerations rise to their limit in this time [s]."""
-
-APART = 1e-9
-"""Times that are closer than this are one [s]."""
+RAMP = 0.02  # where there is no limit of jerk, accelerations rise to their limit in this time [s]
+APART = 1e-9  # times that are closer than this are one [s]
 
 
-ROUNDING = 1e-5
-"""Share of a jerk limit that is left for rounding: in short pieces jerks are known that badly."""
-
-CLOSE = 5e-4
-"""In pieces shorter than this jerks are known worse than that, at some 100 rad/s³ [s]."""
-
-SLOWER = 0.998
-"""A joint's jerk is lowered by this factor at a time."""
-
-TRIES = 60
-"""At most so often."""
+ROUNDING = 1e-5  # share of a jerk limit that is left for rounding: in short pieces jerks are known that badly
+CLOSE = 5e-4  # in pieces shorter than this jerks are known worse than that, at some 100 rad/s³ [s]
+SLOWER = 0.998  # a joint's jerk is lowered by this factor at a time
+TRIES = 60  # at most so often
 
 
 def jerks_of(acceleration_limits: ChartRate, jerk_limits: ChartRate | None, rises: ChartRate) -> ChartRate:

@@ -25,8 +25,7 @@ from guidefield.planner.motion.waypoints import TIMING, lengths_of
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
-BEFORE = np.array([-1, 0, 1, 2])
-"""The control points of a piece, counted from the place at which it begins."""
+BEFORE = np.array([-1, 0, 1, 2])  # the control points of a piece, counted from the place at which it begins
 
 
 @dataclass(frozen=True, eq=False)

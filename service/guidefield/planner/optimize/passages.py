@@ -84,8 +84,7 @@ class PlanePlace:
         return rows
 
 
-_AROUND = np.arange(-2.0, 3.0)
-"""Where samples are taken about a place, in their spacing."""
+_AROUND = np.arange(-2.0, 3.0)  # where samples are taken about a place, in their spacing
 
 
 class Place(Protocol):

@@ -178,8 +178,7 @@ def sized(settings: OptimizationSettings, size: float) -> OptimizationSettings:
     return dataclasses.replace(settings, **{name: size * getattr(settings, name) for name in lengths})
 
 
-MANY = 24
-"""What is optimised with more coordinates than this is optimised `of_many`."""
+MANY = 24  # what is optimised with more coordinates than this is optimised `of_many`
 
 
 def of_many(settings: OptimizationSettings) -> OptimizationSettings:
@@ -233,8 +232,7 @@ def in_few_pieces(settings: OptimizationSettings) -> OptimizationSettings:
     )
 
 
-LONG = 2.0
-"""A motion that would take more than this times as many pieces as there may be is optimised `lengthened`."""
+LONG = 2.0  # a motion that would take more than this times as many pieces as there may be is optimised `lengthened`
 
 
 def lengthened(settings: OptimizationSettings, length: float) -> OptimizationSettings:

@@ -15,8 +15,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.prove.curve import excesses
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRate, ChartRates
 
-ROUNDING = 1e-12
-"""A curve that is beyond a limit by no more than this keeps it [rad or m]."""
+ROUNDING = 1e-12  # a curve that is beyond a limit by no more than this keeps it [rad or m]
 
 
 def leaving(
@@ -99,8 +98,7 @@ def _tridiagonal(lower: np.ndarray, diagonal: float, upper: np.ndarray, right: n
     return solution
 
 
-KNOTS = 8
-"""Knots in a step."""
+KNOTS = 8  # knots in a step
 
 Knots = tuple[np.ndarray, ChartPoints, ChartRates]
 

@@ -186,8 +186,7 @@ def _reach(world: World) -> tuple[np.ndarray, float]:
     return centre, float(away[bodies.joints > 0].max())
 
 
-KNOWN_TO = 0.01
-"""How exactly it is found until when, and from when on, a place is free [s]."""
+KNOWN_TO = 0.01  # how exactly it is found until when, and from when on, a place is free [s]
 
 
 def find_meeting(problem: Problem, z: ChartPoint) -> tuple[float, Verdict | None]:

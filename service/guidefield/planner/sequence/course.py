@@ -94,14 +94,9 @@ class Course(Protocol[S]):
         ...
 
 
-AWAY = 5e-3
-"""An object that is so far from an obstacle has left it [m]."""
-
-LOOKS_A_SECOND = 200.0
-"""How often it is looked whether an object has left an obstacle [Hz]."""
-
-MOST_LOOKS = 2000
-"""Looks at most, over the whole time that it is held."""
+AWAY = 5e-3  # an object that is so far from an obstacle has left it [m]
+LOOKS_A_SECOND = 200.0  # how often it is looked whether an object has left an obstacle [Hz]
+MOST_LOOKS = 2000  # looks at most, over the whole time that it is held
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints, ChartRates
 
-SNAPPED = 1e-6
-"""A time that is no further from a knot stands for the knot [s]."""
+SNAPPED = 1e-6  # a time that is no further from a knot stands for the knot [s]
 
 STOPS = "to pass goals without stopping is no faster here, so the motion stops: `radius` is small for the limits"
 """Warning about steps that are not passed without stopping."""

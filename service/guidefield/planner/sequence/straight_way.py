@@ -27,8 +27,7 @@ from guidefield.robot.model.frames import frame_index
 from guidefield.robot.model.model import Joint
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints
 
-POINT = 1e-9
-"""A way that is no longer than this is turned on the spot [m]."""
+POINT = 1e-9  # a way that is no longer than this is turned on the spot [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +218,7 @@ def _place(way: StraightWay, share: float) -> str:
     return f"{floored(share * length, 0.1)} mm along the straight way of {length:.1f} mm ({percent})"
 
 
-AT_ONCE = 64
-"""So many pieces of a motion are judged together."""
+AT_ONCE = 64  # so many pieces of a motion are judged together
 
 
 class Deviation(NamedTuple):

@@ -99,14 +99,10 @@ class Silent:
         """Forget the event."""
 
 
-MAX_EVENTS = 20_000
-"""Number of events that are kept; later ones are only counted."""
-MAX_NODES = 200
-"""Number of nodes of a search tree that a recording shows: the first ones."""
-MAX_ITERATIONS = 6
-"""Number of steps of an optimisation that a recording shows: of more, as many, evenly chosen."""
-GROWTH_STEPS = 8
-"""Number of steps of the timeline over which a tree is shown to grow."""
+MAX_EVENTS = 20_000  # number of events that are kept; later ones are only counted
+MAX_NODES = 200  # number of nodes of a search tree that a recording shows: the first ones
+MAX_ITERATIONS = 6  # number of steps of an optimisation that a recording shows: of more, as many, evenly chosen
+GROWTH_STEPS = 8  # number of steps of the timeline over which a tree is shown to grow
 
 
 @dataclass(frozen=True, eq=False)
