@@ -29,21 +29,13 @@ class StreamSettings:
     # shares of the velocity limits at which the way is followed, tried one after the other: those of the prototype, and
     # a slow one, in which a robot comes to goals that are just free
     speeds: tuple[float, ...] = (1.0, 0.6, 0.35, 0.15, 0.05)
-    # pieces along the way keep what obstacles cover in so long beyond what is proven [s], so that what is left is
-    # enough to flee: the prototype's
-    reserve: float = 0.06
-    # a commit that isn't judged after so many configurations isn't sent: the median takes about 15
-    evaluations: int = 600
-    # the way is aimed at so far ahead of where the robot could stand, in time at full speed [s]; nearer where it is
-    # followed more slowly, so that it is followed more closely
-    ahead: float = 0.25
+    reserve: float = 0.06  # kept beyond what is proven along the way, so that fleeing has room [s]: the prototype's
+    evaluations: int = 600  # a commit that isn't judged after so many isn't sent: the median takes about 15
+    ahead: float = 0.25  # the way is aimed at so far ahead of where the robot could stand, less where slow [s]
     looked_at: float = 1.5  # so much of the way is looked at in each cycle, in time at full speed [s]
     predicted: float = 0.25  # a goal is taken where something is on it now, or will be in so long [s]
-    # so far ahead it is foreseen where obstacles are when the robot could come to a place at the soonest, where ways
-    # are looked at and planned [s]
-    planned: float = 1.5
-    # what ways that are planned keep from what moves: one is, with each of these, the least first
-    kept: tuple[Kept, ...] = (Kept(0.02, 0.10), Kept(0.04, 0.25))
+    planned: float = 1.5  # so far ahead obstacles are foreseen where ways are looked at and planned [s]
+    kept: tuple[Kept, ...] = (Kept(0.02, 0.10), Kept(0.04, 0.25))  # by planned ways from what moves, the least first
     # what the robot keeps from what moves where a way costs nothing but its time, on the move: about what the judge
     # wants at full speed
     going: Kept = Kept(0.03, 0.25)
@@ -51,16 +43,11 @@ class StreamSettings:
     # where a way ends it is enough to keep as much as is free there then, but this at least: what the judge wants of
     # who comes slowly. Of nine public runs that came too late three stood before such a goal for good
     ending: Kept = Kept(0.0, 0.05)
-    # where an end of a way is closer than that, so much more is kept for each second from there [m/s]
-    widening: float = 0.4
+    widening: float = 0.4  # more is kept for each second from an end that is closer than that [m/s]
     step: float = 0.1  # of time, where it is found what ways cost [s]
     arriving: float = 2.5  # so far that is foreseen [s]
-    # what a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at 60 and with ways planned less
-    # often, none at 100
-    dear: float = 100.0
-    # who arrives is to keep that for so many steps more: what comes to the goal with the robot stops it just before, or
-    # runs into it there
-    stays: int = 3
+    dear: float = 100.0  # what a lack of 1 m for 1 s costs [s]: of eleven hard Pandas three were run into at 60
+    stays: int = 3  # steps for which who arrives is to keep that: what comes along stops it just before else
     sides: int = 4  # so many directions to step aside in are drawn, once;
     # others lead away from what presses on the way so far ahead [s], at such a place of it [s], each,
     aside: tuple[tuple[float, float], ...] = ((0.3, 0.0), (0.6, 0.0), (0.6, 0.4))
@@ -72,11 +59,8 @@ class StreamSettings:
     beside: int = 100
     few: int = 32  # among more than so many obstacles fewer states are, so that it doesn't take longer;
     plain: int = 500  # and so of a robot of more than so many balls: a Tiago's 3697 among a cloud took 3.7 s
-    # a way is followed so much ahead of its times at most [s]: what brakes from full speed stands 0.1 s on
-    early: float = 0.3
-    # so much later than it is taken over a way's times begin [s]: what speeds up and brakes takes that. Of 28 Pandas
-    # that some version failed 26 succeeded, 20 without
-    lag: float = 0.1
+    early: float = 0.3  # a way is followed so much ahead of its times [s]: what brakes from full speed stands 0.1 s on
+    lag: float = 0.1  # a way's times begin so much after it is taken over [s]. Of 28 Pandas 26 succeeded, 20 without
     gain: float = 0.1  # another way is followed if it costs less by so much [s],
     gain_share: float = 0.1  # and by this share
     again: float = 0.06  # so long after a way was taken over the next one is planned, where something moves [s]
@@ -84,10 +68,8 @@ class StreamSettings:
     # most so many times as far away from there; otherwise where it could stand. Ways of robots that didn't get on began
     # ever further ahead, until nobody had planned what led there
     on_it: float = 2.0
-    # what ways keep from obstacles that rest [m]: half a millimetre above the floor nothing is proven
-    resting: float = 0.004
-    # what a way is looked at with then [m]: less, or each way would be left soon for another one
-    resting_looked_at: float = 0.002
+    resting: float = 0.004  # kept by ways from what rests [m]: half a millimetre above the floor nothing is proven
+    resting_looked_at: float = 0.002  # the same where a way is looked at [m]: less, or each way would be left soon
     # shares of that, tried one after the other where an end of a way is closer: a robot that cut a corner had no way
     # out of there any more
     closer: tuple[float, ...] = (1.0, 0.5, 0.25, 0.0)
@@ -102,11 +84,8 @@ class StreamSettings:
     refused: int = 2  # after so many updates without a piece another way is planned
     near: float = 0.12  # obstacles that are predicted as close as this are fled from [m]
     foreseen: float = 0.4  # so far ahead [s]
-    # where what is foreseen comes closer than this to where a piece along the way would end, and to where the way leads
-    # by then, fleeing is tried first [m],
-    threat: float = 0.04
-    # if the piece has at most this share of the speeds: who goes at full speed leaves in time, and fleeing costs way
-    threatened: float = 0.6
+    threat: float = 0.04  # what is foreseen nearer than this to the end of a piece, and of its way, is fled from [m],
+    threatened: float = 0.6  # if the piece has at most this share of the speeds: fleeing costs way
     flights: int = 6  # directions tried for that: down the pressure, and random ones; as many as a cycle has time for
     flight_speeds: tuple[float, ...] = (1.0, 0.4)  # shares of the velocity limits
     goals: int = 8  # configurations that are looked for where the goal is a pose

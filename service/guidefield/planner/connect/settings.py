@@ -17,12 +17,10 @@ class TreeSettings:
     resolution: float = 32.0
     attempts: int = 6  # how often the certificate may refuse what was found. Unrecorded
     finer: float = 2.0  # how much finer motions are judged after each refusal. Unrecorded
-    # samples that a search draws, most of which cost next to nothing: no limit but for safety
-    most_iterations: int = 100_000_000
+    most_iterations: int = 100_000_000  # samples that a search draws, which cost next to nothing: for safety
     most_motions: int = 3_000_000  # motions that it judges at most. Unrecorded
     piece: int = 256  # iterations between two checks of the deadline: some milliseconds
-    # after so many extensions of nothing but roots it is asked whether these can be left. Unrecorded
-    enclosed: int = 20_000
+    enclosed: int = 20_000  # extensions of roots alone after which it is asked whether these can be left. Unrecorded
     first_capacity: int = 512  # nodes that each tree has room for at first; doubled when it is full. Unrecorded
 
 
@@ -33,9 +31,7 @@ TREE = TreeSettings()
 class QuickestSettings:
     """Of the choice among several goals by estimated time; `tools/bench motion` measures it."""
 
-    # that are tried at most, the nearest in time first. One tree for all of ten made motions of a Panda 4 % slower than
-    # one for each
-    goals: int = 10
+    goals: int = 10  # tried at most, the nearest in time first. One tree for all of ten: 4 % slower motions of a Panda
     motions: int = 3000  # that each one's tree judges at most, before all goals are tried together. Unrecorded
     rounds: int = 4  # more rounds of trees at most, where time alone counts
     enough: float = 1.15  # they end when the best score is at most this times the least bound
@@ -58,9 +54,7 @@ class RoundSettings:
     """Of the rounds in which a connection is made shorter; `tools/bench shorter` measures them."""
 
     motions: int = 2000  # that a round judges at most. Unrecorded
-    # rounds end when this share of the time that was left is over: the rest is for timing, optimising, the certificate.
-    # A choice, not a measurement
-    share: float = 0.5
+    share: float = 0.5  # rounds end when this share of the time left is over: the rest is for what follows. A choice
     least: float = 1e-3  # by what share a path has to be shorter to be taken. A choice: less is not worth a round
 
 
@@ -82,8 +76,7 @@ ESCAPE = EscapeSettings()
 class ConstrainedSettings:
     """Of trees within path constraints."""
 
-    # configurations are brought to within this share of each limit: what lies between them has the rest. Unrecorded
-    room: float = 0.6
+    room: float = 0.6  # configurations are brought to within this share of each limit. Unrecorded
     corrections: int = 15  # Newton steps by which a configuration is brought back. Unrecorded
     stride: float = 0.1  # length of a step of a tree, by the metric [rad]. Unrecorded
     # a step that comes nearer to where it was to go by less than this share of its length ends an extension. Unrecorded

@@ -17,8 +17,7 @@ class DescentSettings:
 
     # share of the metric's mean diagonal added to it. Scenes: with less, symmetric links spin; 0.1 is too stiff
     regularization: float = 1e-2
-    # how near a trial has to come to the constraint [m or rad]. A tenth of `ApproachSettings.on_plane`
-    on_constraint: float = 1e-5
+    on_constraint: float = 1e-5  # how near a trial has to come to it [m or rad]: a tenth of `ApproachSettings.on_plane`
     # it ends where a step promises, or brings, less than this share of U. Scenes: more costs half of the clearance,
     # less 3 to 7 times the time
     tolerance: float = 1e-3
@@ -54,11 +53,9 @@ class ApproachSettings:
     smallest_step: float = 0.1 / 50  # below this an advance is given up, delta_min [m]. Unrecorded
     guard: float = 0.5  # share of an advance's gain that slide and reorient have to keep, 1 - beta. Unrecorded
     on_plane: float = 1e-4  # how near the plane counts as on it [m]: the tip's accuracy that the pages promise
-    # an advance of this length is not made again with shorter ones [m]. Scenes, with `WaySettings.dips`
-    short: float = 0.1 / 4
+    short: float = 0.1 / 4  # an advance of this length is not made again with shorter ones [m]. Scenes
     at_once: int = 4  # rounds between two checks of the deadline, in one kernel. Unrecorded
-    # a round gains little if it brings less than this share of what an advance may bring. Unrecorded
-    creeping: float = 0.1
+    creeping: float = 0.1  # a round gains little below this share of what an advance may bring. Unrecorded
     creeping_rounds: int = 3  # so many such rounds in a row are a standstill. Unrecorded
 
 
@@ -69,9 +66,7 @@ APPROACH = ApproachSettings()
 class WaySettings:
     """Of the choice among ways between the same two configurations."""
 
-    # a straight way that keeps this distance from obstacles is taken without comparing [m]. It spares time where the
-    # way is free anyway; the value is unrecorded
-    comfortable: float = 0.02
+    comfortable: float = 0.02  # a straight way that keeps this is taken without comparing [m]. Unrecorded
     # distances from obstacles by which ways are compared, the widest first [m]. Unrecorded
     margins: tuple[float, ...] = (0.06, 0.03, 0.02, 0.01, 0.005)
     # a way dips that does not keep the widest of these distances that both its ends keep [m]. Scenes: with it
@@ -124,9 +119,7 @@ class AutoPlaneSettings:
 
     mouth: float = 0.8  # a passage begins where clearance falls below this share of what counts as free. Unrecorded
     plateau: float = 0.02  # clearances that differ by less than this share are one plateau. Unrecorded
-    # two centres see each other if the straight way between them keeps this share of the clearance at its ends.
-    # Unrecorded
-    sight: float = 0.5
+    sight: float = 0.5  # centres see each other if their straight way keeps this share of their clearance. Unrecorded
     sight_step: float = 0.02  # spacing of the points that are looked at along a line of sight [m]. Unrecorded
     nearby: int = 3  # how many points of the way a plane may be moved to a smaller section. Unrecorded
     apart: float = 0.1  # planes nearer to each other, to the start or to the goal than this are one [m]. Unrecorded

@@ -32,32 +32,23 @@ class OptimizationSettings:
     # what is nearer to obstacles than this beyond the clearance asked for costs more, far from the ends [m]. With 2 mm
     # instead two of 70 motions came nearer than 20 mm
     floor: float = 0.045
-    # it is that share of what the ends keep, see `floor_share`, where that is more, but at most this [m]. For
-    # `CLEARANCE` guided motions keep as much with it as paths in the middle of the free space
-    farthest_floor: float = 0.045
+    farthest_floor: float = 0.045  # with much room at both ends it is `floor_share` of that, at most this [m]
     least_floor: float = 0.002  # the same at least, at ends [m]: the margin of all motions
     floor_share: float = 1.1  # at an end it is this share of what the end keeps
     floor_ramp: float = 0.3  # joint distance from an end at which the floor is the full one [rad or m]. Unrecorded
-    # at which the clearance is looked at, on a piece before the last subdivision. Problems: with three motions keep as
-    # much
-    samples: int = 2
-    # the same after it. Problems: with two motions keep as much, and each look takes twice the time
-    fine_samples: int = 1
+    samples: int = 2  # on a piece before the last subdivision. Problems: with three motions keep as much
+    fine_samples: int = 1  # the same after it. Problems: with two motions keep as much, in twice the time
     # whether few of the points of a motion that passes something count after it too. Guided chains keep as much with a
     # third of them; a Panda at a door that moves kept 13 mm of 32
     few: bool = False
     piece: float = 0.18  # length of a piece before the last subdivision [rad or m]. Unrecorded
-    # at least and at most so many. With 24 instead of 64, and no second try, four of 21 motions of a Fetch were refused
-    least_pieces: int = 16
+    least_pieces: int = 16  # at least and at most so many. With 24 for 64 four of 21 motions of a Fetch were refused
     most_pieces: int = 64  # together with the one above
-    # weights of the limits' barrier before those of `coarse`: then pieces are subdivided once more; none: see
-    # `in_few_pieces`
-    rough: tuple[float, ...] = ()
+    rough: tuple[float, ...] = ()  # weights of the limits' barrier before those of `coarse`, with half the pieces
     # weights of the limits' barrier, one after the other, until pieces are subdivided. Problems: 3e-3 and 3e-4 besides
     # take more steps to the same motions
     coarse: tuple[float, ...] = (1e-2, 1e-3)
-    # the same after that. Problems: with 1e-5 alone motions are as fast and keep 0.5 mm less
-    fine: tuple[float, ...] = (1e-4, 1e-5)
+    fine: tuple[float, ...] = (1e-4, 1e-5)  # the same after that. Problems: 1e-5 alone keeps 0.5 mm less
     # what a look at the clearance has to bring at a weight for another one, as a share of the objective, against the
     # root of the weight; see `free`
     worth: float = 0.0
@@ -65,31 +56,24 @@ class OptimizationSettings:
     least_stiffness: float = 1.0  # at least so much of it is left
     softer: float = 0.7  # factor of it after a look at which the motion that the model gave was better. Unrecorded
     stiffer: float = 2.0  # the same where it was not, to 1 at most. Unrecorded
-    # looks at the clearance that bring something, at each weight, at most: easy motions settle after three or four; a
-    # Fetch's, or one that keeps 80 mm, takes twenty at the first weight. With 3 at most a Fetch's are 10 % slower
-    steps: int = 20
-    # of Newton's method between two looks, at most. Problems: with 1 a quarter more looks are taken
-    newton_steps: int = 8
+    steps: int = 20  # looks that bring something at each weight, at most: easy motions take four, a Fetch's twenty
+    newton_steps: int = 8  # between two looks, at most. Problems: with 1 a quarter more looks are taken
     # Newton's method ends where a step brought less than this share of the objective. Problems: with 0 it takes more
     # steps between a tenth fewer looks, with 1e-2 more looks, in the same time
     little: float = 3e-3
     # it ends where a coordinate is this far from where the clearance was looked at [rad or m]. Problems: with 0.1 and
     # 0.5 the same motions in the same time
     trusted: float = 0.25
-    # where a look finds that the objective is not lower, a motion is tried at this share of the way to there.
-    # Unrecorded
-    closer: float = 0.4
+    closer: float = 0.4  # a motion that proves no better is tried at this share of the way to there. Unrecorded
     looks: int = 8  # at most so often. Unrecorded
     room: float = 1.02  # pieces of the first motion are longer by this factor than its limits allow. Unrecorded
     inside: float = 1e-3  # share of a coordinate's range that the first motion keeps from its ends. Unrecorded
-    # one of Newton's steps that is not within limits, or brings nothing, is tried again this much shorter. Unrecorded
-    shorter: float = 0.8
+    shorter: float = 0.8  # a step beyond limits, or that brings nothing, is tried again this much shorter. Unrecorded
     tries: int = 24  # at most so often. Unrecorded
     # a step that promises less than this share of the objective is not taken. With 3e-4 motions are 0.1 % faster and
     # take a quarter more steps
     settled: float = 5e-4
-    # most that a coordinate of a control point moves in one step [rad or m], and the departure [s]. Unrecorded
-    longest: float = 0.5
+    longest: float = 0.5  # most that a coordinate moves in one step [rad or m], and the departure [s]. Unrecorded
     most_stretched: float = 0.5  # most that the logarithm of the length of pieces changes in one step. Unrecorded
     # of several first motions the next one is optimised coarsely only while the best takes more than this times what a
     # straight motion takes. With 1.08, as for `time`, balanced motions in cages take 4 % less, and their plans a
@@ -106,9 +90,7 @@ class OptimizationSettings:
     # share of a path constraint's limit up to which it costs nothing. Constrained: with 0.85 certificates take twice
     # the time
     constraint_room: float = 0.7
-    # of half the mean square of what is beyond, as a share of the limit. Constrained: with 300 some are refused at
-    # first
-    constraint_weight: float = 3e3
+    constraint_weight: float = 3e3  # of half the mean square of what is beyond. Constrained: with 300 some are refused
     constraint_samples: int = 2  # on a piece, for each at which the clearance is looked at. Unrecorded
     compared: int = 64  # at so many samples two motions among obstacles that move are compared. A choice
     # change of what a passage is missed by in a piece before the last subdivision, below which a change of time makes
@@ -129,8 +111,7 @@ class SampledRobotSettings:
     weight: float = 100.0  # sum of the weights of all points. Unrecorded
     range: float = 0.03  # of the barrier between links [m]. Unrecorded
     least_range: float = 0.004  # the same between links that are that close at an end of the motion [m]. Unrecorded
-    # one in so many of a link's points stands for all against other links. Chosen for time; the value is unrecorded
-    coarser: int = 3
+    coarser: int = 3  # one in so many of a link's points stands for all against other links. Unrecorded
     farthest: float = 0.25  # ends count as keeping at most so much from obstacles [m]. Unrecorded
     touched: float = 8.0  # a point at which the certificate refused a motion counts as so many. A choice
     spacing: float = 0.05  # of samples at which it is asked whether a motion keeps aside from what moves [s]. A choice
@@ -150,9 +131,7 @@ class PassageSettings:
     shifts: int = 8  # how often samples are taken at most
     reached: float = 1e-6  # what may be missed in the end [m or rad]
     corrections: int = 60  # how often a motion is moved onto all places at most
-    # sum of the squares of a place's shares of control points between the ends', below which these can't bring the
-    # motion there: it is at an end
-    reaching: float = 1e-3
+    reaching: float = 1e-3  # least sum of squares of a place's shares of inner control points: below it it is at an end
     shortest: float = 1e-3  # a place that is nearer to a knot than this, in pieces, is the knot
 
 
