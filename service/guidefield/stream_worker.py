@@ -196,7 +196,7 @@ class StreamConversation:
         return Journal(folder, self.request, self.user, made_with, file_bytes)
 
     def _opened(self, journal: Journal | None) -> CertifiedStream:
-        from guidefield.stream.takeover import WhenFound
+        from guidefield.stream.ways import WhenFound
 
         compile_kernels(_log.info)
         engine = self.setup.engines().of(self.user)

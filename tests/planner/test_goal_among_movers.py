@@ -22,7 +22,7 @@ from guidefield.messages.goals import JointsGoal
 from guidefield.messages.requests import AttachedObject, PlanRequest
 from guidefield.planner.in_motion import STOPS
 from guidefield.planner.plan import Plan, plan
-from guidefield.planner.schedule.settings import SCHEDULE
+from guidefield.planner.schedule.slices import SCHEDULE
 from guidefield.planner.task.problem import ConfigurationGoal, Problem, TipGoal
 from guidefield.robot.group.path_constraints import Cone
 from guidefield.robot.ik.pose_search import PoseTarget

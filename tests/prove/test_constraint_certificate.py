@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from guidefield.deadline import Deadline
-from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.certificate import certify_constraints
 from guidefield.prove.verdict import Reason
 from guidefield.robot.group.path_constraints import Cone, ConstrainedFrames, line, plane
 from tests.collision.plain import dense

@@ -24,7 +24,7 @@ from guidefield.stream.replay import read, replayed
 from guidefield.stream.shown import recorded
 from guidefield.stream.state import encode_part
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.takeover import TakeOver, WhenFound
+from guidefield.stream.ways import TakeOver, WhenFound
 from tests.journeys.service import await_that
 from tests.robots import robot
 

@@ -24,7 +24,7 @@ from guidefield.stream.journal import Journal, files_of
 from guidefield.stream.replay import read
 from guidefield.stream.shown import record, recorded
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.takeover import TakeOver
+from guidefield.stream.ways import TakeOver
 from tests.journeys.service import await_that
 from tests.robots import robot
 from tests.stream.test_journal import EMPTY

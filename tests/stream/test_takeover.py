@@ -13,7 +13,7 @@ from guidefield.messages.streams import Observation, Piece, StreamObstacle, Stre
 from guidefield.messages.values import Placement
 from guidefield.scene.scene import build
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.takeover import AsBefore, TakeOver, WhenFound
+from guidefield.stream.ways import AsBefore, TakeOver, WhenFound
 from tests.robots import robot
 
 EMPTY = build(Scene("empty"))

@@ -22,8 +22,8 @@ from guidefield.scene.scene import build
 from guidefield.stream.dodging import Way, _along, tube_about
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
+from guidefield.stream.shapes import read_only_views
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.views import read_only_views
 from guidefield.stream.ways import NOTHING
 from tests.robots import robot
 

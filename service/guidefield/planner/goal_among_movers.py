@@ -36,8 +36,7 @@ from guidefield.planner.schedule.schedule import (
     slices_in,
     step_of,
 )
-from guidefield.planner.schedule.settings import SCHEDULE, WAYS
-from guidefield.planner.schedule.slices import Slices, find_free_from, find_meeting
+from guidefield.planner.schedule.slices import SCHEDULE, WAYS, Slices, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stages
 from guidefield.planner.task.trace import Note

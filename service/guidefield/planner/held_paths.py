@@ -15,8 +15,7 @@ from guidefield.planner.connect.constrained import Keeper, connect_constrained
 from guidefield.planner.ends import UNREACHED, tip_points
 from guidefield.planner.guide.tip_reach import inset_of
 from guidefield.planner.path_so_far import PathSoFar
-from guidefield.planner.schedule.settings import WAYS
-from guidefield.planner.schedule.slices import Slices, build_held_world
+from guidefield.planner.schedule.slices import WAYS, Slices, build_held_world
 from guidefield.planner.task.problem import Problem
 from guidefield.planner.task.stages import Ending, Stage, StageFailed, Stages
 from guidefield.planner.task.trace import Note

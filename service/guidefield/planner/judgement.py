@@ -24,8 +24,7 @@ from guidefield.planner.motion.limit_load import Uses
 from guidefield.planner.motion_certificate import enclosed_start
 from guidefield.planner.quality import certify_and_measure
 from guidefield.planner.task.problem import Conditions
-from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.curve import restricted
 from guidefield.prove.verdict import Reason, Verdict, first_refused
 from guidefield.robot.model.configuration import LimitFault, limit_faults

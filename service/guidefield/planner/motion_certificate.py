@@ -13,8 +13,7 @@ from guidefield.planner.path_so_far import PathSoFar
 from guidefield.planner.quality import certify_and_measure
 from guidefield.planner.task.problem import Conditions, Problem
 from guidefield.planner.task.stages import Ending, Stages
-from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.prove.verdict import Reason, Verdict
 from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartCurves, ChartPoint, ChartPoints

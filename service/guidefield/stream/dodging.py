@@ -15,7 +15,7 @@ from guidefield.read_only import ReadOnly
 from guidefield.robot.model.spaces import ChartPoint, ChartPoints
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM
-from guidefield.stream.views import read_only_views
+from guidefield.stream.shapes import read_only_views
 
 
 @dataclass(frozen=True, eq=False)

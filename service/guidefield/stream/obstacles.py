@@ -19,8 +19,7 @@ from guidefield.scene import obstacle as obstacles
 from guidefield.scene.motion import posed
 from guidefield.scene.obstacle import Obstacle
 from guidefield.scene.scene import Scene
-from guidefield.stream.shapes import JudgedShape, shape_of, shapes_of
-from guidefield.stream.views import read_only_views
+from guidefield.stream.shapes import JudgedShape, read_only_views, shape_of, shapes_of
 
 HALF_SPACE_TURNS = "a half-space that turns sweeps everything: `largest_angular_speed` must be 0"
 

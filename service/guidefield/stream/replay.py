@@ -13,7 +13,7 @@ from guidefield.messages.replies import make_error_reply
 from guidefield.messages.streams import Piece, StreamOpen, StreamState
 from guidefield.stream.journal import Aimed, Begun, Entry, Halted, SoughtGoal, Updated, entries_of
 from guidefield.stream.stream import CertifiedStream, Sought
-from guidefield.stream.takeover import AsBefore, TakeOver
+from guidefield.stream.ways import AsBefore, TakeOver
 
 Opens = Callable[[StreamOpen, TakeOver], CertifiedStream]  # opens a stream in this process
 

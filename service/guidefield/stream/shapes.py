@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import coal
 import numpy as np
@@ -23,7 +23,23 @@ from guidefield.robot.bodies.sphere_cover import coverage
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import group_joints
 from guidefield.scene.obstacle import Obstacle
-from guidefield.stream.views import read_only_views
+
+Named = TypeVar("Named", bound=tuple[Any, ...])
+
+
+def read_only_views(named: Named, *written: str) -> Named:
+    """A named tuple with a read-only view in place of each array."""
+    fields = named._fields  # type: ignore[attr-defined]  # a named tuple has them
+    pairs = zip(fields, named, strict=True)
+    views = [_view(one) if isinstance(one, np.ndarray) and name not in written else one for name, one in pairs]
+    return type(named)(*views)
+
+
+def _view(array: np.ndarray) -> np.ndarray:
+    view = array.view()
+    view.setflags(write=False)
+    return view
+
 
 LEAF = 8  # solids in a leaf of a tree
 

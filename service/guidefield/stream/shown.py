@@ -22,7 +22,7 @@ from guidefield.stream.journal import Begun, Entry, Updated
 from guidefield.stream.obstacles import in_its_frame
 from guidefield.stream.replay import Opens, read
 from guidefield.stream.stream import CertifiedStream
-from guidefield.stream.takeover import Counted
+from guidefield.stream.ways import Counted
 from guidefield.whole_file import write_whole
 
 

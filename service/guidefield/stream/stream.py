@@ -47,8 +47,7 @@ from guidefield.stream.state import (
     random_state,
     restore_random,
 )
-from guidefield.stream.takeover import Counted, TakeOver
-from guidefield.stream.ways import INSIDE, NOTHING, Ordered, Planner, Room, goals_of
+from guidefield.stream.ways import INSIDE, NOTHING, Counted, Ordered, Planner, Room, TakeOver, goals_of
 
 _A = TypeVar("_A", bound=Piece | StreamState | None)
 

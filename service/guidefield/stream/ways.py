@@ -6,10 +6,10 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar, cast
+from typing import Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -29,8 +29,7 @@ from guidefield.stream.commit import JointBounds
 from guidefield.stream.dodging import Timed, Way, drawn_sides, sides_of, timed, tube_about
 from guidefield.stream.obstacles import Drifting
 from guidefield.stream.settings import STREAM, Kept
-from guidefield.stream.shapes import room_robot
-from guidefield.stream.views import read_only_views
+from guidefield.stream.shapes import read_only_views, room_robot
 
 FAR = 0.3  # distances are measured up to this [m], at size 1
 NOTHING = Drifting(np.empty((0, 16)), np.empty((0, 3)), np.empty(0), np.empty(0))  # nothing moves
@@ -293,3 +292,61 @@ def _configuration(goal: JointsGoal | JointSetGoal, index: int, group: PlanningG
     with at_path(f"$.goal.positions[{index}]" if isinstance(goal, JointSetGoal) else "$.goal.positions"):
         q = configuration_from_wire(group.robot, positions, base=group.q_reference, error=InvalidGoal)
     return group.unwrapped(group.chart(group.part_of(q)), near)
+
+
+class TakeOver(Protocol):
+    """Decides in each cycle whether the way that was ordered is taken over."""
+
+    @property
+    def niceness(self) -> int:
+        """By how much the thread that plans gives way to others."""
+
+    def takes(self, ordered: Ordered, now: float) -> bool:
+        """Whether to take it over at an update's time [s]; if it isn't found yet, it is waited for."""
+
+
+class Counted:
+    """A counted time after it was ordered: the same updates get the same pieces, however long planning takes."""
+
+    niceness = 0
+
+    def takes(self, ordered: Ordered, now: float) -> bool:
+        """Whether it is due."""
+        return now >= ordered.due
+
+
+class WhenFound:
+    """As soon as it is found: nobody ever waits for it.
+
+    Attributes:
+        last: Time of the last update at which one was taken over [s]; None: there was none.
+    """
+
+    niceness = YIELDING
+
+    def __init__(self) -> None:
+        self.last: float | None = None
+
+    def takes(self, ordered: Ordered, now: float) -> bool:
+        """Whether it is found."""
+        if not ordered.found.done():
+            return False
+        self.last = now
+        return True
+
+
+class AsBefore:
+    """At the updates at which ways were taken over before.
+
+    Args:
+        times: Of these updates [s].
+    """
+
+    niceness = 0
+
+    def __init__(self, times: Collection[float]) -> None:
+        self._times = frozenset(times)
+
+    def takes(self, ordered: Ordered, now: float) -> bool:  # noqa: ARG002 - what was found isn't asked
+        """Whether one was taken over then."""
+        return now in self._times

@@ -33,8 +33,7 @@ from guidefield.planner.optimize.settings import (
 from guidefield.planner.path_so_far import soonest_along
 from guidefield.planner.task.problem import Objective, Problem
 from guidefield.planner.task.trace import Note, PathRelaxed
-from guidefield.prove.certificate import certify
-from guidefield.prove.constraint_certificate import certify_constraints
+from guidefield.prove.certificate import certify, certify_constraints
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.path_constraints import Cone, PathConstraint, plane
 from guidefield.scene.guide_plane import GuidePlane, build

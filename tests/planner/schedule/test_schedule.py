@@ -25,8 +25,7 @@ from guidefield.planner.schedule.schedule import (
     slices_in,
     step_of,
 )
-from guidefield.planner.schedule.settings import SCHEDULE
-from guidefield.planner.schedule.slices import Slices, build_held_world, find_free_from, find_meeting
+from guidefield.planner.schedule.slices import SCHEDULE, Slices, build_held_world, find_free_from, find_meeting
 from guidefield.planner.task.problem import Problem
 from tests.planner.problems import closed_shell, problem, scene_of
 from tests.robots import group, rest

@@ -10,8 +10,7 @@ import numpy as np
 from guidefield.deadline import Deadline
 from guidefield.kernels.timing import earliest_schedule as kernel
 from guidefield.planner.motion.trajectory import Trajectory, piece_accelerations
-from guidefield.planner.schedule.settings import SCHEDULE
-from guidefield.planner.schedule.slices import Slices
+from guidefield.planner.schedule.slices import SCHEDULE, Slices
 from guidefield.planner.task.problem import Problem
 from guidefield.read_only import ReadOnly
 from guidefield.robot.group.group import PlanningGroup
