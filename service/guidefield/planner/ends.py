@@ -155,17 +155,13 @@ def _soonest(problem: Problem, zs: ChartPoints) -> ChartPoints:
     group = problem.group
     ways = np.array([group.unwrapped(z, problem.z_start) for z in zs]) - problem.z_start
     order = np.argsort((np.abs(ways) / group.velocity_limits).max(axis=1), kind="stable").tolist()
-    chosen: list[int] = []
+    steps, chosen = ways / group.units, list[int]()
     for candidates in (order, range(len(zs))):
         most = len(chosen) + SOLUTIONS
         for index in candidates:
-            if len(chosen) < most and not _like_any(ways[index] / group.units, ways[chosen] / group.units):
+            if len(chosen) < most and (np.abs(steps[chosen] - steps[index]).max(axis=1) >= LEAST_DIFFERENCE).all():
                 chosen.append(index)
     return zs[chosen]
-
-
-def _like_any(way: ChartPoint, ways: ChartPoints) -> bool:
-    return bool((np.abs(ways - way).max(axis=1) < LEAST_DIFFERENCE).any())
 
 
 def _all(_problem: Problem, zs: ChartPoints) -> ChartPoints:
@@ -284,7 +280,7 @@ class _Tip:
         self.blocked: BlockingPairs | None = None
 
     def keeps_some_distance(self, problem: Problem, zs: ChartPoints) -> np.ndarray:
-        free = _keep_some_distance(problem, zs)
+        free = _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)  # certificates don't stop by grazing
         if not (self._asked or free.any()):
             self._asked = True
             self.blocked = blocked_tip(problem.world, self._target, problem.group.expand_from_chart(zs[0]))
@@ -304,11 +300,6 @@ def _are_outside(problem: Problem, zs: ChartPoints) -> np.ndarray:
     free = _touch_nothing(problem, zs)
     free[free] = _are_in_the_open(problem, zs[free])
     return free
-
-
-def _keep_some_distance(problem: Problem, zs: ChartPoints) -> np.ndarray:
-    """Which chart points (n, nv) keep more than the clearance, so that a certificate isn't stopped by grazing."""
-    return _touch_nothing(problem, zs, GRAZING_DISTANCE * problem.group.size)
 
 
 def _touch_nothing(problem: Problem, zs: ChartPoints, beyond: float = 0.0) -> np.ndarray:

@@ -54,7 +54,7 @@ def reach_among_movers(problem: Problem, goals: ChartPoints, stages: Stages) -> 
     if finished is not None:
         return finished
     failed = PathSoFar.at_start(problem).failed(search.why())
-    return _at_the_start(problem, failed, stages)
+    return found_motion(problem.at(0.0), failed, stages)
 
 
 def keep_schedule(
@@ -215,7 +215,8 @@ class _Search:
         if finished.trajectory is None or not finished.verdict.free:
             return None
         if finished.trajectory.duration == 0.0:
-            return self._staying(finished)
+            made = self._certified(finished, finished.trajectory)
+            return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
         occupancy = self._occupancy(finished.trajectory, at_rest=at_rest)
         for _ in range(1 + SCHEDULE.repairs):
             with self._stages.entered("parameterize", "when to be where, among what moves") as stage:
@@ -233,11 +234,6 @@ class _Search:
                 return None
             self._take_out(occupancy, finished.trajectory, schedule, motion, made.verdict)
         return None
-
-    def _staying(self, finished: Finished) -> Finished | None:
-        assert finished.trajectory is not None, "it was found"
-        made = self._certified(finished, finished.trajectory)
-        return made if made.verdict.free and self._from(finished.trajectory.positions[-1]) <= 0.0 else None
 
     def _occupancy(self, motion: Trajectory, *, at_rest: bool) -> Occupancy:
         return Occupancy(
@@ -285,7 +281,3 @@ class _Search:
         own = float(schedule.at(since, schedule.step)[0][0]) * along.duration / schedule.motion.duration
         self._problem.tell(Note(f"refused at {when:.2f} s: {verdict.reason.value}"))
         occupancy.take_out(when, min(max(own, 0.0), along.duration))
-
-
-def _at_the_start(problem: Problem, found: PathSoFar, stages: Stages) -> Finished:
-    return found_motion(problem.at(0.0), found, stages)

@@ -201,9 +201,10 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
     for share in WAYS.moments:
         yield f"where they are at {share * end:.2f} s", problem.at(share * end), False
     times = (np.arange(WAYS.swept) + 0.5) / WAYS.swept
+    moving = [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
     for until in (0.5 * end, end):
         moments = (until * times).tolist()
-        yield f"wherever they are until {until:.2f} s", _among(problem, dict.fromkeys(_movers(problem), moments)), False
+        yield f"wherever they are until {until:.2f} s", _among(problem, dict.fromkeys(moving, moments)), False
     for _ in range(WAYS.draws - 1):
         yield "among what rests, again", _among(problem, {}), False
 
@@ -211,10 +212,6 @@ def _holdings(problem: Problem) -> Iterator[tuple[str, Problem, bool]]:
 def among_what_rests(problem: Problem) -> Problem:
     """The problem without the obstacles that move."""
     return _among(problem, {}) if problem.scene.moves else problem
-
-
-def _movers(problem: Problem) -> list[int]:
-    return [index for index, one in enumerate(problem.scene.obstacles) if one.motion is not None]
 
 
 def _among(problem: Problem, moments: dict[int, Sequence[float]]) -> Problem:

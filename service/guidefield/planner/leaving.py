@@ -13,7 +13,7 @@ from guidefield.collision.blocking_pairs import Contact, contacts_at
 from guidefield.collision.clearance import clearance_at
 from guidefield.collision.world import World
 from guidefield.errors import Status
-from guidefield.planner.motion.trajectory import Trajectory, one_after_another
+from guidefield.planner.motion.trajectory import one_after_another
 from guidefield.planner.motion_certificate import Finished
 from guidefield.planner.path_so_far import motion_along
 from guidefield.planner.task.problem import Problem
@@ -86,21 +86,17 @@ def join_way_out(problem: Problem, left: Left, rest: Finished) -> Finished:
     warnings = (left.warning, *rest.warnings)
     if rest.trajectory is None:
         return dataclasses.replace(rest, warnings=warnings)
-    trajectory, begun = _with_way_out(problem, left, rest.trajectory)
+    end = rest.trajectory.positions[0]  # whole turns may have been added
+    first = motion_along(problem, np.array([left.start + (end - left.end), end]))
+    trajectory = one_after_another([first, rest.trajectory])
     return dataclasses.replace(
         rest,
         trajectory=trajectory,
         path=np.concatenate([trajectory.positions[:1], rest.path]),
         crossings={plane: index + 1 for plane, index in rest.crossings.items()},
         warnings=warnings,
-        judged_from=begun,
+        judged_from=first.duration,
     )
-
-
-def _with_way_out(problem: Problem, left: Left, after: Trajectory) -> tuple[Trajectory, float]:
-    end = after.positions[0]  # whole turns may have been added
-    first = motion_along(problem, np.array([left.start + (end - left.end), end]))
-    return one_after_another([first, after]), first.duration
 
 
 def _judge(problem: Problem, contacts: tuple[Contact, ...], start: ChartPoint) -> Callable[[ChartPoint], bool]:

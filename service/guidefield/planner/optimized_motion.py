@@ -106,7 +106,11 @@ def optimize_motion(
     moves, finished = problem.scene.moves, None
     if moves and problem.deadline.expired():
         return None
-    begun = _moving_part(motion) if moves else motion
+    begun = motion
+    if moves:  # without the wait at its start
+        stands = (motion.positions == motion.positions[0]).all(axis=1) & (motion.velocities == 0.0).all(axis=1)
+        begin = int(np.argmin(stands)) - 1
+        begun = Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
     settings = settings_of(problem, passes=bool(crossed.passages))
     if settings.rough:  # it is optimised in few pieces
         settings = lengthened(settings, length_of(begun.positions, problem.group.sizes))
@@ -114,10 +118,7 @@ def optimize_motion(
     touched: list[TouchedPoint] = []
     for attempt in range(2 + LOOKS):
         with stages.entered("relax", message) as stage:
-            begin, end = between
-            optimized = optimize(
-                problem, begun, settings, others, crossed.passages, leave_by=begin, arrive_from=end, touched=touched
-            )
+            optimized = optimize(problem, begun, settings, others, crossed.passages, None, *between, touched)
             stage.outcome = optimized.outcome.value
         if optimized.outcome is Outcome.NOT_WITHIN:
             break
@@ -180,12 +181,6 @@ def _of_optimized(
         if finished.verdict.free:
             break
     return finished
-
-
-def _moving_part(motion: Trajectory) -> Trajectory:
-    stands = (motion.positions == motion.positions[0]).all(axis=1) & (motion.velocities == 0.0).all(axis=1)
-    begin = int(np.argmin(stands)) - 1
-    return Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
 
 
 def _within_limits(problem: Problem, motion: Trajectory, arrive_from: float) -> Iterator[Trajectory]:

@@ -58,26 +58,19 @@ class Plan(ReadOnly):
 
 def plan(problem: Problem, planner: Planner = Planner.AUTO, attempts: Sequence[Attempt] = PROJECTED) -> Plan:
     """Plan a motion."""
-    stages = Stages(problem)
-    return _make_plan(problem, _leave_contact(problem, planner, attempts, stages), stages)
+    stages, left = Stages(problem), None
+    try:
+        left = leave(problem, stages) if problem.leave_start_contact else None
+    except StageFailed as failed:
+        return _make_plan(problem, _refuse_start(problem, failed.ending, stages), stages)
+    finished = _plan_from_start(continue_after(problem, left) if left else problem, planner, attempts, stages)
+    return _make_plan(problem, join_way_out(problem, left, finished) if left else finished, stages)
 
 
 def make_refused_plan(problem: Problem, status: Status, message: str, details: dict[str, Any]) -> Plan:
     """The plan of a problem that was not tried: nothing but the start, judged."""
     stages = Stages(problem)
     return _make_plan(problem, _refuse_start(problem, Ending(status, message, details), stages), stages)
-
-
-def _leave_contact(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
-    if not problem.leave_start_contact:
-        return _plan_from_start(problem, planner, attempts, stages)
-    try:
-        left = leave(problem, stages)
-    except StageFailed as failed:
-        return _refuse_start(problem, failed.ending, stages)
-    if left is None:
-        return _plan_from_start(problem, planner, attempts, stages)
-    return join_way_out(problem, left, _plan_from_start(continue_after(problem, left), planner, attempts, stages))
 
 
 def _plan_from_start(problem: Problem, planner: Planner, attempts: Sequence[Attempt], stages: Stages) -> Finished:
@@ -150,8 +143,10 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
         try:
             goals = goal_points(problem.at(problem.scene.end))
         except StageFailed as failed:
-            if problem.scene.moves:
-                raise _tell_when_all_rest(problem, failed) from None
+            if problem.scene.moves:  # it is judged as they stand once they have come to rest
+                end, ending = problem.scene.end, failed.ending
+                message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
+                raise StageFailed(ending.status, message, **{**ending.details, "time": end}) from None
             leads = bool(problem.guide_planes) and planner is not Planner.TREE and not problem.scene.moves
             unreached = failed.ending.status in UNREACHED
             if not (leads and unreached and isinstance(problem.goal, TipGoal)):
@@ -163,13 +158,6 @@ def _find_ends(problem: Problem, planner: Planner, stages: Stages) -> ChartPoint
         else:
             stage.outcome = f"start free, free configurations at the goal: {len(goals)}"
     return goals
-
-
-def _tell_when_all_rest(problem: Problem, failed: StageFailed) -> StageFailed:
-    """Why a goal is none among obstacles that move: it is judged as they stand once they have come to rest."""
-    end, ending = problem.scene.end, failed.ending
-    message = f"as the obstacles stand from {end:.2f} s on: {ending.message}"
-    return StageFailed(ending.status, message, **{**ending.details, "time": end})
 
 
 def _reach_goal(problem: Problem, found: PathSoFar, goals: ChartPoints, stages: Stages) -> Finished:
@@ -193,7 +181,14 @@ def _refuse_start(problem: Problem, failure: Ending, stages: Stages) -> Finished
 
 
 def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
-    ended = finished.failure or _make_ending(problem, finished.verdict)
+    if finished.failure is not None:
+        ended = finished.failure
+    elif not finished.verdict.free:
+        ended = refusal(problem, finished.verdict)
+    elif problem.deadline.is_cancelled():
+        ended = Ending(Status.PREEMPTED, "cancelled; the motion by then is certified free over its whole length")
+    else:
+        ended = Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")
     return Plan(
         status=ended.status,
         message=ended.message,
@@ -207,12 +202,3 @@ def _make_plan(problem: Problem, finished: Finished, stages: Stages) -> Plan:
         warnings=finished.warnings,
         judged_from=finished.judged_from,
     )
-
-
-def _make_ending(problem: Problem, verdict: Verdict) -> Ending:
-    if not verdict.free:
-        return refusal(problem, verdict)
-    if problem.deadline.is_cancelled():
-        message = "cancelled; the motion by then is certified free over its whole length"
-        return Ending(Status.PREEMPTED, message)
-    return Ending(Status.SUCCESS, "found a motion and certified it free over its whole length")

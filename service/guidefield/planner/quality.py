@@ -23,7 +23,7 @@ from guidefield.prove.certificate import certify_curve
 from guidefield.prove.closest import ClosestPairs, enclosures_at, world_at
 from guidefield.prove.curve import Curve
 from guidefield.prove.minima import confirm, smallest_along
-from guidefield.prove.search import Found, Goal, Smallest
+from guidefield.prove.search import Found, Goal
 from guidefield.prove.verdict import Verdict
 from guidefield.read_only import ReadOnly, read_only
 from guidefield.robot.group.kinematics import Kinematics
@@ -172,7 +172,11 @@ def clearance(trajectory: MotionInTime, problem: Conditions) -> Clearance:
         deadline.check("the motion was measured")
         found = smallest_along(world, asked.curve, asked.coarse, asked.spans, deadline=deadline)
     times, lengths, coarse, spans, curve = asked
-    closest, distances = [_closest(one, world) for one in (*found.obstacle, found.own)], found.distances
+    distances = found.distances
+    closest = [
+        Closest(one.distance, one.bound, one.time, None if one.pair < 0 else world.pair_names(one.pair), one.tolerance)
+        for one in (*found.obstacle, found.own)
+    ]
     start = world.group.expand_from_chart(curve.point_at(times[0]))
     # what is in the open at the start and touches nothing stays there
     if min(one.distance for one in closest) <= 0.0 or enclosed(world_at(world, times[0]), start) is not None:
@@ -223,7 +227,9 @@ class _AskedAlong(NamedTuple):
 def _asked_along(trajectory: MotionInTime, problem: Conditions) -> _AskedAlong:
     times, lengths, inside = _samples(trajectory, problem)
     spans = [(float(times[0]), float(times[-1])), *([inside] if inside else [])]
-    return _AskedAlong(times, lengths, _coarse(times), spans, Curve(trajectory.bezier(), trajectory.piece_times()))
+    coarse = times[::COARSE_STRIDE].copy()
+    coarse = coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
+    return _AskedAlong(times, lengths, coarse, spans, Curve(trajectory.bezier(), trajectory.piece_times()))
 
 
 _SEARCHED = Answers[tuple[_AskedAlong, Found, "weakref.ref[World]"]](1)
@@ -259,16 +265,6 @@ def clearance_profile(measured: Clearance, problem: Conditions, charged: Scene, 
     )
 
 
-def _coarse(times: np.ndarray) -> np.ndarray:
-    coarse = times[::COARSE_STRIDE].copy()
-    return coarse if coarse[-1] >= times[-1] else np.append(coarse, times[-1])
-
-
-def _closest(found: Smallest, world: World) -> Closest:
-    pair = None if found.pair < 0 else world.pair_names(found.pair)
-    return Closest(found.distance, found.bound, found.time, pair, found.tolerance)
-
-
 def _with_enclosure(found: Closest, inside: list[int], time: float, world: World) -> Closest:
     """The smallest distance along a motion, given the pairs one of whose bodies is inside the other when it begins.
 
@@ -281,22 +277,18 @@ def _with_enclosure(found: Closest, inside: list[int], time: float, world: World
 
 def figures(trajectory: Trajectory, kinematics: Kinematics) -> Figures:
     """Length, duration and smoothness of a trajectory."""
-    lengths = _lengths(trajectory, kinematics)
+    steps, lengths = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1))), np.empty(WAYS)
+    way_lengths(*trajectory.tables, kinematics.tip, steps, LENGTH_SHARE, LENGTH_LEVELS, lengths)
+    way, bending = travelled_way(trajectory), 0.0  # the integral of the squared curvature by length, times the length
+    if way.length > 0.0 and len(way.evenly) > 2:
+        bending = squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length
     return Figures(
         joint_path_length=float(lengths[IN_CHART]),
         tip_path_length=float(lengths[OF_FRAME]),
         duration=trajectory.duration,
         peak_jerk=trajectory.peak_jerk,
-        smoothness=_bending(trajectory),
+        smoothness=bending,
     )
-
-
-def _lengths(trajectory: Trajectory, kinematics: Kinematics) -> np.ndarray:
-    """Lengths of a trajectory in the chart [rad or m] and of the tip's way [m], shape (WAYS,)."""
-    steps = 4 * math.ceil(max(1.0, 0.25 * LENGTH_STEPS / max(1, len(trajectory.times) - 1)))
-    share, levels, lengths = LENGTH_SHARE, LENGTH_LEVELS, np.empty(WAYS)
-    way_lengths(*trajectory.tables, kinematics.tip, steps, share, levels, lengths)
-    return lengths
 
 
 class TravelledWay(NamedTuple):
@@ -333,10 +325,6 @@ def travelled_way(trajectory: MotionInTime) -> TravelledWay:
     return way
 
 
-def _ascending(times: np.ndarray) -> np.ndarray:
-    return times if (times[1:] > times[:-1]).all() else np.unique(times)
-
-
 def _samples(
     trajectory: MotionInTime, problem: Conditions
 ) -> tuple[np.ndarray, np.ndarray, tuple[float, float] | None]:
@@ -351,13 +339,6 @@ def _samples(
         count = max(len(times), int(np.ceil(trajectory.duration * SAMPLE_RATE_HZ)) + 1)
         times = np.linspace(way.times[0], way.times[-1], min(count, MAX_SAMPLES))
     times[[0, -1]] = way.times[[0, -1]]
-    times = _ascending(times)
+    if not (times[1:] > times[:-1]).all():
+        times = np.unique(times)
     return times, np.interp(times, way.times, way.lengths), inside
-
-
-def _bending(trajectory: Trajectory) -> float:
-    """Integral of the squared curvature by length, times the length."""
-    way = travelled_way(trajectory)
-    if way.length <= 0.0 or len(way.evenly) < 3:
-        return 0.0
-    return squared_turns(way.pieces, way.begins, way.evenly) / way.stride * way.length

@@ -44,17 +44,10 @@ class WorldTables(NamedTuple):
 
 def world_tables(world: World, *, in_time: bool) -> WorldTables:
     """The tables of a world, its obstacles in time or all at rest where they are at first."""
-    return _tables_in_time(world) if in_time and world.scene.moves else _tables_at_first(world)
-
-
-def _tables_at_first(world: World) -> WorldTables:
-    obstacles = obstacle_bodies(world.scene, timed=False)
-    return WorldTables(robot_bodies(world), obstacles, NOTHING_MOVES, body_pairs(world), arithmetic_error(world))
-
-
-def _tables_in_time(world: World) -> WorldTables:
-    obstacles, movers = obstacle_bodies(world.scene, timed=True), moving_placements(world.scene)
-    return _tables_at_first(world)._replace(obstacles=obstacles, movers=movers)
+    timed = in_time and world.scene.moves
+    obstacles = obstacle_bodies(world.scene, timed=timed)
+    movers = moving_placements(world.scene) if timed else NOTHING_MOVES
+    return WorldTables(robot_bodies(world), obstacles, movers, body_pairs(world), arithmetic_error(world))
 
 
 def arithmetic_error(world: World) -> float:

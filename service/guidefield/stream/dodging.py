@@ -207,7 +207,7 @@ def timed(
     points, times = _along(way, tube, steps[:rows], reached[:rows])
     while len(points) > 2 and (points[-2] == points[-1]).all():
         points, times = points[:-1], times[:-1]
-    times[-1] = times[-2] + _lasts(points[-2], points[-1], tube.speeds)
+    times[-1] = times[-2] + float((np.abs(points[-1] - points[-2]) / tube.speeds).max())
     return Timed(float(cost), points, times)
 
 
@@ -233,8 +233,3 @@ def _along(way: Way, tube: Tube, steps: ChartPoints, reached: np.ndarray) -> tup
     points.append(way.points[ahead])
     times.append(now + way.begins[ahead] - since)
     return cast(ChartPoints, np.concatenate(points)), np.concatenate(times)
-
-
-def _lasts(z0: ChartPoint, z1: ChartPoint, speeds: np.ndarray) -> float:
-    """How long it takes between two points, each (nv,), at full speed [s]."""
-    return float((np.abs(z1 - z0) / speeds).max())

@@ -80,16 +80,12 @@ def _done_again(stream: CertifiedStream, entries: Sequence[Entry]) -> Replayed:
         elif isinstance(entry, Halted):
             stream.stop()
         elif isinstance(entry, Updated):
-            was = entry.piece or entry.state or _describe(entry)
+            was = entry.piece or entry.state or (entry.refused.message if entry.refused else None)
             now = _updated(stream, entry)
             updates, pieces = updates + 1, pieces + isinstance(now, Piece)
             if now != was:
                 return Replayed(updates, pieces, entry.update.time, was, now)
     return Replayed(updates, pieces)
-
-
-def _describe(entry: Updated) -> str | None:
-    return None if entry.refused is None else entry.refused.message
 
 
 def _updated(stream: CertifiedStream, entry: Updated) -> Piece | StreamState | str | None:

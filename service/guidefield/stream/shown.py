@@ -61,7 +61,8 @@ def recorded(files: Sequence[Path], opens: Opens) -> bytes:
                 request = msgspec.structs.replace(begun.request, goal=None, obstacles=[])
                 stream = stack.enter_context(opens(request, Counted()))
             moved.take(begun, entries)
-            updated = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state) and _counts(one)]
+            answered = [one for one in entries if isinstance(one, Updated) and (one.piece or one.state)]
+            updated = [one for one in answered if one.state is None or one.state.reason != "late"]
             if updated:
                 _require_same_joints(file, begun, updated, stream)
                 parts.append(_part(stream, begun, updated))
@@ -127,10 +128,6 @@ def _require_same_joints(file: Path, begun: Begun, updated: Sequence[Updated], s
     sizes = [one.ends.shape for one in begun.snapshot.state.commits.values()]
     if any(one != group.position_names for one in names) or any(size != (group.nv,) for size in sizes):
         raise MalformedRequest(f"the robot of {file.name} has other joints now", file=file.name)
-
-
-def _counts(one: Updated) -> bool:
-    return one.state is None or one.state.reason != "late"
 
 
 class _Motions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import msgspec
@@ -148,7 +148,9 @@ def decode_part(kind: Any, written: Any) -> Any:
 
 def random_state(rng: np.random.Generator) -> str:
     """The state of random numbers, as JSON."""
-    return msgspec.json.encode(_as_words(rng.bit_generator.state)).decode()
+    state = rng.bit_generator.state  # of numbers of 128 bits, which are told as text
+    words = {name: str(value) for name, value in state["state"].items()}
+    return msgspec.json.encode({**state, "state": words}).decode()
 
 
 def restore_random(rng: np.random.Generator, state: str) -> None:
@@ -156,11 +158,6 @@ def restore_random(rng: np.random.Generator, state: str) -> None:
     told = msgspec.json.decode(state)
     told["state"] = {name: int(value) for name, value in told["state"].items()}
     rng.bit_generator.state = told
-
-
-def _as_words(state: Mapping[str, Any]) -> dict[str, Any]:
-    """The same, with numbers of 128 bits as text."""
-    return {**state, "state": {name: str(value) for name, value in state["state"].items()}}
 
 
 class Watching:

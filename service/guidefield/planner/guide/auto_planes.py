@@ -153,8 +153,11 @@ def derive(problem: Problem, goal: np.ndarray | GuidePlane) -> tuple[GuidePlane,
     way = tip_way(tables, start, place, tip_radius(problem), centre, reach, ample, size)
     if way is None:
         return None
-    places = _places(tables, way)
-    planes = [_plane(tables, way, place, number) for number, place in enumerate(places, 1)]
+    confined, chosen = way.clearances < AUTO_PLANES.mouth * CAP * way.size, list[int]()
+    mouths = set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
+    for at in sorted(_bottlenecks(way) | mouths):
+        chosen = _with(way, chosen, _smallest_nearby(tables, way, at))
+    planes = [_plane(tables, way, at, number) for number, at in enumerate(_with_bends(tables, way, chosen), 1)]
     return tuple(plane for plane in planes if plane is not None)
 
 
@@ -165,13 +168,6 @@ def _room(tables: DistanceTables, end: np.ndarray, normals: np.ndarray, size: fl
     is reached through the tube, and not round it and in at its far end.
     """
     return float(clearances(tables, end[None], size)[0]) if enclosed(tables, end, normals, size) else CAP * size
-
-
-def _places(tables: DistanceTables, way: TipWay) -> list[int]:
-    chosen: list[int] = []
-    for place in sorted(_bottlenecks(way) | _mouths(way)):
-        chosen = _with(way, chosen, _smallest_nearby(tables, way, place))
-    return _with_bends(tables, way, chosen)
 
 
 def _with(way: TipWay, chosen: list[int], place: int) -> list[int]:
@@ -196,12 +192,6 @@ def _bottlenecks(way: TipWay) -> set[int]:
             found |= {first, k - 1}
         first = k
     return found
-
-
-def _mouths(way: TipWay) -> set[int]:
-    """Where clearance falls below a share of what counts as free."""
-    confined = way.clearances < AUTO_PLANES.mouth * CAP * way.size
-    return set((np.flatnonzero(confined[1:] & ~confined[:-1]) + 1).tolist())
 
 
 def _with_bends(tables: DistanceTables, way: TipWay, chosen: list[int]) -> list[int]:

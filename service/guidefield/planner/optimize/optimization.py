@@ -215,7 +215,9 @@ def optimize(
     descending = _Descending(problem, settings, passages, kept, (leave_by, arrive_from), touched)
     best = descending.coarse(motion)
     rest = iter(others)
-    while descending.outcome is None and not (best and _is_soon(problem, best.look.spline, settings)):
+    while descending.outcome is None and not (
+        best and best.look.spline.duration <= settings.enough * least_time(problem, best.look.spline)
+    ):
         other = next(rest, None)
         if other is None:
             break
@@ -352,10 +354,6 @@ def _finer(look: Look) -> tuple[BSpline, tuple[float, ...]]:
     return look.spline.subdivided(), tuple(2.0 * place for place in look.passed)
 
 
-def _is_soon(problem: Problem, spline: BSpline, settings: OptimizationSettings) -> bool:
-    return spline.duration <= settings.enough * least_time(problem, spline)
-
-
 def least_time(problem: Problem, spline: BSpline) -> float:
     """What each joint alone would need at least between a motion's ends, by its limits of rates, the longest [s]."""
     way = np.abs(spline.end.position - spline.start.position)
@@ -370,13 +368,10 @@ def brought_within(question: Question, spline: BSpline) -> BSpline | None:
         load = load_of(spline, question.limits)
         if load < settings.strictly:
             return spline
-        loosened = dataclasses.replace(question, limits=_loosened(question.limits, settings.loosened * load))
-        descent = Descent.of(loosened, spline, settings.samples)
+        by, limits = settings.loosened * load, question.limits
+        rows = by * limits.velocity, by * limits.acceleration, by * limits.jerk
+        read_only(*rows)
+        loosened = limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])
+        descent = Descent.of(dataclasses.replace(question, limits=loosened), spline, settings.samples)
         spline = descent.lower(descent.look(spline), settings.inward, settings.inward_steps) or spline
     return None
-
-
-def _loosened(limits: MotionLimits, by: float) -> MotionLimits:
-    rows = (by * limits.velocity, by * limits.acceleration, by * limits.jerk)
-    read_only(*rows)
-    return limits._replace(velocity=rows[0], acceleration=rows[1], jerk=rows[2])

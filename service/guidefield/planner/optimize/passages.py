@@ -187,7 +187,9 @@ def passing(
     spline: BSpline, passages: Sequence[Passage], places: Sequence[float]
 ) -> tuple[BSpline, list[float]] | None:
     """A motion that passes all places exactly, and where; None where it can't be, or not in their order."""
-    at = [_off_knots(nearest(one.place, spline, about)) for one, about in zip(passages, places, strict=True)]
+    at = [nearest(one.place, spline, about) for one, about in zip(passages, places, strict=True)]
+    # or at the knot next to it: no piece becomes too short
+    at = [float(np.round(one)) if abs(one - np.round(one)) < PASSAGE.shortest else one for one in at]
     if (np.diff(at) < 0.0).any():
         return None
     for _ in range(PASSAGE.corrections):
@@ -198,11 +200,6 @@ def passing(
         if worst <= PASSAGE.reached:
             return spline, at
     return None
-
-
-def _off_knots(at: float) -> float:
-    """The same place, or the knot next to it: no piece becomes too short."""
-    return float(np.round(at)) if abs(at - np.round(at)) < PASSAGE.shortest else at
 
 
 def _moved_onto(place: Place, spline: BSpline, at: float) -> tuple[BSpline, float]:

@@ -69,8 +69,10 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
     """
     problem = motion.problem
     last = not any(course.moves(later) for later in range(index + 1, len(course)))
-    if last or motion.way is not None or not _is_choice(problem):
+    if last or motion.way is not None or problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
         return problem
+    if not isinstance(problem.goal, TipGoal) and len(problem.goal.configurations) < 2:
+        return problem  # nothing to choose
     search = _Search()
     for draw in range(AHEAD.draws):
         try:
@@ -86,12 +88,6 @@ def with_future(course: Course[S], index: int, at: S, motion: StepMotion) -> Pro
             break
     assert search.refused is not None, "something was refused"
     return search.refused
-
-
-def _is_choice(problem: Problem) -> bool:
-    if problem.guide_planes or isinstance(problem.goal, LastPlaneGoal):
-        return False
-    return isinstance(problem.goal, TipGoal) or len(problem.goal.configurations) > 1
 
 
 def _keep_possible(

@@ -79,7 +79,8 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
     Args:
         first: A motion past the goals with which it begins, whatever its jerk.
     """
-    problem = _limit_time(slowest(parts))
+    problem = slowest(parts)  # with a share of the time that is left: later steps need some, too
+    problem = dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
     if not _may_be(parts) or problem.deadline.expired():
         return None
     goals = [one.goal for one in parts if one.goal is not None]
@@ -103,11 +104,6 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
         pieces = 2 * settings.least_pieces
         settings = dataclasses.replace(closer(settings), least_pieces=pieces, most_pieces=2 * settings.most_pieces)
     return None
-
-
-def _limit_time(problem: Problem) -> Problem:
-    """With a share of the time that is left: later steps need some, too."""
-    return dataclasses.replace(problem, deadline=problem.deadline.share(PASSING.time))
 
 
 def _may_be(parts: Sequence[Part]) -> bool:
@@ -355,19 +351,15 @@ NO_RADIUS = 1e-6
 
 def join(parts: Sequence[Part], stages: Stages) -> Joined:
     """Join motions of the same joints."""
-    stopping = _stopping(parts)
+    knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
+    passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
+    stopping = Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
     if min(one.goal.radius for one in parts if one.goal is not None) <= NO_RADIUS:
         return stopping
     along = rounded_motion(parts, stages)
     first = stopping if along is None else _soonest(parts, along[1])
     found = [optimized_past(parts, first, stages), None if along is None else along[0], stopping]
     return min(filter(None, found), key=lambda one: one.motion.duration)
-
-
-def _stopping(parts: Sequence[Part]) -> Joined:
-    knots = np.cumsum([max(len(one.motion.times) - 1, 0) for one in parts]).tolist()
-    passages = tuple(PassedAt(knot, knot, knot, 0.0) for knot in knots[:-1])
-    return Joined(one_after_another([one.motion for one in parts]), passages, stops=True)
 
 
 def _soonest(parts: Sequence[Part], path: Rounded) -> Joined:
