@@ -19,24 +19,11 @@ from guidefield.planner.motion.limit_load import at_limits, limit_load
 from guidefield.planner.motion.trajectory import Trajectory
 from guidefield.planner.motion.waypoints import length_of
 from guidefield.planner.motion_certificate import Finished, Judge, certify_motion, judge
+from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import better
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage, PlanePlace
 from guidefield.planner.optimize.sampled_robot import TouchedPoint, touched_points
-from guidefield.planner.optimize.settings import (
-    MANY,
-    OPTIMIZATION,
-    OptimizationSettings,
-    closer,
-    constrained,
-    free,
-    guided,
-    guided_of_many,
-    in_few_pieces,
-    lengthened,
-    of_many,
-    sized,
-)
 from guidefield.planner.path_so_far import limits_of
 from guidefield.planner.schedule.retimed import wait_until_begin
 from guidefield.planner.task.problem import Problem
@@ -113,7 +100,7 @@ def optimize_motion(
         begun = Trajectory(motion.times[begin:], motion.positions[begin:], motion.velocities[begin:])
     settings = settings_of(problem, passes=bool(crossed.passages))
     if settings.rough:  # it is optimised in few pieces
-        settings = lengthened(settings, length_of(begun.positions, problem.group.sizes))
+        settings = presets.lengthened(settings, length_of(begun.positions, problem.group.sizes))
     message = f"shape and time together, {'among what moves, ' if moves else ''}{problem.objective.value}"
     touched: list[TouchedPoint] = []
     for attempt in range(2 + LOOKS):
@@ -131,7 +118,7 @@ def optimize_motion(
             break
         if attempt == 0:
             why = "a guide plane was lost" if finished is None else "the certificate refused it"
-            message, settings, others = f"again, looking closer, because {why}", closer(settings), ()
+            message, settings, others = f"again, looking closer, because {why}", presets.closer(settings), ()
             continue
         found = [] if made is None else touched_points(problem, made.verdict)
         if not found:
@@ -141,27 +128,31 @@ def optimize_motion(
     return finished
 
 
-def settings_of(problem: Problem, *, passes: bool = False) -> OptimizationSettings:
+def settings_of(problem: Problem, *, passes: bool = False) -> presets.OptimizationSettings:
     """Of the optimisation of a problem's motion, which may have to pass something on its way."""
-    return sized(_usual_settings_of(problem, passes), problem.group.size)
+    return presets.sized(_usual_settings_of(problem, passes), problem.group.size)
 
 
-def _usual_settings_of(problem: Problem, passes: bool) -> OptimizationSettings:
-    settings, many = OPTIMIZATION[problem.objective], problem.group.nv > MANY
+def _usual_settings_of(problem: Problem, passes: bool) -> presets.OptimizationSettings:
+    settings, many = presets.OPTIMIZATION[problem.objective], problem.group.nv > presets.MANY
     if problem.path_constraints:
-        return constrained(of_many(settings) if many else settings)
+        return presets.constrained(presets.of_many(settings) if many else settings)
     if passes and not problem.scene.moves:
-        return guided_of_many(settings) if many else guided(settings)
+        return presets.guided_of_many(settings) if many else presets.guided(settings)
     if many:
-        return of_many(settings)
-    return free(settings) if problem.in_motion or problem.scene.moves else in_few_pieces(free(settings))
+        return presets.of_many(settings)
+    return (
+        presets.free(settings)
+        if problem.in_motion or problem.scene.moves
+        else presets.in_few_pieces(presets.free(settings))
+    )
 
 
 def _of_optimized(
     problem: Problem,
     optimized: Optimized,
     begun: Trajectory,
-    settings: OptimizationSettings,
+    settings: presets.OptimizationSettings,
     crossed: Crossed,
     arrive_from: float,
     stages: Stages,

@@ -26,18 +26,10 @@ import numpy as np
 
 from guidefield.planner.motion.trajectory import Trajectory, one_after_another
 from guidefield.planner.motion.waypoints import length_of
+from guidefield.planner.optimize import settings as presets
 from guidefield.planner.optimize.clearance_samples import Sections
 from guidefield.planner.optimize.optimization import Optimized, Outcome, optimize
 from guidefield.planner.optimize.passages import Passage
-from guidefield.planner.optimize.settings import (
-    BALANCED,
-    MANY,
-    OPTIMIZATION,
-    OptimizationSettings,
-    closer,
-    constrained,
-    sized,
-)
 from guidefield.planner.path_so_far import motion_along, soonest_along
 from guidefield.planner.sequence.joined import (
     Joined,
@@ -102,13 +94,15 @@ def optimized_past(parts: Sequence[Part], first: Joined, stages: Stages) -> Join
         if problem.deadline.expired():
             break
         pieces = 2 * settings.least_pieces
-        settings = dataclasses.replace(closer(settings), least_pieces=pieces, most_pieces=2 * settings.most_pieces)
+        settings = dataclasses.replace(
+            presets.closer(settings), least_pieces=pieces, most_pieces=2 * settings.most_pieces
+        )
     return None
 
 
 def _may_be(parts: Sequence[Part]) -> bool:
     """Whether steps may be optimised: in few coordinates, straight ones along a line and next to goals of the tip."""
-    if parts[0].problem.group.nv > MANY:
+    if parts[0].problem.group.nv > presets.MANY:
         return False
     for k, one in enumerate(parts):
         problem, way = one.problem, one.way
@@ -147,7 +141,7 @@ def _sections(problem: Problem, parts: Sequence[Part]) -> Sections:
 
 def _at(goal: PassedGoal) -> tuple[PathConstraint, PathConstraint]:
     frame, here = goal.problem.group.tip, goal.placement
-    limit = PASSING.inside / BALANCED.constraint_room * goal.radius
+    limit = PASSING.inside / presets.BALANCED.constraint_room * goal.radius
     return point(frame, here.translation, limit), EvenTurn(frame, here, np.zeros(3), np.zeros(3), limit)
 
 
@@ -159,13 +153,13 @@ def _along(way: StraightWay) -> tuple[PathConstraint, PathConstraint]:
     )
 
 
-def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> OptimizationSettings:
+def _settings(problem: Problem, parts: Sequence[Part], motion: Trajectory) -> presets.OptimizationSettings:
     radius = min(one.goal.radius for one in parts if one.goal is not None)
     wanted = math.ceil(length_of(motion.positions) / (PASSING.piece * radius))
     least = min(max(wanted, PASSING.least_pieces * len(parts)), PASSING.most_pieces)
-    settings = sized(OPTIMIZATION[problem.objective], problem.group.size)
+    settings = presets.sized(presets.OPTIMIZATION[problem.objective], problem.group.size)
     keeps = problem.path_constraints or any(one.way is not None for one in parts)
-    settings = constrained(settings) if keeps else settings
+    settings = presets.constrained(settings) if keeps else settings
     return dataclasses.replace(settings, least_pieces=least, most_pieces=max(PASSING.most_pieces, least))
 
 
