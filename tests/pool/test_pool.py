@@ -340,13 +340,13 @@ def test_many_brief_jobs_are_answered_each_once_while_workers_die(tmp_path: Path
             tasks.append(pool.submit(_brief("echo", str(number))))
             if number % 100 == 50:
                 tasks.append(pool.submit(_brief("exit", "3")))
-            while pool.queue > 20:
+            while len(pool.waiting) > 20:
                 time.sleep(0.001)
         wait(tasks, PATIENCE)
         answers = [task.result(0)[1] for task in tasks if task.job[0] == "echo"]
         assert answers == [str(number).encode() for number in range(300)]
         assert sum(task.exception(0) is not None for task in tasks) == 3
-        assert not pool.queue
+        assert not len(pool.waiting)
         assert not pool.busy
     finally:
         pool.close(0.0)

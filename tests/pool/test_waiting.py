@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import Asker
-from guidefield.pool.waiting import HALVED_IN, HELD_UP, TRIAL, Limits, Task, TimedAnswer, Usage, Waiting
+from guidefield.pool.waiting import HALVED_IN, HELD_UP, TRIAL, Limits, Task, TimedAnswer, Waiting
 
 CLIENTS = st.lists(st.sampled_from("abcd"), min_size=1, max_size=40)
 
@@ -177,15 +177,25 @@ def test_a_full_queue_pushes_out_who_has_the_most_and_refuses_nobody_who_has_les
         assert {user: waiting.of_user(user) for user in "uvw"} == {user: counts[user] for user in "uvw"}
 
 
-def test_what_was_given_long_ago_counts_less() -> None:
-    usage = Usage()
-    usage.add("a", 8.0, 8.0, 100.0)
-    assert usage.of("a", 100.0) == 8.0
-    assert usage.of("a", 100.0 + 2.0 * HALVED_IN) == pytest.approx(2.0)
-    usage.add("a", 1.0, 1.0, 100.0 + HALVED_IN)
-    assert usage.of("a", 100.0 + HALVED_IN) == pytest.approx(5.0)
-    usage.add("b", 1.0, 1.0, 100.0 + 20.0 * HALVED_IN)
-    assert usage.users(100.0 + 20.0 * HALVED_IN) == {"b"}
+def test_what_was_given_long_ago_counts_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting, now = Waiting(Limits()), [100.0]
+    monkeypatch.setattr("guidefield.pool.waiting.time.monotonic", lambda: now[0])
+
+    def work(user: str, processor: float) -> None:
+        waiting.put(Task(user, 1.0, asker=Asker(user)))
+        task = waiting.take()
+        assert task is not None
+        waiting.done(task, processor, processor)
+
+    work("a", 8.0)
+    assert waiting.used("a") == 8.0
+    now[0] += HALVED_IN
+    assert waiting.used("a") == pytest.approx(4.0)
+    work("a", 1.0)
+    assert waiting.used("a") == pytest.approx(5.0)
+    now[0] += 20.0 * HALVED_IN
+    work("b", 1.0)
+    assert waiting.users() == {"b"}
 
 
 def test_whoever_asked_steadily_for_little_comes_before_those_who_just_came_with_much() -> None:

@@ -184,10 +184,6 @@ class Endpoint:
     def ask(self, read: keys.Query, received: float) -> Future[Answer]:
         """Have work done that was asked for by other means than a query on one of the keys.
 
-        Args:
-            read: What a query would say.
-            received: When it was asked, by `time.monotonic()` [s].
-
         Raises:
             GuidefieldError: if nothing such is served, or it can't wait its turn.
         """
@@ -226,7 +222,7 @@ class Endpoint:
             uptime=time.monotonic() - self._began,
             workers=self._pool.workers,
             busy=self._pool.busy,
-            queue=self._pool.queue,
+            queue=len(self._pool.waiting),
             memory=self._pool.memory + self._streams.memory + self._memory_of_renderer(),
             streams=self._streams.open,
             latency=self._meter.latency(),
@@ -363,8 +359,7 @@ def _keep_thread_state() -> None:
 def _thing(read: keys.Query) -> tuple[Kind, str]:
     """Return the kind and the name of the thing that a query is about.
 
-    Raises:
-        MalformedRequest: if its key names nothing of that kind.
+    Raises MalformedRequest if its key names nothing of that kind.
     """
     kinds: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
     if len(read.key) < 2 or read.key[0] not in kinds:

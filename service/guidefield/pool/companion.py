@@ -42,11 +42,7 @@ Conversation = Callable[[Connection], None]
 
 @dataclass(frozen=True)
 class Taken:
-    """A process has come to the end of what it was told last.
-
-    Attributes:
-        count: How many things that were.
-    """
+    """A process has come to the end of what it was told last."""
 
     count: int
 
@@ -96,10 +92,6 @@ class Companion:
 
     def tell(self, what: Any, size: int) -> bool:
         """Have something told to the process; waits for nothing.
-
-        Args:
-            what: It; must pickle.
-            size: Room that it takes [bytes].
 
         Returns:
             Whether it will be; it isn't where too much waits already, or the conversation is over.

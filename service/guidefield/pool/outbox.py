@@ -52,7 +52,7 @@ class _Letter:
 
 @dataclass
 class _Lane:
-    """What waits for one client; whether one of it is being sent, or will be by the thread that polls."""
+    """The letters that wait for one client; busy while one of them is sent, or will be by the thread that polls."""
 
     user: str
     letters: deque[_Letter] = field(default_factory=deque)
@@ -62,18 +62,16 @@ class _Lane:
 
 @dataclass
 class _Share:
-    """What one user has: threads that send to its clients, answers that wait, and their size [bytes]."""
+    """A user's threads, waiting answers, and their size [bytes]."""
 
     threads: int = 0
     letters: int = 0
     size: int = 0
 
     def takes(self, size: int) -> bool:
-        """Whether an answer of a size [bytes] may wait beside them."""
         return not self.letters or (self.letters < OF_USER * MOST_LETTERS and self.size + size <= OF_USER * MOST_BYTES)
 
     def may_send(self) -> bool:
-        """Whether another thread may send to its clients."""
         return self.threads < OF_USER * MOST_THREADS
 
 
@@ -118,9 +116,8 @@ class Outbox:
             if lane is not None and lane.size + size > MOST_BYTES_OF_CLIENT:
                 return False
             share = self._shares.get(user) or _Share()
-            if not share.takes(size):
-                return False
-            if self._count >= MOST_LETTERS or (self._count and self._size + size > MOST_BYTES):
+            is_full = self._count >= MOST_LETTERS or (self._count > 0 and self._size + size > MOST_BYTES)
+            if is_full or not share.takes(size):
                 return False
             if lane is None:
                 lane = self._lanes[key] = _Lane(user)
@@ -143,8 +140,8 @@ class Outbox:
         with self._lock:
             if not self._polls:
                 self._polls = True
-                self._start(self._poll_all)
-                self._start(self._watch)
+                _start(self._poll_all)
+                _start(self._watch)
 
     def end_polling(self, wake: Callable[[], None]) -> None:
         """Have no thread poll any more; `wake` ends the wait of the one that does."""
@@ -162,9 +159,6 @@ class Outbox:
             self._sendable_now.notify_all()
         self._watched.set()
 
-    def _start(self, run: Callable[[], None]) -> None:
-        threading.Thread(target=run, name="guidefield-outbox", daemon=True).start()
-
     def _add(self, lane: _Lane, share: _Share, size: int, count: int) -> None:
         """Count answers of a size together that come, or that are gone."""
         lane.size += size
@@ -174,7 +168,7 @@ class Outbox:
         self._count += count
 
     def _be_ready(self, user: str, key: object) -> None:
-        """Something may be sent to a client: have a thread do it."""
+        """Have a thread send something to a client."""
         self._ready.setdefault(user, deque()).append(key)
         self._have_taken()
 
@@ -187,7 +181,7 @@ class Outbox:
             self._sendable_now.notify()
         elif self._threads < MOST_THREADS:
             self._threads += 1
-            self._start(self._send_all)
+            _start(self._send_all)
 
     def _send_all(self) -> None:
         while (taken := self._next()) is not None:
@@ -285,7 +279,7 @@ class Outbox:
                     self._slow[self._sending[0]] = now + SLOW_FOR
                     self._sending = self._poller = None
                     self._leave_own()
-                    self._start(self._poll_all)
+                    _start(self._poll_all)
                 elif not (self._sending or self._slow or self._closed) and now - self._sent_at > WATCHED_FOR:
                     self._watched.clear()
 
@@ -298,3 +292,7 @@ class Outbox:
             lane.letters.appendleft(letter)
             self._shares[lane.user].threads -= 1
             self._be_ready(lane.user, key)
+
+
+def _start(run: Callable[[], None]) -> None:
+    threading.Thread(target=run, name="guidefield-outbox", daemon=True).start()

@@ -34,7 +34,7 @@ from functools import partial
 from guidefield.errors import GuidefieldError, ServerBusy, WorkerCrashed
 from guidefield.pool.outbox import Outbox
 from guidefield.pool.process import FAILED, PROGRESS, READY, REPLY, SET_BACK, UNPREPARED, Setup
-from guidefield.pool.slot import Current, Frame, Slot, Worker, spawn
+from guidefield.pool.slot import Current, Frame, Worker, spawn
 from guidefield.pool.waiting import Answer, Limits, Task, Waiting
 
 LOOKED_AFTER = 0.05
@@ -66,14 +66,35 @@ _log = logging.getLogger(__name__)
 _Given = list[tuple[Worker, Current]]
 
 
+class Slot:
+    """A place for one worker at a time.
+
+    Attributes:
+        worker: The one that is there.
+        is_starting: Whether one is being started.
+        failed: How many that followed each other could not be prepared.
+        start_at: When to start one, by `time.monotonic()` [s]; None: not by itself.
+    """
+
+    def __init__(self) -> None:
+        self.worker: Worker | None = None
+        self.is_starting = False
+        self.failed = 0
+        self.start_at: float | None = None
+
+    @property
+    def idle_worker(self) -> Worker | None:
+        """Its worker, if that could be given a job."""
+        return self.worker if self.worker is not None and self.worker.is_idle else None
+
+    @property
+    def is_empty(self) -> bool:
+        """Return whether there is no worker, and none comes."""
+        return self.worker is None and not self.is_starting
+
+
 class Pool:
     """Worker processes that answer jobs.
-
-    Args:
-        setup: Prepares each worker.
-        workers: How many.
-        limits: How much may wait.
-        memory: A worker that takes more is stopped [bytes].
 
     Attributes:
         outbox: Sends answers; its threads attend to the workers.
@@ -110,18 +131,13 @@ class Pool:
 
     @property
     def workers(self) -> int:
-        """How many workers there are, without the one that stands by."""
+        """Number of workers, without the one that stands by."""
         return len(self._slots)
 
     @property
-    def queue(self) -> int:
-        """How many jobs wait."""
-        return len(self.waiting)
-
-    @property
     def busy(self) -> int:
-        """How many of them work."""
-        return sum(slot.is_busy for slot in self._slots)
+        """Number of them that have a job."""
+        return sum(slot.worker is not None and slot.worker.current is not None for slot in self._slots)
 
     @property
     def memory(self) -> int:
@@ -129,15 +145,14 @@ class Pool:
         return sum(worker.memory for worker in self._all_workers())
 
     def start(self) -> None:
-        """Begin to start the workers: the others after the first, so that they find its caches."""
+        """Start the first worker; the others follow it, so that they find its caches."""
         self.outbox.begin_polling()
         self._start(self._slots[0])
 
     def ready(self, timeout: float) -> bool:
-        """Whether the first worker is ready within a time [s].
+        """Return whether the first worker is ready within a time [s].
 
-        Raises:
-            RuntimeError: if it cannot be prepared; its log says why.
+        Raises RuntimeError if it cannot be prepared; its log says why.
         """
         if not self._first_tried.wait(timeout):
             return False
@@ -155,21 +170,17 @@ class Pool:
     def submit(self, task: Task) -> Task:
         """Have a task done; its job must pickle.
 
-        Returns:
-            The task, a future that comes to the answer; or to WorkerCrashed, or to ServerBusy where the pool is closed
-            before the job's turn.
-
-        Raises:
-            ServerBusy: if too much waits already, or the pool is closed.
+        It comes to the answer; or to WorkerCrashed, or to ServerBusy where the pool is closed before the job's turn.
+        Raises ServerBusy if too much waits already, or the pool is closed.
         """
         with self._lock:
             pushed_out = self.waiting.put(task)
             given = self._assign()
-            times = [one.at for one in (task.deadline, task.late) if one is not None]
-            is_asleep = self._sleeps_until > min([*times, time.monotonic() + 2.0 * LOOKED_AFTER])
+            due = min((one.at for one in (task.deadline, task.late) if one is not None), default=math.inf)
+            is_asleep = self._sleeps_until > min(due, time.monotonic() + 2.0 * LOOKED_AFTER)
         for pushed in pushed_out:
-            told = "the queue is full, and of you the most waits; ask again later"
-            pushed.set_exception(ServerBusy(told, retry_after=self.waiting.retry_after(pushed.asker.user)))
+            reason = "the queue is full, and of you the most waits; ask again later"
+            pushed.set_exception(ServerBusy(reason, retry_after=self.waiting.retry_after(pushed.asker.user)))
         self._give(given)
         if is_asleep:
             self._wake()
@@ -278,8 +289,12 @@ class Pool:
         """How long to wait [s]; None: until something comes."""
         with self._lock:
             now, slots = time.monotonic(), self._all_slots()
-            is_active = now < self._active_until or len(self.waiting) or any(slot.is_working for slot in slots)
-            due_at = min(self.waiting.due_at, *(slot.due_at for slot in slots))
+            is_active, due_at = now < self._active_until or len(self.waiting) > 0, self.waiting.due_at
+            for slot in slots:
+                if slot.start_at is not None:
+                    due_at = min(due_at, slot.start_at)
+                if slot.worker is not None:
+                    is_active, due_at = is_active or slot.worker.is_working, min(due_at, slot.worker.late_at)
             self._look_at = min(due_at, now + LOOKED_AFTER)
             self._sleeps_until = self._look_at if is_active else due_at
             return None if self._sleeps_until == math.inf else max(0.0, self._sleeps_until - now)
@@ -354,8 +369,10 @@ class Pool:
             if task is None:
                 break
             given.append((worker, self._occupy(worker, task)))
+        if not len(self.waiting):
+            return given
         now = time.monotonic()
-        for slot in self._slots if len(self.waiting) else ():
+        for slot in self._slots:
             holder = slot.worker
             if holder is not None and holder.could_hold(now - LOOKED_AFTER):
                 task = self.waiting.take(brief=True)
@@ -417,7 +434,15 @@ class Pool:
             self.crashes += 1
             _log.warning("worker process %s is replaced", worker.process.pid)
         else:
-            self._tell_unprepared(slot, worker)
+            why = f": {worker.reason}" if worker.reason else "; its log says why"
+            _log.error("a worker process could not be prepared%s", why)
+            if slot is self._slots[0] and not self._first_tried.is_set():
+                self._reason = why
+                self._first_tried.set()
+            if all(one.failed >= STARTS_TRIED or (one.is_empty and one.start_at is None) for one in self._slots):
+                while (task := self.waiting.take()) is not None:  # no worker ever can
+                    self.waiting.done(task, 0.0, 0.0)
+                    task.set_exception(WorkerCrashed("no worker process could be started; the service keeps trying"))
 
     def _take_back(self, worker: Worker) -> None:
         """Let the job that a worker holds wait again; under the lock. What it still answers to that isn't heard."""
@@ -428,22 +453,10 @@ class Pool:
                 self._call(partial(_end_early, task))
 
     def _wait_again(self, task: Task, *, gave_way: bool) -> bool:
-        """Whether a task that was taken waits again: not where it was cancelled, or the pool is closed."""
+        """Let a task that was taken wait again, unless it was cancelled or the pool is closed; return whether."""
         with contextlib.suppress(ServerBusy):
             return self.waiting.put_back(task, gave_way=gave_way)
         return False
-
-    def _tell_unprepared(self, slot: Slot, worker: Worker) -> None:
-        """Say that a worker could not be prepared; refuse what waits where no worker ever can."""
-        why = f": {worker.reason}" if worker.reason else "; its log says why"
-        _log.error("a worker process could not be prepared%s", why)
-        if slot is self._slots[0] and not self._first_tried.is_set():
-            self._reason = why
-            self._first_tried.set()
-        if all(one.failed >= STARTS_TRIED or (one.is_empty and one.start_at is None) for one in self._slots):
-            while (task := self.waiting.take()) is not None:
-                self.waiting.done(task, 0.0, 0.0)
-                task.set_exception(WorkerCrashed("no worker process could be started; the service keeps trying"))
 
     def _fault_of(self, worker: Worker, code: int | None, is_begun: bool) -> GuidefieldError:
         if isinstance(worker.reason, WorkerCrashed):
@@ -515,7 +528,7 @@ def _end_early(task: Task) -> None:
 
 
 def _await(is_done: Callable[[], bool], within: float) -> bool:
-    """Whether something comes true within a time [s]."""
+    """Return whether something comes true within a time [s]."""
     until = time.monotonic() + within
     while not is_done():
         if time.monotonic() >= until:

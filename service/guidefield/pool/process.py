@@ -44,9 +44,11 @@ NOTHING, OPTIONAL, OWED = range(3)
 _PR_SET_PDEATHSIG = 1
 """Option of Linux's `prctl`: the signal that a process gets when the thread that started it ends."""
 
+_log = logging.getLogger(__name__)
+
 
 class Numbers(ctypes.Structure):
-    """The numbers that a slot and its worker process share in memory.
+    """The numbers that a worker and its process share in memory.
 
     Attributes:
         begun: The job that was begun last.
@@ -61,7 +63,7 @@ class Numbers(ctypes.Structure):
 
 @dataclass(frozen=True)
 class Line:
-    """A worker's side of what it shares with its slot.
+    """A worker's side of what it shares with its parent.
 
     Attributes:
         numbers: `Numbers`.
@@ -74,7 +76,7 @@ class Line:
     socket: socket.socket
 
     def tell(self, kind: int, number: int = 0, processor: float = 0.0, what: bytes = b"") -> None:
-        """Send one frame, whole though several threads do; returns once it is on its way."""
+        """Send one frame, whole though several threads do; return once it is on its way."""
         with _telling:
             sent = self.socket.sendmsg([TOLD.pack(kind, number, processor, len(what)), what])
             if sent < TOLD.size + len(what):  # not the head alone: it is shorter than any buffer's room
@@ -93,7 +95,7 @@ class Call:
     later: list[Callable[[], None]] = field(default_factory=list)
 
     def is_cancelled(self) -> bool:
-        """Return whether the job is to end early, whatever for."""
+        """Return whether the job is to end early, for any reason."""
         return self.number in (self.line.numbers.cancelled, self.line.numbers.set_back)
 
     def set_back(self) -> bool:
@@ -124,7 +126,7 @@ class Call:
             try:
                 work()
             except Exception:  # the worker outlives it
-                logging.getLogger(__name__).exception("what a worker does after an answer failed")
+                _log.exception("what a worker does after an answer failed")
         self.line.numbers.remaining = NOTHING
 
     def is_listened_to(self) -> bool:
@@ -173,20 +175,15 @@ def _outcome(answer: Work, job: bytearray, beside: bytearray, call: Call) -> tup
     try:
         found = answer(pickle.loads(job, buffers=[beside]), call)  # noqa: S301 - our own parent's
     except Exception as error:
-        logging.getLogger(__name__).exception("a job failed in its worker")
+        _log.exception("a job failed in its worker")
         return FAILED, f"{type(error).__name__}: {error}"[:LONGEST_REASON].encode()
     if found is None:
         return SET_BACK, b""
-    is_reply, what = found
-    return REPLY if is_reply else REFUSAL, what
+    return REPLY if found[0] else REFUSAL, found[1]
 
 
 def _read(told: socket.socket, size: int) -> bytearray:
-    """The next so many bytes.
-
-    Raises:
-        EOFError: if no more come.
-    """
+    """Read some bytes; raise EOFError if no more come."""
     read = bytearray(size)
     left = memoryview(read)
     while left:
@@ -220,7 +217,7 @@ def end_with_parent() -> None:
 
 
 def end_after(sentinel: int) -> None:
-    """Kill this process once a sentinel is ready, as that of a parent is when it has ended; returns at once."""
+    """Kill this process once a sentinel is ready, as that of a parent is when it has ended; return at once."""
 
     def wait() -> None:
         connection.wait([sentinel])

@@ -12,8 +12,6 @@ import pickle
 import socket
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 from guidefield.errors import WorkerCrashed
@@ -38,8 +36,7 @@ class Frame(NamedTuple):
     what: bytes
 
 
-@dataclass(frozen=True)
-class Current:
+class Current(NamedTuple):
     """A task that a worker works on: its number there, and when it was handed over, by `time.monotonic()` [s]."""
 
     task: Task
@@ -74,20 +71,15 @@ class Worker:
         )
         self.current: Current | None = None
         self.held: Current | None = None
-        self.is_ready = False
+        self.is_ready = self.awaits_room = False
         self.reason: WorkerCrashed | str | None = None
-        self._held = bytearray()
+        self._come = bytearray()
         self._room = bytearray(SENDING_ROOM)
         self._rest: list[memoryview] = []
         self._sending = threading.Lock()
-        self.awaits_room = False
 
     def start(self) -> None:
-        """Start the process; it ends with the thread that calls this.
-
-        Raises:
-            OSError: if the system refuses.
-        """
+        """Start the process; it ends with the thread that calls this; raises OSError if the system refuses."""
         try:
             self.process.start()
         finally:
@@ -95,11 +87,11 @@ class Worker:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it could be given a job."""
+        """Return whether it could be given a job."""
         return self.is_ready and self.current is None
 
     def could_hold(self, since: float) -> bool:
-        """Whether it could be given a brief job beside the brief one that it works on, since a time [s] or later."""
+        """Return whether it could be given a brief job beside the brief one that it works on, since a time [s]."""
         if self.held is not None or self._rest or self.current is None:
             return False
         return self.current.task.is_brief and self.current.since >= since
@@ -116,12 +108,12 @@ class Worker:
 
     @property
     def memory(self) -> int:
-        """Its resident memory [bytes]; 0 once it has ended."""
+        """Resident memory [bytes]; 0 once it has ended."""
         return 0 if self.process.pid is None else resident(self.process.pid)
 
     @property
     def processor(self) -> float:
-        """How long processors worked on it [s]; 0 once it has ended."""
+        """Processor time [s]; 0 once it has ended."""
         return 0.0 if self.process.pid is None else processor_time(self.process.pid)
 
     def kill(self) -> None:
@@ -130,22 +122,23 @@ class Worker:
             self.process.kill()
 
     def end(self, within: float) -> int | None:
-        """Its exit code, once it has ended; None if it hasn't within a time [s]."""
+        """Return the exit code, once it has ended; None if it hasn't within a time [s]."""
         with contextlib.suppress(OSError, AssertionError):  # it never began
             self.process.join(within)
         self.socket.close()
         return self.process.exitcode
 
     def done_with(self, number: int, now: float) -> Current | None:
-        """What it was given under a number, and is done with; from now on it works on what it holds."""
+        """Return what it was given under a number, and is done with; from now on it works on what it holds."""
         if self.held is not None and self.held.number == number:
             held, self.held = self.held, None
             return held
-        if self.current is None or self.current.number != number:
+        done = self.current
+        if done is None or done.number != number:
             return None
-        done, self.current, self.held = self.current, self.held, None
+        self.current, self.held = self.held, None
         if self.current is not None:
-            self.current = replace(self.current, since=now)
+            self.current = self.current._replace(since=now)
             self.pass_on_cancel()
         return done
 
@@ -170,13 +163,16 @@ class Worker:
         return late.at_last if self.line.numbers.prepared == current.number else late.at
 
     def give(self, current: Current) -> bool:
-        """Send it a job.
-
-        Returns:
-            Whether all of it went; `send_rest` sends what is left.
-        """
+        """Send it a job; return whether all of it went: `send_rest` sends what is left."""
         beside = list[pickle.PickleBuffer]()  # a large payload, which only the socket copies, without the interpreter
-        job = pickle.dumps(current.task.job, 5, buffer_callback=partial(_is_left_in, beside))
+
+        def is_left_in(one: pickle.PickleBuffer) -> bool:
+            if not beside:
+                beside.append(one)
+                return False
+            return True
+
+        job = pickle.dumps(current.task.job, 5, buffer_callback=is_left_in)
         payload = beside[0].raw() if beside else memoryview(b"")
         head = JOB.pack(current.number, len(job), len(payload))
         with self._sending:  # several threads may hand something over; each frame goes whole
@@ -186,7 +182,7 @@ class Worker:
 
     @property
     def has_rest(self) -> bool:
-        """Whether something of a job is left to be sent."""
+        """Return whether something of a job is left to be sent."""
         return bool(self._rest)
 
     def send_rest(self) -> bool:
@@ -195,27 +191,20 @@ class Worker:
             return self._send_some()
 
     def _send_some(self) -> bool:
-        sent = self._send(self._rest) if self._rest else 0
+        try:
+            sent = self.socket.sendmsg(self._rest) if self._rest else 0
+        except BlockingIOError:
+            sent = 0
+        except OSError:  # it has ended, which its sentinel tells
+            sent = sum(map(len, self._rest))
         while self._rest and sent >= len(self._rest[0]):
             sent -= len(self._rest.pop(0))
         if sent:
             self._rest[0] = self._rest[0][sent:]
         return not self._rest
 
-    def _send(self, parts: list[memoryview]) -> int:
-        try:
-            return self.socket.sendmsg(parts)
-        except BlockingIOError:
-            return 0
-        except OSError:  # it has ended, which its sentinel tells
-            return sum(len(part) for part in parts)
-
     def read(self) -> Iterator[Frame]:
-        """What it told, as far as it came whole.
-
-        Raises:
-            EOFError: if it tells no more.
-        """
+        """Yield what it told, as far as it came whole; raises EOFError if it tells no more."""
         count = 0
         while count < READ_AT_ONCE:
             try:
@@ -227,70 +216,15 @@ class Worker:
             if not size:
                 raise EOFError
             count += size
-            self._held += memoryview(self._room)[:size]
-            yield from self._whole_frames()
+            self._come += memoryview(self._room)[:size]
+            begin = 0
+            while len(self._come) >= begin + TOLD.size:
+                kind, number, processor, rest = TOLD.unpack_from(self._come, begin)
+                end = begin + TOLD.size + rest
+                if len(self._come) < end:
+                    break
+                yield Frame(kind, number, processor, bytes(memoryview(self._come)[begin + TOLD.size : end]))
+                begin = end
+            del self._come[:begin]
             if size < len(self._room):
                 return
-
-    def _whole_frames(self) -> Iterator[Frame]:
-        begin = 0
-        while len(self._held) >= begin + TOLD.size:
-            kind, number, processor, size = TOLD.unpack_from(self._held, begin)
-            end = begin + TOLD.size + size
-            if len(self._held) < end:
-                break
-            yield Frame(kind, number, processor, bytes(memoryview(self._held)[begin + TOLD.size : end]))
-            begin = end
-        del self._held[:begin]
-
-
-def _is_left_in(beside: list[pickle.PickleBuffer], one: pickle.PickleBuffer) -> bool:
-    """Return whether a buffer stays in what is pickled: all but the first one, which goes beside it."""
-    if beside:
-        return True
-    beside.append(one)
-    return False
-
-
-class Slot:
-    """A place for one worker at a time.
-
-    Attributes:
-        worker: The one that is there.
-        is_starting: Whether one is being started.
-        failed: How many that followed each other could not be prepared.
-        start_at: When to start one, by `time.monotonic()` [s]; None: not by itself.
-    """
-
-    def __init__(self) -> None:
-        self.worker: Worker | None = None
-        self.is_starting = False
-        self.failed = 0
-        self.start_at: float | None = None
-
-    @property
-    def idle_worker(self) -> Worker | None:
-        """Its worker, if that could be given a job."""
-        worker = self.worker
-        return worker if worker is not None and worker.is_idle else None
-
-    @property
-    def is_busy(self) -> bool:
-        """Return whether its worker has a job."""
-        return self.worker is not None and self.worker.current is not None
-
-    @property
-    def is_working(self) -> bool:
-        """Return whether its worker works, on a job or after an answer."""
-        return self.worker is not None and self.worker.is_working
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether there is no worker, and none comes."""
-        return self.worker is None and not self.is_starting
-
-    @property
-    def due_at(self) -> float:
-        """When it has to be looked after, by `time.monotonic()` [s]; infinite: at no special time."""
-        late_at = math.inf if self.worker is None else self.worker.late_at
-        return late_at if self.start_at is None else min(late_at, self.start_at)

@@ -1,16 +1,16 @@
 """The queue of jobs: bounded, fair between users and their clients, closed at the end.
 
-Theory of operation. A worker that is free goes to the user who has the fewest workers; of those who are equal, to the
-one whose turn it is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by what was worked
-for it, and whoever comes when nothing of it waits begins where the queue is. Of equal turns the one with the least
-waiting comes first. So whoever asks for little waits for no more than a worker to be free, however much others have
-waiting. Of one user's clients one comes after the other. Where the queue is full, and somebody comes who has less in it
-than another user, the last request of who has the most is pushed out.
+Theory of operation. A free worker goes to the user who has the fewest workers; of those who are equal, to the one whose
+turn it is by start-time fair queueing (Goyal, Vin and Cheng, 1996): a user's turn moves on by what was worked for it,
+and whoever comes when nothing of it waits begins where the queue is. Of equal turns the one with the least waiting
+comes first. So a user who asks for little waits for no more than a worker to be free, however much others have waiting.
+Of one user's clients one comes after the other. Where the queue is full, and somebody comes who has less in it than
+another user, the last request of the user with the most is pushed out.
 
-Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes nothing
-but what has waited for `HELD_UP`, of users who have no worker. What it works on for longer than `TRIAL` while another
-such user waits goes back to the head of its user's line, to begin anew. What went back waits twice as long each time
-until it takes another one's place: so whatever takes some seconds has an end, and who comes first never waits longer.
+Requests that take long may keep all workers when another user comes. So one more worker stands by: it takes only what
+has waited for `HELD_UP`, of users who have no worker. What it works on for longer than `TRIAL` while another such user
+waits goes back to the head of its user's line, to begin anew. What went back waits twice as long each time until it
+takes another one's place: so whatever takes some seconds has an end, and the first to come never waits longer.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ HALVED_IN = 30.0
 FORGOTTEN = 1e-3
 """Less than this is nothing [s]."""
 MOST_REMEMBERED = 100
-"""Users of whom it is remembered what they got before those are looked for of whom it is nothing any more."""
+"""Number of users above which those whose use is forgotten are removed."""
 NEWEST = 0.1
 """Weight of the newest request in the typical time of one."""
 
 
 @dataclass(frozen=True)
 class TimedAnswer:
-    """A time, by `time.monotonic()` [s], and what is answered then in a worker's place.
+    """A time, by `time.monotonic()` [s], and the answer then in a worker's place.
 
     Attributes:
         at: The time.
@@ -64,11 +64,7 @@ class TimedAnswer:
     at_last: float = math.inf
 
 
-def _hear_nothing(_told: bytes) -> None:
-    pass
-
-
-def _ignore() -> None:
+def _ignore(*_: bytes) -> None:
     pass
 
 
@@ -79,9 +75,9 @@ class Task(Future[Answer]):
         job: What the worker is given.
         seconds: A worker that works longer on it is stopped [s].
         deadline: When it need not be begun any more, if ever.
-        late: When it is answered if the worker is late with it; the worker goes on meanwhile.
+        late: When it is answered if the worker is late with it; the worker continues.
         asker: Who asks; the queue is fair between them.
-        size: How much room the job takes while it waits [bytes].
+        size: Memory of the job while it waits [bytes].
         hear: Is called with what the worker tells while it works.
         begin: Is called when a worker begins with it, and again when one begins anew.
         end_late: Is called when a worker has ended with it after it was answered in the worker's place.
@@ -104,28 +100,19 @@ class Task(Future[Answer]):
         late: TimedAnswer | None = None,
         asker: Asker = ANONYMOUS,
         size: int = 0,
-        hear: Callable[[bytes], None] = _hear_nothing,
+        hear: Callable[[bytes], None] = _ignore,
         begin: Callable[[], None] = _ignore,
         end_late: Callable[[], None] = _ignore,
         is_brief: bool = False,
     ) -> None:
         super().__init__()
-        self.job = job
-        self.seconds = seconds
-        self.deadline = deadline
-        self.late = late
-        self.asker = asker
-        self.size = size
-        self.hear = hear
-        self.begin = begin
-        self.end_late = end_late
-        self.is_brief = is_brief
-        self.cancelled_by_client = False
+        self.job, self.seconds, self.deadline, self.late = job, seconds, deadline, late
+        self.asker, self.size, self.is_brief = asker, size, is_brief
+        self.hear, self.begin, self.end_late = hear, begin, end_late
+        self.cancelled_by_client = self.is_overdue = False
         self.if_cancelled: Callable[[], Answer] | None = None
         self.since = time.monotonic()
-        self.set_back = 0
-        self.handed = 0
-        self.is_overdue = False
+        self.set_back = self.handed = 0
 
     def end_overdue(self, deadline: TimedAnswer) -> None:
         """Answer it because a time is up."""
@@ -135,14 +122,7 @@ class Task(Future[Answer]):
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the queue.
-
-    Attributes:
-        tasks: How many tasks.
-        tasks_of_client: How many of them one client may have.
-        bytes: Room that all of them take.
-        bytes_of_client: Room that those of one client take.
-    """
+    """Limits of the queue: tasks and bytes, of all clients and of one."""
 
     tasks: int = 64
     tasks_of_client: int = 64
@@ -158,21 +138,13 @@ class _Line:
     count: int = 0
     size: int = 0
 
-    def put(self, task: Task) -> None:
-        self.rows.setdefault(task.asker.client, deque()).append(task)
-        self.count += 1
-        self.size += task.size
-
-    def take(self) -> Task:
-        client, row = self.rows.popitem(last=False)
-        task = row.popleft()
-        if row:
-            self.rows[client] = row  # at the end: every other client comes first
-        return self._without(task)
-
-    def put_first(self, task: Task) -> None:
-        self.rows.setdefault(task.asker.client, deque()).appendleft(task)
-        self.rows.move_to_end(task.asker.client, last=False)
+    def put(self, task: Task, *, first: bool) -> None:
+        row = self.rows.setdefault(task.asker.client, deque())
+        if first:
+            row.appendleft(task)
+            self.rows.move_to_end(task.asker.client, last=False)
+        else:
+            row.append(task)
         self.count += 1
         self.size += task.size
 
@@ -184,51 +156,12 @@ class _Line:
         row.remove(task)
         if not row:
             del self.rows[task.asker.client]
-        self._without(task)
-
-    def last(self) -> Task:
-        """The newest of the client that has the most."""
-        return max(self.rows.values(), key=len)[-1]
-
-    def _without(self, task: Task) -> Task:
         self.count -= 1
         self.size -= task.size
-        return task
-
-
-class Usage:
-    """Processor seconds by user, halved every `HALVED_IN`.
-
-    Attributes:
-        typical: How long a request takes, as far as was seen [s].
-    """
-
-    def __init__(self) -> None:
-        self._spent: dict[str, tuple[float, float]] = {}
-        self.typical = 1.0
-
-    def of(self, user: str, now: float) -> float:
-        """Return the processor time of a user [s], at a clock's time [s]."""
-        spent, at = self._spent.get(user, (0.0, now))
-        return spent * math.exp2((at - now) / HALVED_IN)
-
-    def add(self, user: str, seconds: float, processor: float, now: float) -> None:
-        """A request of a user took so long, and so much of the processors [s]."""
-        self.typical += NEWEST * (seconds - self.typical)
-        self._spent[user] = self.of(user, now) + processor, now
-        if len(self._spent) > MOST_REMEMBERED:
-            self._spent = {name: spent for name, spent in self._spent.items() if self.of(name, now) > FORGOTTEN}
-
-    def users(self, now: float) -> set[str]:
-        """Return the users who got any."""
-        return {user for user in self._spent if self.of(user, now) > FORGOTTEN}
 
 
 class Waiting:
     """The queue; whoever takes a task from it says when it is done. Safe for threads, and nobody waits in it.
-
-    Args:
-        limits: How much may wait.
 
     Attributes:
         due_at: When to ask for expired tasks, by `time.monotonic()`, at the latest [s]; infinite: none waits.
@@ -239,7 +172,8 @@ class Waiting:
         self._lines: OrderedDict[str, _Line] = OrderedDict()
         self._count = self._size = 0
         self._running: Counter[str] = Counter()
-        self._usage = Usage()
+        self._typical = 1.0
+        self._used: dict[str, tuple[float, float]] = {}
         self._turns: dict[str, float] = {}
         self._turn = 0.0
         self._lock = threading.Lock()
@@ -256,82 +190,77 @@ class Waiting:
 
     def running(self, user: str) -> int:
         """Return the number of a user's tasks that are worked on."""
-        with self._lock:
-            return self._running[user]
+        return self._running.get(user, 0)
 
     def users(self) -> set[str]:
         """Return the users who have tasks that wait or are worked on, or had some lately."""
         with self._lock:
-            return {*self._lines, *self._running, *self._usage.users(time.monotonic())}
+            return {*self._lines, *self._running, *self._forget_unused(time.monotonic())}
 
     def used(self, user: str) -> float:
-        """Processor seconds that a user got lately, those of longer ago counting less."""
-        with self._lock:
-            return self._usage.of(user, time.monotonic())
+        """Return the processor time that a user got lately, halved every `HALVED_IN` [s]."""
+        return self._used_by(user, time.monotonic())
 
     def retry_after(self, user: str) -> float:
         """Estimate the time until half of a user's waiting tasks are done [s]."""
-        with self._lock:
-            return self._retry_after(user)
+        line = self._lines.get(user)
+        waits = 0.5 * (line.count if line is not None else 1) * self._typical
+        return round(min(max(waits, SOONEST), LATEST), 2)
 
     def put(self, task: Task) -> list[Task]:
-        """Let a task wait its turn.
+        """Let a task wait its turn; return tasks of users who have more waiting that were pushed out for it.
 
-        Returns:
-            Tasks of users who have more waiting that were pushed out for it.
-
-        Raises:
-            ServerBusy: if too much waits already, of all clients or of this one, or the queue is closed.
+        Raises ServerBusy if too much waits already, of all clients or of this one, or the queue is closed.
         """
         with self._lock:
             if self.closed:
                 raise ServerBusy("the service is shutting down")
-            line = self._lines.get(task.asker.user, _Line())
-            self._require_room_for_client(line.rows.get(task.asker.client, deque()), task)
+            line = self._lines.get(task.asker.user) or _Line()
+            if (row := line.rows.get(task.asker.client)) is not None:
+                self._require_room_for_client(row, task)
             pushed: list[Task] = []
-            while (told := self._full(task)) is not None:
+            while (refusal := self._full(task)) is not None:
                 if (longest := self._longer_than(line, task)) is None:
-                    for other in pushed:  # they took less room than was needed
+                    for other in pushed:  # they took less memory than was needed
                         self._put(other)
-                    raise told
-                pushed.append(longest.last())
+                    raise refusal
+                pushed.append(max(longest.rows.values(), key=len)[-1])
                 self._remove(pushed[-1])
             self._put(task)
             return pushed
 
     def take(self, *, brief: bool = False) -> Task | None:
-        """The next task, if there is one, and it is a `brief` one where that is asked. `done` says when it is done."""
+        """Take the next task, if there is one, and it is a `brief` one where that is asked; `done` must follow."""
         with self._lock:
             if not self._count:
                 return None
-            user = min(self._lines, key=self._order)
+            user = next(iter(self._lines)) if len(self._lines) == 1 else min(self._lines, key=self._order)
             if brief and not self._lines[user].next().is_brief:
                 return None
-            return self._taken_of(user)
+            return self._take_of(user)
 
     def take_held_up(self, now: float) -> Task | None:
-        """The next task of a user who has no worker, that has waited for `HELD_UP` at a time [s]; if there is one.
+        """Take the next task of a user without a worker that has waited for `HELD_UP` at a time [s], if there is one.
 
         To be asked while no other worker is free.
         """
         with self._lock:
             user = self._held_up(now)
-            return None if user is None else self._taken_of(user)
+            return None if user is None else self._take_of(user)
 
     def is_held_up(self, worked: float) -> bool:
-        """Return whether a user is held up who may take the place of a task that took so long [s]."""
+        """Return whether a user is held up who may take the place of a task that took some time [s]."""
         with self._lock:
             return self._held_up(time.monotonic(), worked) is not None
 
     def put_back(self, task: Task, *, gave_way: bool = True) -> bool:
-        """Let a task that was taken wait again, before all others of its user; False if it was cancelled meanwhile.
+        """Let a task that was taken wait again, before all others of its user; return False if it was cancelled.
+
+        Raises ServerBusy if the queue is closed.
 
         Args:
-            task: It.
+            task: The task.
             gave_way: Whether it was begun, and made room for another one.
-
-        Raises:
-            ServerBusy: if the queue is closed.
         """
         with self._lock:
             if self.closed:
@@ -343,19 +272,16 @@ class Waiting:
             return True
 
     def done(self, task: Task, seconds: float, processor: float) -> None:
-        """A task that was taken is done.
-
-        Args:
-            task: It.
-            seconds: How long it took [s].
-            processor: How much of the processors it took [s].
-        """
+        """Note that a task that was taken is done, after some time, with some use of the processors [s]."""
         with self._lock:
-            user = task.asker.user
+            user, now = task.asker.user, time.monotonic()
             self._running[user] -= 1
             if not self._running[user]:
                 del self._running[user]
-            self._usage.add(user, seconds, processor, time.monotonic())
+            self._typical += NEWEST * (seconds - self._typical)
+            self._used[user] = self._used_by(user, now) + processor, now
+            if len(self._used) > MOST_REMEMBERED:
+                self._used = self._forget_unused(now)
             self._turns[user] = self._turns.get(user, self._turn) + processor
             if len(self._turns) > MOST_REMEMBERED:
                 here = self._lines.keys() | self._running.keys()
@@ -364,24 +290,24 @@ class Waiting:
     def take_expired(self, now: float) -> list[Task]:
         """Remove the tasks whose deadline has passed, and return them."""
         with self._lock:
-            expired = [task for task in self._all() if task.deadline is not None and task.deadline.at <= now]
+            with_deadline = [(task.deadline.at, task) for task in self._all() if task.deadline is not None]
+            expired = [task for at, task in with_deadline if at <= now]
             for task in expired:
                 self._remove(task)
-            deadlines = [task.deadline.at for task in self._all() if task.deadline is not None]
-            self.due_at = min(deadlines, default=math.inf)
+            self.due_at = min((at for at, _ in with_deadline if at > now), default=math.inf)
             return expired
 
     def withdraw(self, task: Task) -> bool:
         """Remove a task from the queue; return whether it was there."""
         with self._lock:
             line = self._lines.get(task.asker.user)
-            waiting = line is not None and task in line.rows.get(task.asker.client, ())
-            if waiting:
+            is_waiting = line is not None and task in line.rows.get(task.asker.client, ())
+            if is_waiting:
                 self._remove(task)
-            return waiting
+            return is_waiting
 
     def close(self) -> list[Task]:
-        """Take no more; returns what waited."""
+        """Take no more; return what waited."""
         with self._lock:
             self.closed = True
             left = list(self._all())
@@ -393,9 +319,9 @@ class Waiting:
         most, most_bytes = self._limits.tasks_of_client, self._limits.bytes_of_client
         if len(row) >= most:
             raise self._busy(f"{len(row)} requests of this client wait already", task, queue=len(row), limit=most)
-        if row and sum(other.size for other in row) + task.size > most_bytes:
-            told = f"the requests of this client that wait take up to {most_bytes} bytes already"
-            raise self._busy(told, task, bytes_limit=most_bytes)
+        if sum(other.size for other in row) + task.size > most_bytes:
+            reason = f"the requests of this client that wait take up to {most_bytes} bytes already"
+            raise self._busy(reason, task, bytes_limit=most_bytes)
 
     def _full(self, task: Task) -> ServerBusy | None:
         """Return the refusal of a task for which the queue has no room; None if it has."""
@@ -403,15 +329,15 @@ class Waiting:
         if count >= most:
             return self._busy(f"{count} requests wait already", task, queue=count, limit=most)
         if count and self._size + task.size > most_bytes:
-            told = f"the requests that wait take up to {most_bytes} bytes already"
-            return self._busy(told, task, bytes_limit=most_bytes)
+            reason = f"the requests that wait take up to {most_bytes} bytes already"
+            return self._busy(reason, task, bytes_limit=most_bytes)
         return None
 
-    def _busy(self, told: str, task: Task, **details: Any) -> ServerBusy:
-        return ServerBusy(f"{told}; ask again later", **details, retry_after=self._retry_after(task.asker.user))
+    def _busy(self, reason: str, task: Task, **details: Any) -> ServerBusy:
+        return ServerBusy(f"{reason}; ask again later", **details, retry_after=self.retry_after(task.asker.user))
 
     def _longer_than(self, line: _Line, task: Task) -> _Line | None:
-        """The line of another user that has the most waiting, if that is more than this one will have."""
+        """Return the line of another user that has the most waiting, if that is more than this one will have."""
         count, size = self._limits.tasks, self._limits.bytes
 
         def share(other: _Line, more: int = 0, more_bytes: int = 0) -> float:
@@ -420,42 +346,35 @@ class Waiting:
         longest = max((other for other in self._lines.values() if other is not line), key=share, default=None)
         return longest if longest is not None and share(longest) > share(line, 1, task.size) else None
 
-    def _retry_after(self, user: str) -> float:
-        line = self._lines.get(user)
-        waits = 0.5 * (line.count if line is not None else 1) * self._usage.typical
-        return round(min(max(waits, SOONEST), LATEST), 2)
-
     def _put(self, task: Task, *, first: bool = False) -> None:
-        line = self._come(task.asker.user)
-        (line.put_first if first else line.put)(task)
+        user = task.asker.user
+        if (line := self._lines.get(user)) is None:  # its turn comes at the earliest after those that were served
+            self._turns[user] = max(self._turns.get(user, 0.0), self._turn)
+            line = self._lines[user] = _Line()
+        line.put(task, first=first)
         if task.deadline is not None:
             self.due_at = min(self.due_at, task.deadline.at)
         self._count += 1
         self._size += task.size
 
-    def _come(self, user: str) -> _Line:
-        """The line of a user, whose turn comes at the earliest after those that were served."""
-        if user not in self._lines:
-            self._turns[user] = max(self._turns.get(user, 0.0), self._turn)
-        return self._lines.setdefault(user, _Line())
-
     def _order(self, user: str) -> tuple[int, float, int]:
         """Of several users who wait the least comes first."""
         return self._running[user], self._turns[user], self._lines[user].count
 
-    def _taken_of(self, user: str) -> Task:
+    def _take_of(self, user: str) -> Task:
         self._turn = max(self._turn, self._turns[user])
-        line = self._lines.pop(user)
-        task = line.take()
-        self._count -= 1
-        self._size -= task.size
+        line = self._lines[user]
+        task = line.next()
+        self._remove(task)
+        if task.asker.client in line.rows:
+            line.rows.move_to_end(task.asker.client)  # every other client comes first
         if line.count:
-            self._lines[user] = line  # at the end: of users who are equal every other one comes first
+            self._lines.move_to_end(user)  # of users who are equal every other one comes first
         self._running[user] += 1
         return task
 
     def _held_up(self, now: float, worked: float = math.inf) -> str | None:
-        """The first user who has no worker and waits for too long, beside what was worked on for so long [s]."""
+        """Return the first user who has no worker and waits for too long, beside what was worked on for some time."""
         heads = {user: line.next() for user, line in self._lines.items() if not self._running[user]}
         held = [
             user
@@ -463,6 +382,13 @@ class Waiting:
             if now - head.since >= HELD_UP and worked >= math.ldexp(TRIAL, head.set_back)
         ]
         return min(held, key=lambda user: (heads[user].set_back, *self._order(user)), default=None)
+
+    def _used_by(self, user: str, now: float) -> float:
+        spent, at = self._used.get(user, (0.0, now))
+        return spent * math.exp2((at - now) / HALVED_IN)
+
+    def _forget_unused(self, now: float) -> dict[str, tuple[float, float]]:
+        return {name: used for name, used in self._used.items() if self._used_by(name, now) > FORGOTTEN}
 
     def _all(self) -> Iterator[Task]:
         return (task for line in self._lines.values() for row in line.rows.values() for task in row)
