@@ -44,7 +44,7 @@ def test_a_request_and_fields_are_refused_together() -> None:
 
 def test_what_no_service_would_read_is_not_sent() -> None:
     with pytest.raises(RequestTooLarge):
-        questions.store_robot("mine", "<robot/>", None, {"package://mine/part.stl": bytes(MAX_REQUEST_BYTES)}, "fixed")
+        questions.store_robot("mine", "<robot/>", meshes={"package://mine/part.stl": bytes(MAX_REQUEST_BYTES)})
 
 
 def test_an_answer_of_another_kind_is_said_to_be_one() -> None:

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 
-from guidefield.client.async_streams import AsyncServiceStream
+from guidefield.client.asynchronous import AsyncServiceStream
 from guidefield.client.exchange import Exchange
 from guidefield.client.streams import ServiceStream
 from guidefield.errors import StreamUnknown

@@ -4,39 +4,51 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import AsyncIterator, Callable, Coroutine
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Any, Literal, Self, TypeVar, cast
+from types import TracebackType
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
 
 from guidefield.client import questions
-from guidefield.client.async_streams import AsyncServiceStream
-from guidefield.client.client import GIVE_UP_WITHIN, connect_exchange
+from guidefield.client.client import GIVE_UP_WITHIN, Client, connect_exchange
 from guidefield.client.exchange import Exchange
 from guidefield.client.questions import KinematicsReply, Question
-from guidefield.client.watching import watching, watching_scene
+from guidefield.client.stream_link import Answer, StreamLink
+from guidefield.client.streams import END_WITHIN, StreamFacts
 from guidefield.errors import GuidefieldError
 from guidefield.messages import codec
-from guidefield.messages.replies import (
-    AnyRunReply,
-    CertifyReply,
-    Done,
-    InfoReply,
-    PlanReply,
-    Progress,
-    RobotReply,
-    RobotsReply,
-    RunsReply,
-)
+from guidefield.messages.goals import Positions
+from guidefield.messages.replies import CertifyReply, Done, PlanReply, Progress, RunsReply
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, PlanRequest
-from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import SceneChanged
 from guidefield.messages.store_requests import ReadRuns
-from guidefield.messages.streams import StreamOpen
-from guidefield.messages.values import Placement, RootJoint
+from guidefield.messages.stream_requests import StreamAimed, StreamJudged, StreamReply
+from guidefield.messages.streams import Piece, StreamGoal, StreamOpen, StreamUpdate
 
+_P = ParamSpec("_P")
 _R = TypeVar("_R")
 _T = TypeVar("_T")
+
+
+def _awaited(
+    like: Callable[..., object], ask: Callable[_P, Question[_R]], part: Callable[[_R], _T]
+) -> Callable[Concatenate[AsyncClient, _P], Coroutine[Any, Any, _T]]:
+    """Make the method that is to `AsyncClient` as one is to `Client`: it asks a question, and returns a part of it."""
+
+    async def method(self: AsyncClient, /, *given: _P.args, **named: _P.kwargs) -> _T:
+        return part(await _ask(self._exchange, ask(*given, **named)))
+
+    functools.update_wrapper(method, like)
+    return method
+
+
+def _whole(reply: _R) -> _R:
+    return reply
+
+
+async def _ask(exchange: Exchange, question: Question[_R]) -> _R:
+    return question.read(await asyncio.wrap_future(exchange.ask(question)))
 
 
 class AsyncClient:
@@ -114,33 +126,24 @@ class AsyncClient:
 
     async def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
-        loop = asyncio.get_running_loop()
-        hear = None if progress is None else _call_in_loop(loop, progress)
-        with watching(self._exchange.session, self._exchange.user, question.run_id, hear):
+        hear = None if progress is None else _call_in_loop(progress)
+        with self._exchange.watching_run(question.run_id, hear):
             return await self._ask_or_cancel(question, questions.cancel(question.run_id))
 
     async def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
         try:
-            return await self._ask(question)
+            return await _ask(self._exchange, question)
         except asyncio.CancelledError:
             with contextlib.suppress(TimeoutError, GuidefieldError):
                 async with asyncio.timeout(GIVE_UP_WITHIN):
-                    await self._ask(cancel)
+                    await _ask(self._exchange, cancel)
             raise
-
-    async def cancel(self, run_id: str) -> str:
-        """End a run early: its reply is PREEMPTED, with the best by then; says in a sentence what that means."""
-        return (await self._ask(questions.cancel(run_id))).done
 
     async def kinematics(self, request: KinematicsRequest | dict[str, Any]) -> KinematicsReply:
         """Ask for placements, configurations, clearances or potentials; the reply's kind is the request's."""
         question = questions.kinematics(request)
         assert question.request_id is not None, "kinematics is asked for with a name"
         return await self._ask_or_cancel(question, questions.cancel_request(question.request_id))
-
-    async def cancel_request(self, request_id: str) -> str:
-        """End a kinematics request early, by its `request_id`: the caller that waits for it gets `Preempted`."""
-        return (await self._ask(questions.cancel_request(request_id))).done
 
     def stream(
         self,
@@ -153,82 +156,15 @@ class AsyncClient:
         """A stream of motion among obstacles that move, to be opened by ``async with``; as `Client.stream`."""
         return AsyncServiceStream(self._exchange, request, fields, clock)
 
-    async def streams(self) -> list[str]:
-        """The streams that are open, of this user."""
-        return (await self._ask(questions.streams())).streams
-
-    async def stream_recording(self, stream_id: str) -> bytes:
-        """Return the recording of a stream, open or ended, as the bytes of an `.rrd` file."""
-        return await self._ask(questions.stream_recording(stream_id))
-
-    async def robots(self) -> RobotsReply:
-        """The robots that can be named."""
-        return await self._ask(questions.robots())
-
-    async def robot(self, name: str) -> RobotReply:
-        """One robot: joints, limits, frames, groups, collision pairs."""
-        return await self._ask(questions.robot(name))
-
-    async def store_robot(
-        self,
-        name: str,
-        urdf: str,
-        *,
-        srdf: str | None = None,
-        meshes: Mapping[str, bytes] | None = None,
-        root_joint: RootJoint = "fixed",
-    ) -> list[str]:
-        """Store a robot of one's own under a name; `meshes` are files by the URIs that the URDF has for them."""
-        return (await self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint))).warnings
-
-    async def delete_robot(self, name: str) -> None:
-        """Forget a stored robot."""
-        await self._ask(questions.delete_robot(name))
-
-    async def scenes(self) -> list[str]:
-        """The scenes that can be named."""
-        return (await self._ask(questions.scenes())).scenes
-
-    async def scene(self, name: str, version: int | None = None) -> Scene:
-        """One scene: one of its last 16 versions, or the newest."""
-        return (await self._ask(questions.scene(name, version))).scene
-
-    async def scene_version(self, name: str) -> int | None:
-        """Return the version of a scene; None for a scene of the package, which never changes."""
-        return (await self._ask(questions.scene(name, None))).version
-
-    async def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
-        """Store a scene under its own name; what is odd about its obstacles but harmless."""
-        return (await self._ask(questions.store_scene(scene))).warnings
-
-    async def change_scene(
-        self,
-        name: str,
-        *,
-        add: Sequence[Obstacle | dict[str, Any]] = (),
-        move: Mapping[str, Placement | dict[str, Any]] = MappingProxyType({}),
-        remove: Sequence[str] = (),
-        version: int | None = None,
-    ) -> int:
-        """Change a stored scene, and return its new version. As `Client.change_scene`."""
-        diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
-        return cast(int, (await self._ask(questions.change_scene(name, diff))).version)
-
     def watching_scene(
         self, name: str, hear: Callable[[SceneChanged], None]
     ) -> contextlib.AbstractContextManager[None]:
         """Hear what changes about a stored scene, as long as the block runs; the event loop calls `hear`."""
-        loop = asyncio.get_running_loop()
-        return watching_scene(self._exchange.session, self._exchange.user, name, _call_in_loop(loop, hear))
+        return self._exchange.watching_scene(name, _call_in_loop(hear))
 
     def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
         """Hear how far a run is that was asked for elsewhere; the event loop calls `hear`."""
-        loop = asyncio.get_running_loop()
-        return watching(self._exchange.session, self._exchange.user, run_id, _call_in_loop(loop, hear))
-
-    async def delete_scene(self, name: str) -> None:
-        """Forget a stored scene."""
-        await self._ask(questions.delete_scene(name))
+        return self._exchange.watching_run(run_id, _call_in_loop(hear))
 
     async def runs(
         self,
@@ -244,44 +180,159 @@ class AsyncClient:
         filters = {"status": status, "robot": robot, "since": since, "text": text, "after": after}
         asked, joined = codec.convert(filters, ReadRuns), None
         while (question := questions.next_runs(asked, limit, joined)) is not None:
-            joined = questions.join_runs(joined, await self._ask(question))
+            joined = questions.join_runs(joined, await _ask(self._exchange, question))
         assert joined is not None, "at least one page is asked for"
         return joined
 
-    async def run(self, run_id: str) -> AnyRunReply:
-        """One run: its request, and its reply once there is one."""
-        return await self._ask(questions.run(run_id))
-
-    async def delete_run(self, run_id: str) -> None:
-        """Forget one run with its recording and proof."""
-        await self._ask(questions.delete_run(run_id))
-
-    async def recording(self, run_id: str) -> bytes:
-        """The recording of one run, to be written to an `.rrd` file."""
-        return await self._ask(questions.recording(run_id))
-
-    async def proof(self, run_id: str) -> bytes:
-        """The proof of one run that was asked for with `proof`, to be written to an `.npz` file."""
-        return await self._ask(questions.proof(run_id))
-
-    async def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
-        """Share a run, scene or robot with all users; return a sentence with its name for them."""
-        return (await self._ask(questions.share(kind, name, shared=True))).done
-
-    async def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
-        """End the sharing of a run, scene or robot; operators still read it."""
-        await self._ask(questions.share(kind, name, shared=False))
-
-    async def info(self) -> InfoReply:
-        """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""
-        return await self._ask(questions.info())
-
-    async def _ask(self, question: Question[_R]) -> _R:
-        return question.read(await asyncio.wrap_future(self._exchange.ask(question)))
+    cancel = _awaited(Client.cancel, questions.cancel, lambda reply: reply.done)
+    cancel_request = _awaited(Client.cancel_request, questions.cancel_request, lambda reply: reply.done)
+    streams = _awaited(Client.streams, questions.streams, lambda reply: reply.streams)
+    stream_recording = _awaited(Client.stream_recording, questions.stream_recording, _whole)
+    robots = _awaited(Client.robots, questions.robots, _whole)
+    robot = _awaited(Client.robot, questions.robot, _whole)
+    store_robot = _awaited(Client.store_robot, questions.store_robot, lambda reply: reply.warnings)
+    delete_robot = _awaited(Client.delete_robot, questions.delete_robot, lambda _: None)
+    scenes = _awaited(Client.scenes, questions.scenes, lambda reply: reply.scenes)
+    scene = _awaited(Client.scene, questions.scene, lambda reply: reply.scene)
+    scene_version = _awaited(Client.scene_version, questions.scene, lambda reply: reply.version)
+    store_scene = _awaited(Client.store_scene, questions.store_scene, lambda reply: reply.warnings)
+    change_scene = _awaited(Client.change_scene, questions.change_scene, questions.changed_version)
+    delete_scene = _awaited(Client.delete_scene, questions.delete_scene, lambda _: None)
+    run = _awaited(Client.run, questions.run, _whole)
+    delete_run = _awaited(Client.delete_run, questions.delete_run, lambda _: None)
+    recording = _awaited(Client.recording, questions.recording, _whole)
+    proof = _awaited(Client.proof, questions.proof, _whole)
+    share = _awaited(Client.share, questions.share, lambda reply: reply.done)
+    unshare = _awaited(Client.unshare, questions.unshare, lambda _: None)
+    info = _awaited(Client.info, questions.info, _whole)
 
 
-def _call_in_loop(loop: asyncio.AbstractEventLoop, hear: Callable[[_T], None]) -> Callable[[_T], None]:
+def _call_in_loop(hear: Callable[[_T], None]) -> Callable[[_T], None]:
+    loop = asyncio.get_running_loop()
+
     def call(message: _T) -> None:
         loop.call_soon_threadsafe(hear, message)
 
     return call
+
+
+class AsyncServiceStream(StreamFacts):
+    """`ServiceStream`, for asyncio; an asynchronous context manager, which opens and ends it.
+
+    `async for` waits for the pieces that a robot takes, until the stream has ended.
+
+    Raises:
+        MalformedRequest: if that can't be asked for.
+    """
+
+    def __init__(
+        self,
+        exchange: Exchange,
+        request: StreamOpen | dict[str, Any] | None,
+        fields: dict[str, Any],
+        clock: Callable[[], float] | None,
+    ) -> None:
+        self._exchange = exchange
+        self._loop = asyncio.get_running_loop()
+        self._awaited: set[asyncio.Future[None]] = set()
+        self._link = StreamLink(exchange, request, fields, clock, self._wake)
+
+    async def __aenter__(self) -> Self:
+        await self._open(self._link.start_opening())
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def update(self, update: StreamUpdate | dict[str, Any] | None = None, /, **fields: Any) -> float:
+        """Send what is seen, as `ServiceStream.update`; waits for no answer. Its time [s]."""
+        filled = self._link.complete_update(update, fields)
+        if filled.declare or filled.gone:
+            await asyncio.to_thread(self._link.put, filled)
+        else:
+            self._link.put(filled)
+        return filled.time
+
+    async def answer(self, within: float) -> Answer | None:
+        """Wait for the answer to the last update up to a time [s]; None: none came."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(within):
+                while (answer := self._link.answer()) is None:
+                    await self._next()
+                return answer
+        return self._link.answer()
+
+    async def __aiter__(self) -> AsyncIterator[Piece]:
+        """The pieces that a robot takes, as they come, until the stream has ended."""
+        while True:
+            for piece in self._link.pieces():
+                yield piece
+            if self._link.ended is not None:
+                return
+            await self._next()
+
+    async def aim_for(self, goal: StreamGoal | dict[str, Any] | None) -> int:
+        """Change the goal, as `ServiceStream.aim_for`; its number."""
+        question, asked = self._link.aim(goal)
+        aimed: StreamAimed = await _ask(self._exchange, question)
+        self._link.set_goal(asked)
+        return aimed.goal
+
+    async def judged(self, time: float | None = None) -> StreamJudged:
+        """Return whether the last piece and its stop are still proven, as `ServiceStream.judged`."""
+        judge = questions.judge_stream(self.stream_id, self.now if time is None else time)
+        return await _ask(self._exchange, judge)
+
+    async def stop(self) -> None:
+        """Stop the robot: no piece follows the last one until there is a goal again."""
+        await _ask(self._exchange, questions.stop_stream(self.stream_id))
+
+    async def read(self) -> StreamReply:
+        """Read its state from the service."""
+        return await _ask(self._exchange, questions.read_stream(self.stream_id))
+
+    async def reopen(self, start: Positions) -> None:
+        """Open it again after it has ended, from where the robot stands, as `ServiceStream.reopen`."""
+        await self._open(self._link.start_reopening(start))
+
+    async def close(self) -> None:
+        """End it; the last piece is executed to its end."""
+        if self._link.ended is None and self._link.reply is not None:
+            await self._end_quickly()
+        self._link.silence()
+
+    async def _open(self, question: Question[StreamReply]) -> None:
+        try:
+            self._link.accept(await _ask(self._exchange, question))
+        except asyncio.CancelledError:
+            await self._end_quickly()
+            self._link.silence()
+            raise
+        except BaseException:
+            self._link.silence()
+            raise
+
+    async def _end_quickly(self) -> None:
+        with contextlib.suppress(TimeoutError, GuidefieldError):
+            async with asyncio.timeout(END_WITHIN):
+                await _ask(self._exchange, questions.end_stream(self.stream_id))
+
+    async def _next(self) -> None:
+        """Wait until something more came."""
+        came: asyncio.Future[None] = self._loop.create_future()
+        self._awaited.add(came)
+        try:
+            await came
+        finally:
+            self._awaited.discard(came)
+
+    def _wake(self) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop is closed, and nobody waits
+            self._loop.call_soon_threadsafe(self._wake_all)
+
+    def _wake_all(self) -> None:
+        for came in self._awaited:
+            if not came.done():
+                came.set_result(None)

@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, Literal, Self, TypeVar, cast
+from typing import Any, Literal, Self, TypeVar
 
 from guidefield.client import questions
 from guidefield.client.exchange import Exchange, await_answer
 from guidefield.client.questions import KinematicsReply, Question
 from guidefield.client.session import build_config, explain_no_link, has_link, open_session, read_user
 from guidefield.client.streams import ServiceStream
-from guidefield.client.watching import watching, watching_scene
 from guidefield.errors import GuidefieldError, NoService
 from guidefield.messages import codec
 from guidefield.messages.identities import check_user
@@ -176,7 +175,7 @@ class Client:
 
     def _run(self, question: Question[_R], progress: Callable[[Progress], None] | None) -> _R:
         assert question.run_id is not None, "a run is asked for with a name"
-        with watching(self._exchange.session, self._exchange.user, question.run_id, progress):
+        with self._exchange.watching_run(question.run_id, progress):
             return self._ask_or_cancel(question, questions.cancel(question.run_id))
 
     def _ask_or_cancel(self, question: Question[_R], cancel: Question[Done]) -> _R:
@@ -305,7 +304,7 @@ class Client:
             RobotInvalid: if it can't be used, or the name is the catalog's.
             RequestTooLarge: if it is too large, or too many are stored.
         """
-        return self._ask(questions.store_robot(name, urdf, srdf, meshes or {}, root_joint)).warnings
+        return self._ask(questions.store_robot(name, urdf, srdf=srdf, meshes=meshes, root_joint=root_joint)).warnings
 
     def delete_robot(self, name: str) -> None:
         """Forget a stored robot.
@@ -343,7 +342,7 @@ class Client:
         Raises:
             SceneInvalid: if there is none of that name.
         """
-        return self._ask(questions.scene(name, None)).version
+        return self._ask(questions.scene(name)).version
 
     def store_scene(self, scene: Scene | dict[str, Any]) -> list[str]:
         """Store a scene, or the same as a dict, under its own name; return warnings.
@@ -381,9 +380,8 @@ class Client:
             ...     client.change_scene("cell", move={"pallet": {"position": [0.8, 0.1, 0.0]}})
             7
         """
-        diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
-        done = self._ask(questions.change_scene(name, diff))
-        return cast(int, done.version)
+        changed = self._ask(questions.change_scene(name, add=add, move=move, remove=remove, version=version))
+        return questions.changed_version(changed)
 
     def watching_scene(
         self, name: str, hear: Callable[[SceneChanged], None]
@@ -395,7 +393,7 @@ class Client:
             hear: Is called, in another thread, with each change and the version that it makes; what changed at the same
                 time may come in another order.
         """
-        return watching_scene(self._exchange.session, self._exchange.user, name, hear)
+        return self._exchange.watching_scene(name, hear)
 
     def watching_run(self, run_id: str, hear: Callable[[Progress], None]) -> contextlib.AbstractContextManager[None]:
         """Listen to the progress of any run for as long as the block runs.
@@ -404,7 +402,7 @@ class Client:
             run_id: Its name; of another user's, which is shared, with the user before it: ``alice:r1``.
             hear: Is called, in another thread, with each progress report.
         """
-        return watching(self._exchange.session, self._exchange.user, run_id, hear)
+        return self._exchange.watching_run(run_id, hear)
 
     def delete_scene(self, name: str) -> None:
         """Forget a stored scene.
@@ -490,11 +488,11 @@ class Client:
 
     def share(self, kind: Literal["runs", "scenes", "robots"], name: str) -> str:
         """Share a run, scene or robot with all users; return a sentence with its name for them."""
-        return (self._ask(questions.share(kind, name, shared=True))).done
+        return self._ask(questions.share(kind, name)).done
 
     def unshare(self, kind: Literal["runs", "scenes", "robots"], name: str) -> None:
         """End the sharing of a run, scene or robot; operators still read it."""
-        self._ask(questions.share(kind, name, shared=False))
+        self._ask(questions.unshare(kind, name))
 
     def info(self) -> InfoReply:
         """Versions, the JSON Schema of every message, workers, queue, counters, latencies."""

@@ -16,16 +16,20 @@ import threading
 import time
 import uuid
 from collections import OrderedDict
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, InvalidStateError, wait
-from typing import Any
+from typing import Any, TypeVar
 
+import msgspec
 import zenoh
 
 from guidefield.client.instances import Instances
 from guidefield.client.questions import Question, refusal
 from guidefield.errors import GuidefieldError, MalformedRequest, NoService, QuotaExceeded, ServerBusy
 from guidefield.messages.codec import Encoding
-from guidefield.messages.identities import PLAIN, base_key
+from guidefield.messages.identities import PLAIN, base_key, shared_key
+from guidefield.messages.replies import Progress
+from guidefield.messages.scene_changes import SceneChanged
 
 RETURN_TIME_S = 3.0
 """Time to wait for another instance when the present one is gone [s]."""
@@ -39,6 +43,8 @@ THREAD_NAME = "guidefield-ask"
 """Name of the threads that ask another instance."""
 MAX_REMEMBERED_RUNS = 1_000
 """The largest number of runs whose instances are remembered."""
+
+_M = TypeVar("_M", Progress, SceneChanged)
 
 
 class Exchange:
@@ -68,11 +74,7 @@ class Exchange:
         self.session.close()
 
     def await_instance(self, wait: float) -> str:
-        """Wait until the instance lives, and return its name.
-
-        Raises:
-            NoService: if there is none in that time [s].
-        """
+        """Wait until the instance lives, and return its name; raises NoService if there is none in that time [s]."""
         deadline = time.monotonic() + wait
         while True:
             living = self._instances.living()
@@ -108,13 +110,41 @@ class Exchange:
     def ask(self, question: Question[Any]) -> Future[bytes]:
         """Ask, and return the future payload of the answer, or the exception that the service's error names.
 
-        Raises:
-            MalformedRequest: if its key can't be asked for.
+        Raises MalformedRequest if its key can't be asked for.
         """
         asking = _Asking(self, question)
         asking.answer.set_running_or_notify_cancel()  # a caller may give up, the question stays on its way
         asking.send(self._choose_instance(question))
         return asking.answer
+
+    def watching_run(
+        self, run_id: str, hear: Callable[[Progress], None] | None
+    ) -> contextlib.AbstractContextManager[None]:
+        """Subscribe a listener to the progress of a run, at any instance, in a thread of the session; None: nobody.
+
+        A run of another user's, which is shared, has the user before its name.
+        """
+        if hear is None:
+            return contextlib.nullcontext()
+        base = shared_key("*") if ":" in run_id else base_key("*", self.user)
+        return self._hearing(f"{base}/runs/{run_id}/progress", Progress, hear)
+
+    def watching_scene(
+        self, name: str, hear: Callable[[SceneChanged], None]
+    ) -> contextlib.AbstractContextManager[None]:
+        """Subscribe a listener to the changes of a stored scene, at any instance, in a thread of the session."""
+        return self._hearing(f"{base_key('*', self.user)}/scenes/{name}/changes", SceneChanged, hear)
+
+    @contextlib.contextmanager
+    def _hearing(self, key: str, kind: type[_M], hear: Callable[[_M], None]) -> Iterator[None]:
+        def heard(sample: zenoh.Sample) -> None:
+            hear(msgspec.json.decode(sample.payload.to_bytes(), type=kind))
+
+        subscriber = self.session.declare_subscriber(key, heard)
+        try:
+            yield
+        finally:
+            subscriber.undeclare()
 
     def departures(self, instance: str) -> int:
         """Return how often an instance, or the link to it, was lost."""
@@ -125,13 +155,7 @@ class Exchange:
         return self.named is None and bool(self._instances.living() - tried)
 
     def leave(self, instance: str, tried: frozenset[str], *, back: bool) -> str | None:
-        """Return the next instance after one that gave no answer; None if there is none.
-
-        Args:
-            instance: The instance without an answer.
-            tried: All tried instances; another one is preferred.
-            back: Whether the same instance may be asked again, once it lives again.
-        """
+        """Return the next instance after one that gave no answer; None if there is none."""
         if self.named is not None:
             return instance if back and self._instances.returns(instance, RETURN_TIME_S) else None
         with self._lock:

@@ -54,12 +54,7 @@ class Loads:
             self._reported.pop(instance, None)
 
     def least(self, instances: Iterable[str], preferred: str | None) -> str | None:
-        """Return the instance with the least load per worker; among equals the preferred one.
-
-        Args:
-            instances: Those that come into question.
-            preferred: One of them, maybe.
-        """
+        """Return the instance with the least load per worker; among equals the preferred one."""
         with self._lock:
             shares = {name: self._share(name) for name in sorted(instances)}
         return min(shares, key=lambda name: (shares[name], name != preferred), default=None)
@@ -76,15 +71,7 @@ ASK_WITHIN = 1.0
 
 
 class Instances:
-    """Follows the liveliness tokens of all instances.
-
-    Args:
-        session: An open session.
-        user: The user whose keys are queried.
-
-    Attributes:
-        loads: How much each has to do.
-    """
+    """Follows the liveliness tokens of all instances."""
 
     def __init__(self, session: zenoh.Session, user: str = PLAIN) -> None:
         self._session = session
@@ -133,12 +120,7 @@ class Instances:
             return self._departures[name]
 
     def freest(self, but: frozenset[str], wait: float) -> str | None:
-        """Return the living instance with the least load per worker; any among equals.
-
-        Args:
-            but: Those that are not wanted.
-            wait: How long to wait for one to come [s].
-        """
+        """Return the living instance with the least load per worker; any among equals."""
         with self._changed:
             self._changed.wait_for(lambda: self._living - but, wait)
             candidates = self._living - but

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Generic, Literal, TypeVar, cast
 
 import msgspec
@@ -38,7 +39,7 @@ from guidefield.messages.replies import (
     run_reply_kind,
 )
 from guidefield.messages.requests import CertifyRequest, KinematicsRequest, MotionRequest, PlanRequest
-from guidefield.messages.scene import Scene
+from guidefield.messages.scene import Obstacle, Scene
 from guidefield.messages.scene_changes import RequestScene, SceneDiff
 from guidefield.messages.store_requests import LARGEST_PAGE, ReadRuns
 from guidefield.messages.stream_requests import (
@@ -50,7 +51,7 @@ from guidefield.messages.stream_requests import (
     StreamsReply,
 )
 from guidefield.messages.streams import StreamGoal, StreamOpen
-from guidefield.messages.values import Reply, RootJoint
+from guidefield.messages.values import Placement, Reply, RootJoint
 
 KinematicsReply = (
     ForwardKinematicsReply
@@ -115,10 +116,6 @@ class Question(Generic[_R]):
 def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[PlanReply]:
     """Make the question for a plan, from a request or its fields; a request without a run id gets one.
 
-    Args:
-        request: The request, or its fields; None takes `fields`.
-        fields: Those of a plan request.
-
     Raises:
         MalformedRequest: if that isn't a plan request, or both are given.
     """
@@ -131,10 +128,6 @@ def plan(request: PlanRequest | dict[str, Any] | None, fields: dict[str, Any]) -
 def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, Any]) -> Question[CertifyReply]:
     """Make the question for a verdict, from a request or its fields; a request without a run id gets one.
 
-    Args:
-        request: The request, or its fields; None takes `fields`.
-        fields: Those of a certify request.
-
     Raises:
         MalformedRequest: if that isn't a certify request, or both are given.
     """
@@ -146,11 +139,7 @@ def certify(request: CertifyRequest | dict[str, Any] | None, fields: dict[str, A
 
 
 def kinematics(request: KinematicsRequest | dict[str, Any]) -> Question[KinematicsReply]:
-    """Make the question for a kinematics request.
-
-    Raises:
-        MalformedRequest: if the dict isn't a kinematics request.
-    """
+    """Make the question for a kinematics request; raises MalformedRequest if the dict isn't a kinematics request."""
     given = codec.convert(request, KinematicsRequest) if isinstance(request, dict) else request
     request_id = given.request_id or uuid.uuid4().hex
     named = msgspec.structs.replace(given, request_id=request_id)
@@ -171,10 +160,15 @@ def robot(name: str) -> Question[RobotReply]:
 
 
 def store_robot(
-    name: str, urdf: str, srdf: str | None, meshes: Mapping[str, bytes], root_joint: RootJoint
+    name: str,
+    urdf: str,
+    *,
+    srdf: str | None = None,
+    meshes: Mapping[str, bytes] | None = None,
+    root_joint: RootJoint = "fixed",
 ) -> Question[Done]:
     """Store a robot."""
-    files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes), root_joint=root_joint)
+    files = requests.RobotFiles(urdf=urdf, srdf=srdf, meshes=dict(meshes or {}), root_joint=root_joint)
     key = _key("robots", name)
     return Question(key, _make_reader(key, Done), _encode(files), stores=key)
 
@@ -189,32 +183,40 @@ def scenes() -> Question[ScenesReply]:
     return _make_reading("scenes", ScenesReply)
 
 
-def scene(name: str, version: int | None) -> Question[SceneReply]:
+def scene(name: str, version: int | None = None) -> Question[SceneReply]:
     """One scene, the newest version or one that is named."""
     key = _key("scenes", name)
     return _make_reading(key if version is None else f"{key}?version={version}", SceneReply)
 
 
 def store_scene(scene: Scene | dict[str, Any]) -> Question[Done]:
-    """Store a scene under its own name.
-
-    Raises:
-        MalformedRequest: if the dict isn't a scene.
-    """
+    """Store a scene under its own name; raises MalformedRequest if the dict isn't a scene."""
     given = codec.convert(scene, Scene) if isinstance(scene, dict) else scene
     key = _key("scenes", given.name)
     return Question(key, _make_reader(key, Done), _encode(given), stores=key)
 
 
-def change_scene(name: str, diff: dict[str, Any]) -> Question[Done]:
+def change_scene(
+    name: str,
+    *,
+    add: Sequence[Obstacle | dict[str, Any]] = (),
+    move: Mapping[str, Placement | dict[str, Any]] = MappingProxyType({}),
+    remove: Sequence[str] = (),
+    version: int | None = None,
+) -> Question[Done]:
     """Change a stored scene; never sent again, since it would be changed twice.
 
-    Raises:
-        MalformedRequest: if that is no change.
+    Raises MalformedRequest if that is no change.
     """
+    diff = {"add": list(add), "move": dict(move), "remove": list(remove), "version": version}
     given = codec.convert({"type": "scene_diff", **diff}, SceneDiff)
     key = _key("scenes", name)
     return Question(key, _make_reader(key, Done), _encode(given), needs=(key,), repeatable=False)
+
+
+def changed_version(changed: Done) -> int:
+    """Return the version of a scene that was changed."""
+    return cast(int, changed.version)
 
 
 def delete_scene(name: str) -> Question[Done]:
@@ -225,8 +227,7 @@ def delete_scene(name: str) -> Question[Done]:
 def runs(filters: ReadRuns) -> Question[RunsReply]:
     """List a page of the stored runs.
 
-    Raises:
-        MalformedRequest: if something that is asked for can't stand in a query.
+    Raises MalformedRequest if something that is asked for can't stand in a query.
     """
     given = {name: value for name, value in msgspec.structs.asdict(filters).items() if value not in _DEFAULT_FILTERS}
     if ";" in given.get("text", ""):
@@ -290,18 +291,20 @@ def proof(run_id: str) -> Question[bytes]:
     return Question(f"{_key('runs', run_id)}/proof", bytes, run_id=run_id)
 
 
-def share(kind: Literal["runs", "scenes", "robots"], name: str, *, shared: bool) -> Question[Done]:
-    """Share a thing with all users, or end that."""
-    key = _key(kind, name)
-    run_id = name if kind == "runs" else None
-    return _make_reading(f"{key}?{'share' if shared else 'unshare'}", Done, run_id)
+def share(kind: Literal["runs", "scenes", "robots"], name: str) -> Question[Done]:
+    """Share a thing with all users."""
+    return _make_reading(f"{_key(kind, name)}?share", Done, name if kind == "runs" else None)
+
+
+def unshare(kind: Literal["runs", "scenes", "robots"], name: str) -> Question[Done]:
+    """End the sharing of a thing."""
+    return _make_reading(f"{_key(kind, name)}?unshare", Done, name if kind == "runs" else None)
 
 
 def stream_open(request: StreamOpen | dict[str, Any] | None, fields: dict[str, Any]) -> StreamOpen:
     """Read the request that opens a stream, or its fields.
 
-    Raises:
-        MalformedRequest: if that doesn't open a stream, or both are given.
+    Raises MalformedRequest if that doesn't open a stream, or both are given.
     """
     given = _take_either("stream", request, fields)
     if isinstance(given, dict):
@@ -337,11 +340,7 @@ def end_stream(stream_id: str) -> Question[Done]:
 def aim_stream(
     stream_id: str, goal: StreamGoal | dict[str, Any] | None
 ) -> tuple[Question[StreamAimed], StreamGoal | None]:
-    """Give a stream another goal; return the question and the goal.
-
-    Raises:
-        MalformedRequest: if that is no goal.
-    """
+    """Give a stream another goal; return the question and the goal; raises MalformedRequest if that is no goal."""
     aim: StreamAim = codec.convert(codec.plain_fields({"goal": goal}), StreamAim)
     key = f"{_key('streams', stream_id)}/goal"
     return Question(key, _make_reader(key, StreamAimed), _encode(aim), request_id=stream_id), aim.goal
@@ -350,8 +349,7 @@ def aim_stream(
 def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
     """Return whether one stream's last piece is still proven from a time on [s].
 
-    Raises:
-        MalformedRequest: if that is no time.
+    Raises MalformedRequest if that is no time.
     """
     judge: StreamJudge = codec.convert({"time": time}, StreamJudge)
     key = f"{_key('streams', stream_id)}/judge"

@@ -27,10 +27,6 @@ RETRY = {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor"
 def open_session(settings: zenoh.Config, deadline: float) -> zenoh.Session:
     """Open a session, trying until a deadline.
 
-    Args:
-        settings: As `build_config` makes them.
-        deadline: The end of the attempts, by `time.monotonic()` [s].
-
     Raises:
         NoService: if nobody listens there, or who does doesn't let us in.
     """
@@ -84,8 +80,7 @@ def has_link(session: zenoh.Session) -> bool:
 def read_user(settings: zenoh.Config) -> str:
     """Read the user that a configuration names in Zenoh's free metadata, ``metadata: {guidefield: {user}}``.
 
-    Raises:
-        MalformedRequest: if nobody can be a user of that name.
+    Raises MalformedRequest if nobody can be a user of that name.
     """
     metadata = json.loads(settings.get_json("metadata"))
     ours = metadata.get("guidefield") if isinstance(metadata, dict) else None
@@ -95,10 +90,6 @@ def read_user(settings: zenoh.Config) -> str:
 
 def build_config(endpoints: tuple[str, ...], config: Path | None) -> zenoh.Config:
     """Build the configuration of a session: a client of one endpoint, or a peer linked to each of several.
-
-    Args:
-        endpoints: Where services or routers listen; may be none where the configuration names some.
-        config: Zenoh configuration file: users, certificates.
 
     Raises:
         ValueError: if an endpoint isn't one, or the configuration is wrong.

@@ -38,13 +38,6 @@ Answer = Piece | StreamState
 class StreamLink:
     """A client's side of a stream.
 
-    Args:
-        exchange: Asks and is answered.
-        request: What is asked, or its fields.
-        fields: As in `StreamOpen`, instead of a request.
-        clock: The client's clock [s]; None: seconds since now.
-        changed: Is called, in a thread of the session, when something came.
-
     Raises:
         MalformedRequest: if that can't be asked for.
     """
@@ -175,8 +168,7 @@ class StreamLink:
     def pieces(self) -> list[Piece]:
         """The pieces that the robot takes, of those that came since they were asked for last.
 
-        Raises:
-            StreamUnknown: if it isn't open yet.
+        Raises StreamUnknown if it isn't open yet.
         """
         self._require_opened()
         with self._lock:
@@ -185,11 +177,7 @@ class StreamLink:
         return found
 
     def at(self, now: float) -> Motion:
-        """Where a robot that takes the pieces is at a time [s].
-
-        Raises:
-            StreamUnknown: if it isn't open yet.
-        """
+        """Where a robot that takes the pieces is at a time [s]; raises StreamUnknown if it isn't open yet."""
         self._require_opened()
         with self._lock:
             return self.execution.at(now)
