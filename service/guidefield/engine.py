@@ -58,7 +58,7 @@ from guidefield.stores.by_user import Kind
 from guidefield.stores.recordings import PROOF, Recordings
 from guidefield.stores.robots import NoRobots, Robots
 from guidefield.stores.runs import NoRuns, Runs
-from guidefield.stores.scenes import PackagedScenes, Scenes
+from guidefield.stores.scenes import PackagedScenes
 
 if TYPE_CHECKING:
     from guidefield.case_file import Motion
@@ -151,7 +151,7 @@ class Engine:
         *,
         runs: Runs | None = None,
         recordings: Recordings | None = None,
-        scenes: Scenes | None = None,
+        scenes: PackagedScenes | None = None,
         robots: Robots | None = None,
         local_files: LocalFiles = LocalFiles.ALLOWED,
         packages: Sequence[Path] = (),
@@ -163,7 +163,7 @@ class Engine:
         self._lend = lend
         self._runs: Runs = NoRuns() if runs is None else runs
         self._recordings = recordings
-        self._scenes: Scenes = PackagedScenes() if scenes is None else scenes
+        self._scenes = PackagedScenes() if scenes is None else scenes
         self._robots: Robots = NoRobots() if robots is None else robots
         self._local_files = local_files
         self._compiled = False

@@ -51,7 +51,7 @@ class _Known:
 
     Attributes:
         file: Which file it was, and when it was written.
-        size: How long that file is [bytes].
+        size: Length of that file [bytes].
         first: The version in that file.
         changes: Which file of changes; 0: there was none.
         end: How far that was read [bytes].
@@ -66,37 +66,29 @@ class _Known:
     versions: dict[int, Scene]
 
     @property
-    def newest(self) -> tuple[int, Scene]:
-        """Number and scene."""
+    def newest(self) -> tuple[Scene, int]:
         version = next(reversed(self.versions))
-        return version, self.versions[version]
+        return self.versions[version], version
 
     def add(self, version: int, scene: Scene) -> None:
-        """Note a version, and forget the oldest."""
         self.versions[version] = scene
         while len(self.versions) > MAX_VERSIONS:
             del self.versions[next(iter(self.versions))]
 
 
 class SceneVersions:
-    """A stored scene by its files; what was read is kept, and only what came since is read again.
-
-    Args:
-        folder: Where its files are.
-        name: Its name, which can be a file's.
-    """
+    """A stored scene by its files in a folder; what was read is kept, and only what came since is read again."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self._name = name
-        self._file = folder / f"{name}.json"
-        self._changes = folder / f"{name}.changes"
+        self._file, self._changes = folder / f"{name}.json", folder / f"{name}.changes"
         self._known: _Known | None = None
 
-    def read(self, version: int | None = None) -> tuple[int, Scene] | None:
-        """A version, or the newest, with its number; None if nothing is stored.
+    def read(self, version: int | None = None) -> tuple[Scene, int] | None:
+        """Return a version, or the newest, with its number; None if nothing is stored.
 
-        Raises:
-            SceneInvalid: if the files are damaged, or there is no such version any more, or yet; lists those there are.
+        Raises SceneInvalid if the files are damaged, or there is no such version any more, or yet; lists those there
+        are.
         """
         known = self._read()
         if known is None or version is None:
@@ -109,18 +101,17 @@ class SceneVersions:
                 scene=self._name,
                 available=there,
             )
-        return version, known.versions[version]
+        return known.versions[version], version
 
-    def change(self, diff: SceneDiff) -> tuple[int, Scene] | None:
-        """Change the newest version; under the lock. The new one, with its number; None if nothing is stored.
+    def change(self, diff: SceneDiff) -> tuple[Scene, int] | None:
+        """Change the newest version, under the lock; return the new one with its number, None if nothing is stored.
 
-        Raises:
-            SceneInvalid: if the change does not fit, or another version was meant.
+        Raises SceneInvalid if the change does not fit, or another version was meant.
         """
         known = self._read()
         if known is None:
             return None
-        before, scene = known.newest
+        scene, before = known.newest
         if diff.version not in (None, before):
             raise SceneInvalid(
                 f"scene {self._name!r} has version {before}, and version {diff.version} was to be changed; nothing "
@@ -128,15 +119,13 @@ class SceneVersions:
                 scene=self._name,
                 version=before,
             )
-        data, line = _as_read(_Line(before + 1, diff=diff))
-        after = _after(scene, line)
-        self._append(known, data, before + 1, after)
+        after = self._append(known, scene, _Line(before + 1, diff=diff))
         if before + 1 - known.first >= (MOST_LINES if known.end > known.size else MOST_SHORT_LINES):
             self._write_again(known)
-        return before + 1, after
+        return after, before + 1
 
     def store(self, scene: Scene) -> int:
-        """Store a scene anew, in place of a damaged one too; under the lock. The number of its version."""
+        """Store a scene anew, in place of a damaged one too, under the lock; return the number of its version."""
         try:
             known = self._read()
         except SceneInvalid:
@@ -145,34 +134,43 @@ class SceneVersions:
         if known is None:
             write_whole(self._file, codec.encode(_Whole(scene)))
             return 1
-        version = known.newest[0] + 1
-        data, line = _as_read(_Line(version, scene=scene))
-        self._append(known, data, version, _after(known.newest[1], line))
-        if version - known.first >= MAX_VERSIONS:
+        before, version = known.newest
+        self._append(known, before, _Line(version + 1, scene=scene))
+        if version + 1 - known.first >= MAX_VERSIONS:
             self._write_again(known)
-        return version
+        return version + 1
 
     def delete(self) -> bool:
-        """Forget it; under the lock. Whether there was anything."""
+        """Delete it, under the lock; return whether there was anything."""
         there = self._file.exists()
         self._changes.unlink(missing_ok=True)
         self._file.unlink(missing_ok=True)
         self._known = None
         return there
 
-    def _append(self, known: _Known, line: bytes, version: int, scene: Scene) -> None:
-        """Write the line of a version behind those that there are."""
+    def _append(self, known: _Known, before: Scene, line: _Line) -> Scene:
+        """Write the line of a version behind those that there are, and return the scene after it.
+
+        The line counts as everybody reads it: whoever gave it may change what is in it. Raises MalformedRequest if
+        nobody could read it.
+        """
+        data = codec.encode(line)
+        read = decoded(data, _Line)
+        if read is None:
+            raise MalformedRequest("what is to be stored holds what no message can", path="$")
+        after = _after(before, read)
         with self._changes.open("ab") as file:
             file.truncate(known.end)  # what was cut short was never answered
             try:
-                file.write(line + b"\n")
+                file.write(data + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
             except OSError:
                 os.truncate(self._changes, known.end)  # what is refused is no version for anybody
                 raise
             known.changes, known.end = os.fstat(file.fileno()).st_ino, file.tell()
-        known.add(version, scene)
+        known.add(line.version, after)
+        return after
 
     def _write_again(self, known: _Known) -> None:
         """Write the oldest version that is kept as the file of the scene, and behind it what changed since."""
@@ -184,11 +182,7 @@ class SceneVersions:
             self._known = None
 
     def _read(self) -> _Known | None:
-        """What the files hold; None if nothing is stored.
-
-        Raises:
-            SceneInvalid: if they are damaged.
-        """
+        """Read the files; None if nothing is stored; raises SceneInvalid if they are damaged."""
         for _ in range(READ_AGAIN):
             try:
                 if self._is_known() or self._read_on():
@@ -199,41 +193,36 @@ class SceneVersions:
         raise SceneInvalid(f"scene {self._name!r} can't be read: its file is damaged; store it again", scene=self._name)
 
     def _is_known(self) -> bool:
-        """Whether nothing came since it was read."""
-        known = self._known
-        return known is not None and (*known.file, known.changes, known.end) == (
-            *_written(self._file),
-            *_extent(self._changes),
-        )
-
-    def _read_on(self) -> bool:
-        """Read what came since, or all; whether the files fit together, which they don't while they are written."""
-        file, (changes, _) = _written(self._file), _extent(self._changes)
-        if self._known is None or (self._known.file, self._known.changes) != (file, changes):
-            self._known = self._whole(file, changes)
         known = self._known
         if known is None:
             return False
-        text = _read_from(self._changes, known.end)
-        lines, read = _lines(text)
-        if lines is None:
-            self._known = None
+        return (known.file, (known.changes, known.end)) == (_written(self._file), _extent(self._changes))
+
+    def _read_on(self) -> bool:
+        """Read what came since, or all; return whether the files fit together: not while they are written."""
+        file, (changes, _) = _written(self._file), _extent(self._changes)
+        known, self._known = self._known, None
+        if known is None or (known.file, known.changes) != (file, changes):
+            known = self._read_whole(file, changes)
+        if known is None:
             return False
-        version, scene = known.newest
+        lines, read = _lines(_read_from(self._changes, known.end))
+        if lines is None:
+            return False
+        scene, version = known.newest
         for line in lines:
             if line.version <= version:
                 continue
             if line.version != version + 1 or (line.diff is None) == (line.scene is None):
-                self._known = None
                 return False
-            scene = _after(scene, line)
-            version = line.version
+            scene, version = _after(scene, line), line.version
             known.add(version, scene)
         known.end += read
+        self._known = known
         return True
 
-    def _whole(self, file: tuple[int, int], changes: int) -> _Known | None:
-        """What the file of the scene holds, without what changed since; None if it is damaged."""
+    def _read_whole(self, file: tuple[int, int], changes: int) -> _Known | None:
+        """Read the file of the scene, without what changed since; None if it is damaged."""
         data = self._file.read_bytes()
         whole = decoded(data, _Whole)
         if whole is None:
@@ -244,36 +233,20 @@ class SceneVersions:
         return _Known(file, len(data), whole.version, changes, 0, {whole.version: freeze(whole.scene)})
 
 
-def _as_read(line: _Line) -> tuple[bytes, _Line]:
-    """A line as it is written, and as everybody reads it: whoever gave it may change what is in it.
-
-    Raises:
-        MalformedRequest: if nobody could read it.
-    """
-    data = codec.encode(line)
-    read = decoded(data, _Line)
-    if read is None:
-        raise MalformedRequest("what is to be stored holds what no message can", path="$")
-    return data, read
-
-
 def _after(scene: Scene, line: _Line) -> Scene:
-    """A scene that is ours after a line."""
     return apply_change(scene, line.diff) if line.diff is not None else freeze(line.scene or scene)
 
 
 def _read_from(file: Path, begin: int) -> bytes:
-    """What a file holds from a place on [bytes]; nothing where there is none."""
-    try:
-        with file.open("rb") as opened:
-            opened.seek(begin)
-            return opened.read()
-    except FileNotFoundError:
-        return b""
+    """Read a file from a place on [bytes]; nothing where there is none."""
+    with contextlib.suppress(FileNotFoundError), file.open("rb") as opened:
+        opened.seek(begin)
+        return opened.read()
+    return b""
 
 
 def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
-    """The changes in whole lines, None if one is damaged, and how long they are together [bytes]."""
+    """Return the changes in whole lines, None if one is damaged, and their length together [bytes]."""
     end = text.rfind(b"\n") + 1
     lines = [decoded(line, _Line) for line in text[:end].splitlines()]
     whole = [line for line in lines if line is not None]
@@ -281,13 +254,13 @@ def _lines(text: bytes) -> tuple[list[_Line] | None, int]:
 
 
 def _written(file: Path) -> tuple[int, int]:
-    """Which file it is, and when it was written [ns]."""
+    """Return which file it is, and when it was written [ns]."""
     stat = file.stat()
     return stat.st_ino, stat.st_mtime_ns
 
 
 def _extent(file: Path) -> tuple[int, int]:
-    """Which file it is, and how long [bytes]; both 0 if it isn't there."""
+    """Return which file it is, and its length [bytes]; both 0 if it isn't there."""
     try:
         stat = file.stat()
     except FileNotFoundError:
