@@ -82,8 +82,7 @@ def run_arrays(run: PlanReply | Path | str) -> RunArrays:
 def write_motion(motion: RunArrays, path: Path) -> None:
     """Write a motion to a file whose ending says how: `.csv`, `.json` or `.npz`; every number to its last digit.
 
-    Raises:
-        MalformedRequest: if the ending is another one.
+    Raises MalformedRequest if the ending is another one.
     """
     kinds = {".csv": _csv, ".json": _json, ".npz": _npz}
     if path.suffix not in kinds:

@@ -77,8 +77,7 @@ class Motion:
 def write(path: Path, motion: Motion) -> None:
     """Write a motion to a file: JSON, compressed with xz if the name ends with it.
 
-    Raises:
-        OSError: if it can't be written, or a mesh of the robot can't be read any more.
+    Raises OSError if it can't be written, or a mesh of the robot can't be read any more.
     """
     text = json.dumps({"format": FORMAT, "cases": make_cases(motion)}).encode()
     write_whole(path, lzma.compress(text, preset=1) if path.suffix == ".xz" else text)
@@ -87,8 +86,7 @@ def write(path: Path, motion: Motion) -> None:
 def make_cases(*motions: Motion) -> list[dict[str, Any]]:
     """Motions as plain values, as JSON has them, each in the parts that `divide` tells; referee.md has the fields.
 
-    Raises:
-        OSError: if a mesh of the robot can't be read any more.
+    Raises OSError if a mesh of the robot can't be read any more.
     """
     told: list[dict[str, Any]] = []
     known: tuple[RobotSource, Placement, dict[str, Any]] | None = None

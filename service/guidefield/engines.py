@@ -25,13 +25,7 @@ if TYPE_CHECKING:
 
 
 class Engines:
-    """Engines of all users of a service; local files are refused.
-
-    Args:
-        instance: Name of the service.
-        stores: Stores by user.
-        packages: Folders of packages with meshes that a sent robot may use.
-    """
+    """Engines of all users of a service; local files are refused."""
 
     def __init__(self, instance: str, stores: StoresByUser, packages: Sequence[Path] = ()) -> None:
         self.stores = stores
@@ -40,11 +34,7 @@ class Engines:
         self._engines = BoundedMap[str, Engine](ENGINES)
 
     def of(self, user: str) -> Engine:
-        """Return the engine of a user.
-
-        Raises:
-            QuotaExceeded: if too many users have something stored already.
-        """
+        """Return the engine of a user; raises QuotaExceeded if too many users have something stored already."""
         return self._engines.find(user, lambda: self._make_engine(user), lambda _: 0)
 
     def answer(
@@ -58,14 +48,6 @@ class Engines:
         watcher: Watcher | None = None,
     ) -> Reply:
         """Answer one request about things of an owner; the caller has checked the right to them.
-
-        Args:
-            asking: The user that asks.
-            owner: The owner of the stores.
-            request: The request.
-            size: Its size in the store [bytes].
-            received: As of `Engine.answer`.
-            watcher: As of `Engine.answer`.
 
         Raises:
             GuidefieldError: as `Engine.answer`; QuotaExceeded if the owner has no space for it.
@@ -86,9 +68,7 @@ class Engines:
     def recording(self, owner: str, run_id: str) -> bytes:
         """Return the self-contained recording of a run, rendered if that is owed.
 
-        Raises:
-            UnknownObject: if there is none, or it is damaged.
-            OSError: if the disk refuses.
+        Raises UnknownObject if there is none, or it is damaged; raises OSError if the disk refuses.
         """
         self.render(owner, run_id)
         return whole_recording(self.stores.of(owner).recordings, run_id)
@@ -100,11 +80,7 @@ class Engines:
         return Renderings({self._loaded.packages: self._loaded.catalog}, self._loaded.scenes)
 
     def share(self, owner: str, kind: Kind, name: str, *, shared: bool) -> Done:
-        """Share a thing with all users, or end that.
-
-        Raises:
-            GuidefieldError: if there is no such thing.
-        """
+        """Share a thing with all users, or end that; raises GuidefieldError if there is no such thing."""
         stores = self.stores.of(owner)
         if kind == "runs":
             stores.runs.share(name, shared=shared)

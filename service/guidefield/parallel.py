@@ -10,8 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 def run_parallel(*works: Callable[[], object]) -> None:
     """Run several works in parallel: the last one in this thread, the others in threads of their own.
 
-    Raises:
-        Exception: of one of the works, once all have ended.
+    Raises what one of the works raised, once all have ended.
     """
     with ThreadPoolExecutor(max(1, len(works) - 1), "guidefield-parallel") as threads:
         others = [threads.submit(work) for work in works[:-1]]

@@ -37,13 +37,7 @@ class Watcher(Protocol):
 
 
 class ProgressReporter:
-    """Reports the progress of a run to a watcher.
-
-    Args:
-        run_id: Name of the run.
-        received: When its request arrived, by `time.monotonic()` [s].
-        watcher: The receiver.
-    """
+    """Reports the progress of a run to a watcher."""
 
     def __init__(self, run_id: str, received: float, watcher: Watcher) -> None:
         self._run_id = run_id

@@ -49,11 +49,8 @@ def write_proof(path: Path, *motions: Motion) -> None:
 def proof_of(motions: Sequence[Motion], deadline: Deadline = UNLIMITED) -> bytes:
     """Prove motions; return the proofs of all their parts (`case_file.divide`) as the content of a file.
 
-    Nothing can interrupt the writing: where it would outlast the deadline, it isn't begun.
-
-    Raises:
-        UnprovedError: if one isn't free, or the deadline is too early.
-        OSError: if a mesh of the robot can't be read any more.
+    Nothing can interrupt the writing: where it would outlast the deadline, it isn't begun; raises UnprovedError if one
+    isn't free, or the deadline is too early; raises OSError if a mesh of the robot can't be read any more.
     """
     writing, arrays = WRITING_S_PER_ITEM * sum(map(count_items, motions)), dict[str, np.ndarray]()
     for k, part in enumerate(part for motion in motions for part in divide(motion)):

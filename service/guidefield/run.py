@@ -111,12 +111,7 @@ class Run:
             self._progress.prepare(what)
 
     def record(self, group: PlanningGroup, scene: Scene) -> _Observers | None:
-        """Return an observer of the run that reports its progress, and stores its recording at the end; None without.
-
-        Args:
-            group: The joints that move.
-            scene: The scene.
-        """
+        """Return an observer of the run that reports its progress and stores its recording; None without either."""
         if self._progress is not None:
             self._progress.begin(group, scene)
         if self._destination is not None:
@@ -136,12 +131,7 @@ class Run:
         return _Observers(self._progress, self._recording) if is_observed else None
 
     def prove(self, motions: Sequence[Motion], deadline: Deadline) -> None:
-        """Prove the motions of the run; without a proof the reply warns why.
-
-        Args:
-            motions: The certified motions; none if the run has none.
-            deadline: The deadline of the proof.
-        """
+        """Prove the motions of the run; without a proof the reply warns why."""
         from guidefield.proof_file import UnprovedError, proof_of
 
         try:
@@ -228,9 +218,7 @@ class _Warnings:
 def whole_recording(recordings: Recordings, run_id: str) -> bytes:
     """Return the recording of a run as one file, with its robot's meshes.
 
-    Raises:
-        UnknownObject: if the run has no recording, or not yet, or a damaged one.
-        OSError: if the disk refuses.
+    Raises UnknownObject if the run has no recording, or not yet, or a damaged one; raises OSError if the disk refuses.
     """
     from guidefield.recorder.whole import self_contained
 
@@ -254,15 +242,7 @@ def draw(
 ) -> str | None:
     """Write a recording.
 
-    Args:
-        file: The recording.
-        bodies: As in `Destination`.
-        request: The request.
-        reply: The recorded reply.
-        motion: The motion.
-        events: The planner's events.
-        made_with: Versions of the packages that made the run.
-        anchor: From which the motion is seen; None: the world's origin.
+    `anchor` is the place from which the motion is seen; None: the world's origin.
 
     Returns:
         The reason why it isn't stored; None if it is.

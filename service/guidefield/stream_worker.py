@@ -87,15 +87,7 @@ class Halt:
 
 @dataclass(frozen=True)
 class Open:
-    """The stream is open.
-
-    Attributes:
-        robot: The robot's name.
-        position_names: Names of the columns.
-        start: Where it stands [rad or m].
-        goal: Number of its goal.
-        warnings: What was odd but harmless.
-    """
+    """The stream is open."""
 
     robot: str
     position_names: tuple[str, ...]
@@ -142,14 +134,7 @@ class Answered:
 
 @dataclass(frozen=True)
 class StreamConversation:
-    """The conversation of a stream's process.
-
-    Attributes:
-        setup: Prepares the engine.
-        user: Whose stream it is.
-        request: What was asked.
-        encoding: How it was written, and what is published is to be.
-    """
+    """The conversation of a stream's process."""
 
     setup: EngineSetup
     user: str
@@ -227,13 +212,7 @@ def _rehearse(stream: CertifiedStream) -> None:
 
 
 class _Answering:
-    """Answers what comes.
-
-    Args:
-        stream: The stream.
-        encoding: How what is published is written.
-        line: To who asks.
-    """
+    """Answers what comes."""
 
     def __init__(self, stream: CertifiedStream, encoding: Encoding, line: Connection) -> None:
         self._stream, self._encoding, self._line = stream, encoding, line

@@ -88,12 +88,7 @@ class EngineSetup:
 
 @dataclass(frozen=True)
 class EngineWorker:
-    """Answers jobs with the engine of their users.
-
-    Attributes:
-        engines: The engines.
-        eager: True if recordings are rendered after their replies here, and not by another process.
-    """
+    """Answers jobs with the engine of their users."""
 
     engines: Engines
     eager: bool = False

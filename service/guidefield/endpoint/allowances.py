@@ -24,12 +24,7 @@ SHORTEST = 0.001
 
 
 class Allowances:
-    """Counts queries, and looks at what waits and what was worked on.
-
-    Args:
-        quotas: What users may have.
-        waiting: The queue of the workers.
-    """
+    """Counts queries, and looks at what waits and what was worked on."""
 
     def __init__(self, quotas: Quotas, waiting: Waiting) -> None:
         self._quotas = quotas
@@ -68,8 +63,7 @@ class Allowances:
     def work(self, user: str) -> None:
         """A user asks for something that takes a worker.
 
-        Raises:
-            QuotaExceeded: if enough of it waits already, or it got enough lately.
+        Raises QuotaExceeded if enough of it waits already, or it got enough lately.
         """
         quota = self._quotas.of(user)
         if quota.waiting is not None and self._waiting.of_user(user) >= quota.waiting:

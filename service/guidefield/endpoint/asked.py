@@ -42,8 +42,7 @@ def _unread() -> ServerBusy:
 def encoding_of(told: object) -> Encoding:
     """Return the encoding of a payload, by Zenoh's name of it; None: Zenoh's default.
 
-    Raises:
-        MalformedRequest: if that isn't understood.
+    Raises MalformedRequest if that isn't understood.
     """
     name = str(told or "").partition(";")[0]
     if name == Encoding.MSGPACK:
@@ -56,14 +55,7 @@ def encoding_of(told: object) -> Encoding:
 
 
 class Asked:
-    """A query that waits for its one answer.
-
-    Args:
-        query: As it came.
-        instance: Name of the service.
-        count: Is told whether it was answered, refused or dropped.
-        post: Has the answer sent.
-    """
+    """A query that waits for its one answer."""
 
     def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None], post: Post) -> None:
         self._query = query

@@ -17,13 +17,7 @@ GRACE = 6.0
 
 
 class Clients:
-    """Follows the liveliness tokens of clients.
-
-    Args:
-        session: An open session.
-        instance: Name of the service.
-        gone: Is told of a client that has been gone for `GRACE`.
-    """
+    """Follows the liveliness tokens of clients."""
 
     def __init__(self, session: zenoh.Session, instance: str, gone: Callable[[Asker], object]) -> None:
         self._gone = gone

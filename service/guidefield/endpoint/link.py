@@ -91,8 +91,7 @@ class NoAnswer(RuntimeError):
 def measure_answer() -> float:
     """Measure a query from one session on loopback to another and back [s].
 
-    Raises:
-        NoAnswer: if it isn't answered within `WITHIN`, or a session can't be opened.
+    Raises NoAnswer if it isn't answered within `WITHIN`, or a session can't be opened.
     """
     try:
         with contextlib.ExitStack() as opened:

@@ -72,11 +72,6 @@ OUTCOMES = ("asked", "answered", "refused", "dropped")
 def metrics_server(port: int, instance: str, brief: Callable[[], InfoReply]) -> Iterator[int]:
     """Answer ``/metrics`` and ``/health`` on loopback while a block runs.
 
-    Args:
-        port: Where; 0: a free port.
-        instance: Name of the service, a label of every metric.
-        brief: What the service says about itself now.
-
     Yields:
         The port.
 
@@ -135,10 +130,6 @@ def _exposition(instance: str, brief: Callable[[], InfoReply]) -> Callable[[], t
 
 def families(instance: str, told: InfoReply) -> Iterator[Any]:
     """The metrics of what a service says about itself, as prometheus-client has them.
-
-    Args:
-        instance: Name of the service.
-        told: What it says.
 
     Raises:
         ImportError: if prometheus-client isn't installed.
@@ -216,8 +207,7 @@ def opentelemetry_trace(provider: Any) -> Trace:
 def exporting_provider(instance: str) -> Any:
     """A provider that sends spans to where OpenTelemetry's own environment variables say (OTEL_EXPORTER_OTLP_ENDPOINT).
 
-    Raises:
-        ImportError: if OpenTelemetry isn't installed.
+    Raises ImportError if OpenTelemetry isn't installed.
     """
     from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter
     from opentelemetry.sdk.resources import Resource
@@ -235,11 +225,7 @@ RETRY_AFTER = 2.0
 
 
 class Condition:
-    """The state of a service; one thread changes it, any may look.
-
-    Attributes:
-        now: The state: starting, ready or ending, and the work that this takes.
-    """
+    """The state of a service; one thread changes it, any may look."""
 
     def __init__(self) -> None:
         self.now = Health(state="starting", doing="starting")
@@ -247,8 +233,7 @@ class Condition:
     def require_ready(self) -> None:
         """Refuse a request that needs a worker before there is one, or when there won't be any more.
 
-        Raises:
-            ServerBusy: unless the service is ready.
+        Raises ServerBusy unless the service is ready.
         """
         now = self.now
         if now.state == "starting":

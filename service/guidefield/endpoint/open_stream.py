@@ -118,10 +118,6 @@ class OpenStream:
     def ask(self, question: Callable[[int], Aim | Judge | Halt], size: int) -> Future[Answer]:
         """Ask its process to aim for another goal, to judge its last piece, or to stop its robot.
 
-        Args:
-            question: Makes the question with a number.
-            size: Room that this takes [bytes].
-
         Raises:
             StreamUnknown: if it isn't open.
             ServerBusy: if too much waits for it.
@@ -139,11 +135,7 @@ class OpenStream:
         return answer
 
     def read(self) -> StreamReply:
-        """Describe it.
-
-        Raises:
-            StreamUnknown: if it isn't open yet.
-        """
+        """Describe it; raises StreamUnknown if it isn't open yet."""
         with self._lock:
             return self._reply()
 

@@ -35,8 +35,7 @@ class Readers:
     def submit(self, asker: Asker, read: Callable[[], Answer]) -> Task:
         """Have something read; a future that comes to the answer, or to an error.
 
-        Raises:
-            ServerBusy: if too much waits already, or the end has come.
+        Raises ServerBusy if too much waits already, or the end has come.
         """
         task = Task(read, LONGEST, asker=asker)
         for pushed in self._waiting.put(task):

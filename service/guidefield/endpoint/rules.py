@@ -32,15 +32,7 @@ from guidefield.stream_worker import MOST_SOUGHT
 def limits_told(
     waiting: Limits, memory: int, retention: Retention, grace: float, streams: int
 ) -> tuple[LimitInfo, ...]:
-    """Every limit of a service, with its value.
-
-    Args:
-        waiting: How much may wait for a worker.
-        memory: What a worker may take [bytes].
-        retention: How many runs are kept.
-        grace: How long requests that are being worked on may take at the end [s].
-        streams: How many there may be.
-    """
+    """Every limit of a service, with its value."""
     own = (
         _limit("queue", waiting.tasks, "requests", "that wait for a worker; more are SERVER_BUSY"),
         _limit("queue_of_client", waiting.tasks_of_client, "requests", "of one client that wait; more are SERVER_BUSY"),

@@ -216,8 +216,7 @@ def _renderer(settings: ServiceSettings, setup: EngineSetup, runs: RunDatabase) 
 def session_config(settings: ServiceSettings) -> zenoh.Config:
     """The file's configuration; loopback only and no scouting where it doesn't say otherwise.
 
-    Raises:
-        CannotServe: if the file can't be read, or something in it or in the endpoints is wrong.
+    Raises CannotServe if the file can't be read, or something in it or in the endpoints is wrong.
     """
     try:
         config = zenoh.Config() if settings.config is None else zenoh.Config.from_file(str(settings.config))

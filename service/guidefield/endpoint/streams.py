@@ -71,14 +71,7 @@ class Payload(Protocol):
 
 
 class Streams:
-    """The streams of a service.
-
-    Args:
-        setup: Prepares the engine of a stream's process.
-        most: How many there may be.
-        memory: What a process may take [bytes].
-        publish: Publishes bytes on a key, in an encoding.
-    """
+    """The streams of a service."""
 
     def __init__(self, setup: EngineSetup, most: int, memory: int, publish: Publish) -> None:
         self._setup, self.most, self._memory, self._publish = setup, most, memory, publish
@@ -103,11 +96,7 @@ class Streams:
         return sum(stream.memory for stream in self._all())
 
     def ask(self, read: Query) -> Future[Answer]:
-        """The answer to a query.
-
-        Raises:
-            GuidefieldError: if it is refused at once.
-        """
+        """The answer to a query; raises GuidefieldError if it is refused at once."""
         asked = stream_keys.decode_stream_query(read)
         if isinstance(asked, Opened):
             return self._open_stream(read, asked)
@@ -130,14 +119,7 @@ class Streams:
         return stream.ask(partial(kind, payload=read.payload, encoding=read.encoding), len(read.payload))
 
     def update(self, key: str, payload: Payload, encoding: object, allow: Callable[[str], None]) -> None:
-        """Take an update that somebody put.
-
-        Args:
-            key: On which key.
-            payload: What.
-            encoding: How it is written, as Zenoh says it.
-            allow: Raises QuotaExceeded where a user sends too much.
-        """
+        """Take an update that somebody put."""
         self._counters["updates"] += 1
         try:
             user, chunks = split_user(key.split("/")[2:])
@@ -233,8 +215,7 @@ class Streams:
 def require_own(read: Query) -> None:
     """Refuse what somebody asks about another's stream; operators may, on the plain keys.
 
-    Raises:
-        NotAllowed: if it is another's; whether there is such a stream is not told.
+    Raises NotAllowed if it is another's; whether there is such a stream is not told.
     """
     if read.user not in (read.owner, PLAIN):
         name = read.key[1][:64]

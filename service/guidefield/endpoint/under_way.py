@@ -34,11 +34,6 @@ _log = logging.getLogger(__name__)
 def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
     """Have the outcome of a task kept as that of its run.
 
-    Args:
-        runs: The runs of its user.
-        run: The run.
-        task: Comes to the answer, or to the error in its place.
-
     Returns:
         The same, once the run is kept or can't be; at once where time is up, whether it will be kept or not.
     """
@@ -106,11 +101,7 @@ class _Work:
 
 
 class UnderWay:
-    """The work under way.
-
-    Args:
-        pool: The workers that do it.
-    """
+    """The work under way."""
 
     def __init__(self, pool: Pool) -> None:
         self._pool = pool

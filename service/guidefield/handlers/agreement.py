@@ -96,8 +96,7 @@ class Certified(NamedTuple):
 def require_agreement(run_id: str, certified: Sequence[Certified]) -> None:
     """Refuse to answer where a clearance contradicts a certificate; what contradicts it is kept as a file.
 
-    Raises:
-        ContradictionError: if a motion that is certified comes closer than it is certified to.
+    Raises ContradictionError if a motion that is certified comes closer than it is certified to.
     """
     for one in certified:
         said = _contradiction(one)

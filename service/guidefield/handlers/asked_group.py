@@ -28,8 +28,7 @@ from guidefield.robot.model.spaces import ChartRate, RobotConfiguration
 def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguration, list[str]]:
     """The start of the whole robot, shape (nq,), clamped where it is beyond a limit by next to nothing; and warnings.
 
-    Raises:
-        InvalidConfiguration: as `configuration_from_wire`.
+    Raises InvalidConfiguration as `configuration_from_wire`.
     """
     with at_path("$.start"):
         q = configuration_from_wire(robot, positions)
@@ -66,8 +65,7 @@ def clamp_slight(robot: RobotModel, q: RobotConfiguration) -> RobotConfiguration
 def limited(group: PlanningGroup, request: MotionRequest | StreamOpen) -> PlanningGroup:
     """The group with the limits of a request, and its scaling factors.
 
-    Raises:
-        InvalidConfiguration: if a joint is named that neither is planned for nor follows one that is.
+    Raises InvalidConfiguration if a joint is named that neither is planned for nor follows one that is.
     """
     names, followers = [joint.name for joint in group.joints], followers_of(group)
     for name in request.limits:
@@ -95,11 +93,6 @@ def followers_of(group: PlanningGroup) -> dict[str, Mimic]:
 
 def rates_of(asked: Mapping[str, float], field: str, group: PlanningGroup) -> ChartRate | None:
     """Rates of every coordinate, shape (nv,), 0 where none is given; None where none is asked for.
-
-    Args:
-        asked: By joint.
-        field: What it is called in the request.
-        group: The joints that move.
 
     Raises:
         InvalidConfiguration: if a joint is named that doesn't move, or has several coordinates.

@@ -45,11 +45,7 @@ from guidefield.scene.scene import Scene, build
 
 @dataclass(frozen=True, eq=False)
 class JudgedMotion(PlainMotion):
-    """A motion that was judged.
-
-    Attributes:
-        given: The curve that was judged.
-    """
+    """A motion that was judged."""
 
     given: GivenMotion
 
@@ -176,11 +172,6 @@ def motion_of(request: CertifyRequest, robot: RobotModel, scene: Scene) -> Motio
     """The motion that a request is about, and what it is judged by.
 
     Where a contact at the start may be left, how it is left is found out first.
-
-    Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
 
     Raises:
         GuidefieldError: as `certify_problem` does, where the question is ill-posed.

@@ -45,12 +45,6 @@ def certify_problem(
 ) -> tuple[GivenProblem, tuple[str, ...]]:
     """The motion that a request gives among what it is judged by, and warnings about what was odd but harmless.
 
-    Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
-        deadline: How long judging may go on.
-
     Raises:
         InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid, MalformedRequest: if the question
             is ill-posed.
@@ -81,8 +75,7 @@ def certify_problem(
 def planning_group(request: CertifyRequest, robot: RobotModel) -> PlanningGroup:
     """Return the group whose motion a request gives, from the first row alone.
 
-    Raises:
-        InvalidGroup, InvalidConfiguration, UnknownFrame: as `certify_problem`.
+    Raises InvalidGroup, InvalidConfiguration, UnknownFrame as `certify_problem`.
     """
     columns, rows = _columns(request, robot), _positions(request, 1)
     columns.require_width(_field(request), rows)
@@ -234,8 +227,7 @@ def _times(request: CertifyRequest, given: GivenTrajectory) -> np.ndarray:
 def _moments(times: np.ndarray, points: np.ndarray, rates: np.ndarray | None) -> tuple[np.ndarray, list[str]]:
     """Choose one row of each time; warn about the others.
 
-    Raises:
-        MalformedRequest: if times don't increase, or two rows of one time differ.
+    Raises MalformedRequest if times don't increase, or two rows of one time differ.
     """
     steps = np.diff(times)
     same = (steps == 0.0) & (np.diff(points, axis=0) == 0.0).all(axis=1)

@@ -34,17 +34,7 @@ def reply_to(
     seconds: Mapping[str, float],
     warnings: Sequence[str],
 ) -> CertifyReply:
-    """Put a judgement into the wire's words.
-
-    Args:
-        problem: What was judged.
-        judgement: What came of it.
-        measured: How far the motion keeps from everything; None where there was no time to find out.
-        run_id: Name of the run.
-        received: As in `answer_certify`.
-        seconds: Time by stage [s].
-        warnings: What was odd before judging.
-    """
+    """Put a judgement into the wire's words."""
     group, ended = problem.group, _ending(problem, judgement)
     return CertifyReply(
         run_id=run_id,

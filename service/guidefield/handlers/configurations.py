@@ -31,10 +31,6 @@ TOGETHER = 16
 def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotConfigurations:
     """Return configurations of the whole robot, mimic joints included, shape (n, nq).
 
-    Args:
-        robot: The robot; joints that are not given are at rest.
-        given: The `configurations` of a request.
-
     Raises:
         InvalidConfiguration: if a joint is unknown or a mimic joint, or a value doesn't fit it.
     """
@@ -55,11 +51,7 @@ def configurations_from(robot: RobotModel, given: ConfigurationBatch) -> RobotCo
 
 
 def frame_ids(robot: RobotModel, names: Sequence[str]) -> list[int]:
-    """Return Pinocchio's indices of the `frames` of a request.
-
-    Raises:
-        UnknownFrame: if the robot lacks one.
-    """
+    """Return Pinocchio's indices of the `frames` of a request; raises UnknownFrame if the robot lacks one."""
     found = []
     for index, name in enumerate(names):
         with at_path(f"$.frames[{index}]"):
@@ -76,8 +68,7 @@ def model_configurations(group: PlanningGroup, configurations: RobotConfiguratio
 def batches(deadline: Deadline, count: int, together: int = TOGETHER) -> Iterator[slice]:
     """Yield slices of `count` configurations, as long as there is time.
 
-    Raises:
-        DeadlineExpired: as `require_time`, before a slice.
+    Raises DeadlineExpired as `require_time`, before a slice.
     """
     for begin in range(0, count, together):
         require_time(deadline, begin, count)
@@ -87,8 +78,7 @@ def batches(deadline: Deadline, count: int, together: int = TOGETHER) -> Iterato
 def require_time(deadline: Deadline, done: int, of: int) -> None:
     """Check the deadline after some configurations, poses or points of those that were asked.
 
-    Raises:
-        DeadlineExpired: if it passed.
+    Raises DeadlineExpired if it passed.
     """
     if (status := deadline.status()) is not None:
         raise DeadlineExpired(status, f"{done} of {of}", done=done, of=of)
@@ -108,8 +98,7 @@ def pack_numbers(numbers: np.ndarray) -> PackedNumbers:
 def rates_from(group: PlanningGroup, given: JointRates, field: str) -> np.ndarray:
     """Return velocities or accelerations of a group's joints, shape (n, nv); joints that are not given have none.
 
-    Raises:
-        InvalidConfiguration: if a joint is unknown or a mimic joint, or a value doesn't fit it.
+    Raises InvalidConfiguration if a joint is unknown or a mimic joint, or a value doesn't fit it.
     """
     robot = group.robot
     if isinstance(given, ConfigurationTable):

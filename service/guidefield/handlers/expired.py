@@ -32,13 +32,7 @@ _BUSY = "all workers were busy for the {:g} s that were allowed; ask again, or a
 
 
 def expired_run(run_id: str, head: RunHead, stage: Stage) -> MotionReply:
-    """Return the TIMED_OUT reply of a run, named by its id, without any result.
-
-    Args:
-        run_id: Name of the run.
-        head: Its part of the request.
-        stage: Where it is as its time is up.
-    """
+    """Return the TIMED_OUT reply of a run, named by its id, without any result."""
     message = _BUSY.format(head.allowed)
     if stage == "load":
         message = (

@@ -48,12 +48,6 @@ class Columns:
     ) -> Columns:
         """From names as a client gives them.
 
-        Args:
-            field: What the request calls them.
-            names: One for each column.
-            robot: Whose joints they are.
-            suffixes: What comes after a joint's own name, where it has several columns.
-
         Raises:
             InvalidConfiguration: if a name is none of the robot's, stands twice, or a joint lacks one of its columns.
         """
@@ -156,8 +150,7 @@ def chart_rates(
 ) -> ChartRates:
     """Rates of chart points (n, nv) from rows (n, k) of velocities in the tangent space: shape (n, nv).
 
-    Raises:
-        InvalidConfiguration: if a follower's velocity is not what its law says.
+    Raises InvalidConfiguration if a follower's velocity is not what its law says.
     """
     tangents = np.zeros(points.shape)
     for joint in group.joints:

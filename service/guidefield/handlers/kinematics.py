@@ -219,8 +219,7 @@ def potential(
 ) -> PointPotentialReply | RobotPotentialReply:
     """The scene's field on unit charges at points, or on the robot at configurations.
 
-    Raises:
-        InvalidConfiguration: if a configuration doesn't fit the robot.
+    Raises InvalidConfiguration if a configuration doesn't fit the robot.
     """
     if robot is None:
         return _at_points(request.points or [], scene, deadline)
@@ -243,13 +242,7 @@ def potential(
 
 
 class _Clearances:
-    """Clearances at configurations, as they become a reply.
-
-    Args:
-        world: Robot and obstacles.
-        gradients: Whether gradients are asked for.
-        contacts: Whether pairs in contact are asked for.
-    """
+    """Clearances at configurations, as they become a reply."""
 
     def __init__(self, world: World, gradients: bool, contacts: bool) -> None:
         self._world = world

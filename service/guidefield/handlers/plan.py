@@ -163,11 +163,6 @@ def prepare_ahead(
     """Prepare a request's robot and lay its links out before its time begins; return whether that was done before.
 
     What can't be used is refused later, where that is kept.
-
-    Args:
-        request: What is asked.
-        load: Loads a robot.
-        declared: Finds a scene's message.
     """
     with contextlib.suppress(GuidefieldError):
         robot = load(request.robot)

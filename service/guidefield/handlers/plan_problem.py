@@ -45,12 +45,6 @@ def problem_of(
     They are about the robot, what it holds, the scene, the start and the goal.
     Guide planes that are to be derived are not in it yet.
 
-    Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
-        deadline: How long planning may go on.
-
     Raises:
         InvalidGroup, InvalidGoal, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid: if the question
             is ill-posed.

@@ -24,11 +24,6 @@ def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tupl
 
     Where planes are to be derived, the last of the scene's is left if it is the goal.
 
-    Args:
-        request: What is asked.
-        scene: The scene that it names.
-        deadline: Checked before each plane.
-
     Raises:
         SceneInvalid: if a plane of the request isn't flat, isn't convex or has no area.
         DeadlineExpired: if time was up before planes of many corners were built.
@@ -44,12 +39,7 @@ def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tupl
 
 @dataclass(frozen=True)
 class Derivation:
-    """The outcome of deriving guide planes, the first stage of a plan; None if none were asked for.
-
-    Attributes:
-        left: The stage.
-        warning: What was odd, if anything.
-    """
+    """The outcome of deriving guide planes, the first stage of a plan; None if none were asked for."""
 
     left: StageLeft | None = None
     warning: str | None = None

@@ -38,13 +38,6 @@ def prepare_plan(
 ) -> None:
     """Prepare a robot and a scene for a plan.
 
-    Args:
-        robot: The robot; None if it needn't connect anything.
-        scene: The scene.
-        deadline: Checked before each part.
-        told: Told what is prepared.
-        field: Whether the scene's field is needed, too.
-
     Raises:
         DeadlineExpired: if the deadline passed before all is prepared.
     """
@@ -63,11 +56,6 @@ def prepare_plan(
 def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
     """Prepare the scene of a problem, and its robot if a plan certainly connects.
 
-    Args:
-        request: What is asked.
-        problem: The same for the planner.
-        told: Told what is prepared.
-
     Raises:
         DeadlineExpired: if the deadline passed before all is prepared.
     """
@@ -82,11 +70,6 @@ def prepare_problem(request: PlanRequest, problem: Problem, told: Told) -> None:
 
 def crop_to_reach(problem: Asked, deadline: Deadline, *, limited: bool = True) -> Asked:
     """Crop the scene of a problem to what its robot can reach: distances from the nearest obstacles are the same.
-
-    Args:
-        problem: The problem.
-        deadline: Checked before each search.
-        limited: Whether the joints keep their limits.
 
     Raises:
         DeadlineExpired: if time was up before.
@@ -130,8 +113,7 @@ def _prepare_obstacles(scene: Scene, deadline: Deadline, told: Told) -> None:
 def prepare_links(world: World, deadline: Deadline) -> None:
     """Make the tables of a robot's links, unless they are there.
 
-    Raises:
-        DeadlineExpired: if the deadline passed before.
+    Raises DeadlineExpired if the deadline passed before.
     """
     robot = world.group.robot
     if is_laid_out(robot):
@@ -149,11 +131,7 @@ def is_laid_out(robot: RobotModel) -> bool:
 
 
 def prepare_field(scene: Scene, deadline: Deadline) -> None:
-    """Make the field of a scene, unless it is there.
-
-    Raises:
-        DeadlineExpired: if the deadline passed before.
-    """
+    """Make the field of a scene, unless it is there; raises DeadlineExpired if the deadline passed before."""
     if "tables" not in vars(scene):
         deadline.check(f"the field of scene {scene.name}")
         _ = scene.tables

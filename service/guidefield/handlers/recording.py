@@ -149,14 +149,7 @@ class PackedMotion(msgspec.Struct, array_like=True, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class PlainMotion:
-    """A motion of one group in one scene.
-
-    Attributes:
-        group: The joints that move.
-        scene: The scene that they move in.
-        measure: Measures the clearance along it.
-        packed: The motion, packed.
-    """
+    """A motion of one group in one scene."""
 
     group: PlanningGroup
     scene: Scene

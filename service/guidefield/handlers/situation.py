@@ -97,12 +97,7 @@ class Standing:
         return posed(attached.obstacle, self.frame(attached.link) * in_link * own)
 
     def moved(self, q: RobotConfiguration, min_clearance: float) -> Standing:
-        """The same with the robot at a configuration, shape (nq,); what has left what it stood on is known to have.
-
-        Args:
-            q: The configuration.
-            min_clearance: Nothing nearer than this has left it [m].
-        """
+        """The same with the robot at a configuration, shape (nq,); what has left what it stood on is known to have."""
         there = dataclasses.replace(self, q=q)
         objects = [
             dataclasses.replace(one, near=frozenset(name for name in one.near if there.gap(one, name) < away))
@@ -123,11 +118,7 @@ class Standing:
         return float(result.min_distance) - against.rounding
 
     def without(self, name: str) -> Standing:
-        """The same with a held object put down where it is.
-
-        Raises:
-            UnknownObject: if no such object is held.
-        """
+        """The same with a held object put down where it is; raises UnknownObject if no such object is held."""
         one = next((one for one in self.objects if one.name == name), None)
         if one is None:
             raise UnknownObject(
@@ -144,10 +135,6 @@ class Standing:
 
     def holding(self, asked: Attach, link: str) -> Standing:
         """The same with an obstacle picked up where it is.
-
-        Args:
-            asked: What and by what.
-            link: What holds it where nothing else is said.
 
         Raises:
             UnknownObject: if there is no such obstacle, or one that it may touch.

@@ -48,13 +48,6 @@ BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
 class Steps:
     """The course of a request.
 
-    Args:
-        request: With steps.
-        robot: The robot that it names.
-        scene: The scene that it names.
-        deadline: How long planning may go on.
-        preparing: Told which part of the robot is prepared.
-
     Raises:
         GuidefieldError: as `problem_of`, with the step's path, where the question is ill-posed.
     """
@@ -281,10 +274,8 @@ class Steps:
     def require_posed(self) -> None:
         """Refuse what is ill-posed in any step before one is planned, as if no goal moved the robot.
 
-        As far as there is time; where it is up, the first step that is planned says so.
-
-        Raises:
-            GuidefieldError: as `problem_of`, with the step's path.
+        As far as there is time; where it is up, the first step that is planned says so; raises GuidefieldError as
+        `problem_of`, with the step's path.
         """
         at = self.start
         for index in range(len(self)):

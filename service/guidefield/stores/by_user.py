@@ -26,11 +26,7 @@ Kind = Literal["runs", "scenes", "robots", "requests"]
 
 
 class Shared:
-    """Marks in a folder: an empty file for each thing that is shared.
-
-    Args:
-        folder: Made when something is shared.
-    """
+    """Marks in a folder: an empty file for each thing that is shared."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -68,11 +64,6 @@ class StoresByUser:
     """The stores of all users in a data folder: those of `PLAIN` in it, all others' below ``users``.
 
     Several processes may share the folder, and any thread may ask.
-
-    Args:
-        data: The folder.
-        quotas: How much room each has.
-        database: Their runs; None: this process doesn't read them.
     """
 
     def __init__(self, data: Path, quotas: Quotas = DEFAULT_QUOTAS, database: RunDatabase | None = None) -> None:
@@ -83,8 +74,7 @@ class StoresByUser:
     def of(self, user: str) -> Stores:
         """The stores of a user, made if they aren't there.
 
-        Raises:
-            QuotaExceeded: if too many users have stores already.
+        Raises QuotaExceeded if too many users have stores already.
         """
         return self._open.find(user, lambda: self._open_stores(user), lambda _: 0)
 
@@ -111,8 +101,7 @@ class StoresByUser:
     def require_right(self, asking: str, owner: str, kind: Kind, name: str, *, read_only: bool) -> None:
         """Refuse what somebody may not do with what is another's.
 
-        Raises:
-            NotAllowed: if it may not; whether there is such a thing is not told.
+        Raises NotAllowed if it may not; whether there is such a thing is not told.
         """
         right = self.may_read(asking, owner, kind, name) if read_only else asking in (owner, PLAIN)
         if not right:
@@ -122,10 +111,6 @@ class StoresByUser:
 
     def require_room(self, user: str, size: int) -> None:
         """Refuse a robot or scene for which a user has no room.
-
-        Args:
-            user: Who stores it.
-            size: What it takes [bytes].
 
         Raises:
             QuotaExceeded: if it has none.

@@ -62,11 +62,7 @@ class SharedFile:
 
 
 class Recordings:
-    """Recordings as files `<id>.rrd`. Several processes may share the folder.
-
-    Args:
-        folder: Its folder; whoever writes makes it.
-    """
+    """Recordings as files `<id>.rrd`. Several processes may share the folder."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -84,8 +80,7 @@ class Recordings:
     def path(self, run_id: str) -> Path:
         """The path of a run's recording, whether it exists or not.
 
-        Raises:
-            MalformedRequest: if the name can't be a file's.
+        Raises MalformedRequest if the name can't be a file's.
         """
         return self.file(run_id, RECORDING)
 
@@ -94,11 +89,7 @@ class Recordings:
         return self.folder / f"{checked_name(run_id, 'run_id')}{ending}"
 
     def find(self, run_id: str) -> Path:
-        """The file of a run's recording.
-
-        Raises:
-            UnknownObject: if there is none, or not yet, or it was lost.
-        """
+        """The file of a run's recording; raises UnknownObject if there is none, or not yet, or it was lost."""
         recording = self.path(run_id)
         if recording.exists():
             return recording
@@ -112,9 +103,7 @@ class Recordings:
     def read_proof(self, run_id: str) -> bytes:
         """Return the proof of a run, as the content of a file.
 
-        Raises:
-            UnknownObject: if it has none.
-            OSError: if the disk refuses.
+        Raises UnknownObject if it has none; raises OSError if the disk refuses.
         """
         found = read_if_any(self.file(run_id, PROOF))
         if found is None:
@@ -151,8 +140,7 @@ class Recordings:
     def owe(self, run_id: str, log: bytes, shared: Iterable[SharedFile]) -> None:
         """Keep a run's log, and hold on to the scene and robot that it needs.
 
-        Raises:
-            OSError: if the disk refuses, or knows no hard links; nothing of it is left then.
+        Raises OSError if the disk refuses, or knows no hard links; nothing of it is left then.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -195,8 +183,7 @@ class Recordings:
     def drop(self, run_id: str) -> None:
         """Delete a recording, or its log and all that this alone needs, and the proof.
 
-        Raises:
-            OSError: if the disk refuses.
+        Raises OSError if the disk refuses.
         """
         for ending in (LOG, LOST, RECORDING, SCENE_LINK, PROOF, *NEEDED):
             self.file(run_id, ending).unlink(missing_ok=True)

@@ -69,13 +69,7 @@ class _Description(msgspec.Struct, frozen=True):
 
 
 class RobotStore:
-    """Clients' robots in a folder, which several processes may share. Where the disk refuses, OSError comes through.
-
-    Args:
-        folder: Made if it isn't there.
-        limit: How many robots may be stored.
-        limit_bytes: How much all of them may take.
-    """
+    """Clients' robots in a folder, which several processes may share. Where the disk refuses, OSError comes through."""
 
     def __init__(self, folder: Path, limit: int = MAX_ROBOTS, limit_bytes: int = MAX_BYTES) -> None:
         self._names, self._contents = folder / "names", folder / "contents"
@@ -90,9 +84,7 @@ class RobotStore:
     def find(self, name: str) -> SentRobot | None:
         """A stored robot, or None.
 
-        Raises:
-            MalformedRequest: if the name can't be a file's.
-            RobotInvalid: if a file of it is damaged.
+        Raises MalformedRequest if the name can't be a file's; raises RobotInvalid if a file of it is damaged.
         """
         if name in library.entries():  # what comes with the package isn't stored
             return None
@@ -131,11 +123,7 @@ class RobotStore:
                 self._sweep()
 
     def delete(self, name: str) -> None:
-        """Forget a stored robot.
-
-        Raises:
-            RobotInvalid: if none of that name was stored.
-        """
+        """Forget a stored robot; raises RobotInvalid if none of that name was stored."""
         with self._alone():
             try:
                 self._path(name).unlink()

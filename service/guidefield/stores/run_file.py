@@ -84,8 +84,7 @@ and `recorded` says which of them there is (`recordings.Kind`); `usage` has the 
 def connect_writer(file: Path) -> sqlite3.Connection:
     """Open the file to write, and make it if it isn't there.
 
-    Raises:
-        DiskRefused: if it can't be written as it should; says why and what to do.
+    Raises DiskRefused if it can't be written as it should; says why and what to do.
     """
     with contextlib.ExitStack() as failed, telling_faults(file):
         db = failed.enter_context(contextlib.closing(_connected(file, "rwc")))
@@ -106,11 +105,7 @@ def connect_writer(file: Path) -> sqlite3.Connection:
 
 
 def connect_reader(file: Path) -> sqlite3.Connection:
-    """Open the file to read, also while a service writes it.
-
-    Raises:
-        DiskRefused: if it can't be read.
-    """
+    """Open the file to read, also while a service writes it; raises DiskRefused if it can't be read."""
     # Where no log is left, and none can be made beside it, nobody writes it either.
     is_still = not file.with_name(f"{file.name}-wal").exists() and not os.access(file.parent, os.W_OK)
     with contextlib.ExitStack() as failed, telling_faults(file):
@@ -121,22 +116,14 @@ def connect_reader(file: Path) -> sqlite3.Connection:
 
 
 def checkpoint(file: Path) -> None:
-    """Flush all commits so far to the disk.
-
-    Raises:
-        DiskRefused: if the disk refuses.
-    """
+    """Flush all commits so far to the disk; raises DiskRefused if the disk refuses."""
     with telling_faults(file), contextlib.closing(_connected(file, "rw")) as db:
         db.execute("PRAGMA synchronous = NORMAL")
         db.execute("PRAGMA wal_checkpoint(PASSIVE)")
 
 
 class Readers:
-    """Connections for reading, one for each thread that reads at a time.
-
-    Args:
-        file: The file.
-    """
+    """Connections for reading, one for each thread that reads at a time."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -147,8 +134,7 @@ class Readers:
     def reading(self) -> Iterator[sqlite3.Connection]:
         """A connection for the time of a block, in which the file stays as it is.
 
-        Raises:
-            DiskRefused: if the file can't be read.
+        Raises DiskRefused if the file can't be read.
         """
         with self._lock:
             db = self._free.pop() if self._free else None

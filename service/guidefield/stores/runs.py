@@ -98,11 +98,6 @@ class NoRuns:
 class RunDatabase:
     """The runs of all users.
 
-    Args:
-        data: The data folder.
-        retention: The limits of what is kept.
-        bytes_of: Returns a user's quota for it [bytes]; None: no quota.
-
     Attributes:
         unended: Runs, by owner and id, whose end could not be kept: until they are deleted they are passed over.
         render: Is told of each run, by owner and id, whose recording is to be rendered from its log.
@@ -156,9 +151,6 @@ class RunDatabase:
     def take_over(self, tell: Callable[[str], None]) -> None:
         """Take over the runs that guidefield 0.1 kept in folders.
 
-        Args:
-            tell: Is told how far it is.
-
         Raises:
             DiskRefused: if the database can't be written; OSError, if a folder can't be read.
         """
@@ -192,13 +184,7 @@ class RunDatabase:
         self.writer.submit(note, urgent=False)
 
     def make_room(self, owner: str, newest: int | None, db: sqlite3.Connection) -> None:
-        """Drop the oldest runs of a user that are too many, too large or too old.
-
-        Args:
-            owner: The user.
-            newest: Number of the run that is kept in any case.
-            db: The database, in a transaction.
-        """
+        """Drop the oldest runs of a user that are too many, too large or too old."""
         most, quota, too_old = self._retention, self._bytes_of(owner), time.time() - self._retention.seconds
         most_bytes = most.bytes if quota is None else min(quota, most.bytes)
         runs, size = db.execute("SELECT runs, bytes FROM usage WHERE owner = ?", (owner,)).fetchone() or (0, 0)
@@ -234,12 +220,7 @@ class RunDatabase:
 
 
 class UserRuns:
-    """The runs of one user, and what this one may see of others' in a list.
-
-    Args:
-        database: Of all users.
-        owner: The user.
-    """
+    """The runs of one user, and what this one may see of others' in a list."""
 
     def __init__(self, database: RunDatabase, owner: str) -> None:
         self._database, self._owner = database, owner
@@ -283,8 +264,7 @@ class UserRuns:
     def list(self, request: ReadRuns) -> RunsReply:
         """The runs that are kept, newest first, with those of others that the user may see, as ``owner:id``.
 
-        Raises:
-            DiskRefused: if the database can't be read.
+        Raises DiskRefused if the database can't be read.
         """
         self._writer.settle()
         after = 2**63 - 1 if request.after is None else int(request.after)
@@ -345,9 +325,7 @@ class UserRuns:
     def delete(self, run_id: str) -> None:
         """Forget one run.
 
-        Raises:
-            UnknownObject: if there is none of that name.
-            DiskRefused: if the database can't be written.
+        Raises UnknownObject if there is none of that name; raises DiskRefused if the database can't be written.
         """
         checked_name(run_id, "run_id")
 
@@ -363,9 +341,7 @@ class UserRuns:
     def share(self, run_id: str, *, shared: bool) -> None:
         """Let every user read a run, or no other user any more.
 
-        Raises:
-            UnknownObject: if there is none of that name.
-            DiskRefused: if the database can't be written.
+        Raises UnknownObject if there is none of that name; raises DiskRefused if the database can't be written.
         """
         share = "UPDATE runs SET shared = ? WHERE (owner, run_id) = (?, ?)"
         if not self._writer.submit(partial(execute, share, (shared, self._owner, run_id))).result():
@@ -443,9 +419,7 @@ _KINDS: dict[str, tuple[type[MotionRequest], type[MotionReply], type[AnyRunReply
 def answered_before(runs: UserRuns, request: MotionRequest, run_id: str) -> MotionReply:
     """The reply of a run that is asked for again, by its name and in the same words: its answer may have been lost.
 
-    Raises:
-        MalformedRequest: if the run of that name is another one.
-        GuidefieldError: what ended that run.
+    Raises MalformedRequest if the run of that name is another one; raises what ended that run.
     """
     kept = runs.read(run_id)
     if kept.request != request or (kept.error is None and kept.reply is None):

@@ -20,23 +20,14 @@ MOST_NAMES = 2_000
 
 @dataclass(frozen=True)
 class Matrix:
-    """Who may touch whom.
-
-    Attributes:
-        pairs: By two names, as a set, whether they may touch.
-        defaults: By one name, whether it may touch anything.
-    """
+    """Who may touch whom."""
 
     pairs: MappingProxyType[frozenset[str], bool]
     defaults: MappingProxyType[str, bool]
 
     @classmethod
     def read(cls, message: Any, where: str) -> Matrix:
-        """The matrix of a moveit_msgs/AllowedCollisionMatrix.
-
-        Raises:
-            Refused: if it isn't square.
-        """
+        """The matrix of a moveit_msgs/AllowedCollisionMatrix; raises Refused if it isn't square."""
         names, rows = message.entry_names, message.entry_values
         alone, allowed = message.default_entry_names, message.default_entry_values
         if len(names) > MOST_NAMES:

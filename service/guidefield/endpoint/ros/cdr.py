@@ -86,8 +86,7 @@ class Types:
     def read(self, payload: bytes, name: str) -> Any:
         """The message that a payload holds.
 
-        Raises:
-            Unreadable: if it holds none of that type, or is longer than `MOST_BYTES`.
+        Raises Unreadable if it holds none of that type, or is longer than `MOST_BYTES`.
         """
         if len(payload) > MOST_BYTES:
             raise Unreadable(f"the payload has {len(payload)} bytes, at most {MOST_BYTES} are read")

@@ -61,8 +61,7 @@ def object_of(obstacle: str, objects: Collection[str]) -> str | None:
 def shapes_of(message: Any, where: str) -> tuple[tuple[Shape, Any], ...]:
     """The shapes of a CollisionObject, and where they are in the object; a pose that isn't given is the identity.
 
-    Raises:
-        Refused: if a kind or a size isn't served.
+    Raises Refused if a kind or a size isn't served.
     """
     found: list[tuple[Shape, Any]] = []
     kinds: tuple[tuple[str, str, Callable[[Any, str], Shape]], ...] = (
@@ -79,11 +78,7 @@ def shapes_of(message: Any, where: str) -> tuple[tuple[Shape, Any], ...]:
 
 
 def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
-    """The named frames of a CollisionObject.
-
-    Raises:
-        Refused: if names and poses aren't equally many.
-    """
+    """The named frames of a CollisionObject; raises Refused if names and poses aren't equally many."""
     names, poses = message.subframe_names, message.subframe_poses
     if len(names) != len(poses):
         raise ObjectRefused(f"`{where}.subframe_names` has {len(names)} entries, `subframe_poses` {len(poses)}")
@@ -92,11 +87,7 @@ def frames_of(message: Any, where: str) -> MappingProxyType[str, Any]:
 
 
 def checked_id(name: str, where: str) -> str:
-    """The name itself, if an object can have it.
-
-    Raises:
-        Refused: otherwise.
-    """
+    """The name itself, if an object can have it; else raises Refused."""
     if not 0 < len(name) <= LONGEST_NAME:
         raise ObjectRefused(f"`{where}.id` must have 1 to {LONGEST_NAME} characters, got {name[:64]!r}")
     return name
@@ -105,8 +96,7 @@ def checked_id(name: str, where: str) -> str:
 def primitive(message: Any, where: str) -> Shape:
     """The shape of a shape_msgs/SolidPrimitive.
 
-    Raises:
-        Refused: if it is a cone or a prism, or a size isn't positive.
+    Raises Refused if it is a cone or a prism, or a size isn't positive.
     """
     wanted = {BOX: 3, SPHERE: 1, CYLINDER: 2}.get(message.type)
     if wanted is None:

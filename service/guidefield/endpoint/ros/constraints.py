@@ -55,11 +55,6 @@ class AskedGoal:
 def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -> AskedGoal:
     """The goal of a request: any one of its constraints, and of a position's regions.
 
-    Args:
-        constraints: moveit_msgs/Constraints each.
-        group: The joints that are planned for.
-        start: Where frames are.
-
     Raises:
         Refused: if they aren't served; names the field.
     """
@@ -78,11 +73,7 @@ def goal_of(constraints: Sequence[Any], group: Sequence[str], start: Snapshot) -
 
 
 def path_constraints_of(message: Any, group: Sequence[str], start: Snapshot) -> list[PathConstraint]:
-    """What frames have to keep all along.
-
-    Raises:
-        Refused: if it isn't served; names the field.
-    """
+    """What frames have to keep all along; raises Refused if it isn't served; names the field."""
     where = "path_constraints"
     _require_no_view(message, where)
     for index, one in enumerate(message.joint_constraints):

@@ -22,8 +22,7 @@ UNSET_TIME = 1.0
 def asked_solution(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
     """Return what a GetPositionIK asks for: a request of ours, and robot and scene.
 
-    Raises:
-        Refused: if it isn't served; names the field.
+    Raises Refused if it isn't served; names the field.
     """
     asked = message.ik_request
     group = now.robot.group(asked.group_name)
@@ -64,8 +63,7 @@ def solution_response(link: str, start: Snapshot, solution: Mapping[str, float])
 def asked_places(message: Any, now: Snapshot) -> tuple[ForwardKinematics, str, Any]:
     """Return what a GetPositionFK asks for: a request of ours, the frame of the poses, and its place, pinocchio.SE3.
 
-    Raises:
-        Refused: if it isn't served; names the field.
+    Raises Refused if it isn't served; names the field.
     """
     if not message.fk_link_names:
         raise LinkRefused("`fk_link_names` is empty")

@@ -20,10 +20,6 @@ WORLD = "world"
 class KnownRobot:
     """A robot as messages of ROS name it.
 
-    Args:
-        name: By which requests name it.
-        model: What it is.
-
     Raises:
         RobotInvalid: if a joint of it has several coordinates, which these messages have no place for.
     """
@@ -42,22 +38,14 @@ class KnownRobot:
         self.rest = {joint: float(rest[joint]) for joint in self.joints}  # type: ignore[arg-type]
 
     def group(self, name: str) -> list[str]:
-        """The joints of a group.
-
-        Raises:
-            Refused: if there is none of that name.
-        """
+        """The joints of a group; raises Refused if there is none of that name."""
         if name not in self.model.groups:
             groups = ", ".join(self.model.groups) or "no group"
             raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", MoveItCode.INVALID_GROUP_NAME)
         return list(self.model.groups[name])
 
     def require_link(self, name: str, field: str) -> str:
-        """The name itself, if it is a link's.
-
-        Raises:
-            Refused: otherwise.
-        """
+        """The name itself, if it is a link's; else raises Refused."""
         if name not in self.links:
             raise LinkRefused(f"`{field}` {name[:64]!r} is no link of {self.name}: {', '.join(self.links)}")
         return name

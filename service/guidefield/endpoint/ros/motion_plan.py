@@ -49,11 +49,7 @@ class AskedPlan:
 
 
 def asked_plan(message: Any, now: Snapshot) -> AskedPlan:
-    """What a GetMotionPlan asks for.
-
-    Raises:
-        Refused: if it isn't served; names the field.
-    """
+    """What a GetMotionPlan asks for; raises Refused if it isn't served; names the field."""
     asked = message.motion_plan_request
     group = now.robot.group(asked.group_name)
     _require_served(asked)
@@ -114,8 +110,7 @@ def asked_solutions(asked: AskedPlan) -> list[InverseKinematics]:
 def with_solutions(asked: AskedPlan, found: Sequence[InverseKinematicsReply]) -> AskedPlan:
     """What is asked, with the configurations at those poses, and those that were asked for, as its goal.
 
-    Raises:
-        Refused: if there are none.
+    Raises Refused if there are none.
     """
     positions = [one.goal.positions for one in asked.choices if isinstance(one.goal, JointsGoal)]
     positions += [solution for reply in found for solutions in reply.configurations for solution in solutions]
@@ -192,8 +187,7 @@ def _planning_time(seconds: float) -> tuple[float, tuple[str, ...]]:
 def _start_velocities(state: Any, group: Sequence[str]) -> dict[str, float]:
     """The velocities of the joints that move at the start, by name [rad/s or m/s].
 
-    Raises:
-        Refused: if there isn't one for each name, one isn't finite, or a joint moves that isn't planned for.
+    Raises Refused if there isn't one for each name, one isn't finite, or a joint moves that isn't planned for.
     """
     field = "start_state.joint_state.velocity"
     names, values = state.name, state.velocity.tolist()

@@ -32,15 +32,7 @@ class Kind(enum.StrEnum):
 
 @dataclass(frozen=True)
 class Entity:
-    """A service, publisher or subscription.
-
-    Attributes:
-        kind: Which of them.
-        name: Without the first slash, such as ``plan_kinematic_path``.
-        type_name: Such as ``moveit_msgs/srv/GetMotionPlan``.
-        type_hash: Of that type.
-        qos: As a token has it.
-    """
+    """A service, publisher or subscription."""
 
     kind: Kind
     name: str
@@ -61,13 +53,7 @@ class Entity:
 
 @dataclass(frozen=True)
 class Node:
-    """A node of a session.
-
-    Attributes:
-        domain: ROS domain.
-        session: The Zenoh id of its session.
-        name: Its name; it has no namespace.
-    """
+    """A node of a session."""
 
     domain: int
     session: str
@@ -90,15 +76,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Seen:
-    """What a token of another node says.
-
-    Attributes:
-        node: The node's name.
-        kind: What the token stands for.
-        name: Of the service or topic, without the first slash.
-        on_zenoh: Name of its type, as in keys.
-        type_hash: Of that type.
-    """
+    """What a token of another node says."""
 
     node: str
     kind: str
@@ -124,12 +102,7 @@ _COUNTERPARTS = {Kind.SERVICE: Kind.CLIENT, Kind.SUBSCRIPTION: Kind.PUBLISHER, K
 
 
 class Strangers:
-    """Looks at the tokens of other nodes, and names each kind of stranger once.
-
-    Args:
-        ours: What we offer, publish and hear.
-        told: Is told of a stranger in one sentence.
-    """
+    """Looks at the tokens of other nodes, and names each kind of stranger once."""
 
     def __init__(self, ours: Iterable[Entity], told: Callable[[str], object]) -> None:
         self._ours = {(_COUNTERPARTS[one.kind].value, one.name): one for one in ours}
@@ -158,12 +131,7 @@ _ID_BYTES = 16
 
 @dataclass(frozen=True)
 class Attachment:
-    """Who sent something, and its number.
-
-    Attributes:
-        number: Counted by the sender, from 1.
-        sender: Its identifier, 16 bytes.
-    """
+    """Who sent something, and its number."""
 
     number: int
     sender: bytes

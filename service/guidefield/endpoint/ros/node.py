@@ -58,12 +58,7 @@ LATCHED = {"robot_description": "std_msgs/msg/String"}
 
 
 class _Publisher:
-    """Numbers what it publishes.
-
-    Args:
-        type_name: Of its messages.
-        publisher: Zenoh's.
-    """
+    """Numbers what it publishes."""
 
     def __init__(self, type_name: str, publisher: Any) -> None:
         self.type_name = type_name
@@ -77,16 +72,7 @@ class _Publisher:
 
 
 class RosNode:
-    """A node that offers MoveIt's services.
-
-    Args:
-        session: An open session.
-        domain: ROS domain.
-        types: Of messages.
-        known: What is known of robot and scene.
-        ask: Has a query of ours answered.
-        description: The robot's URDF, to be published; None: nothing is.
-    """
+    """A node that offers MoveIt's services."""
 
     def __init__(
         self,
@@ -302,12 +288,6 @@ def _send_error(query: zenoh.Query, sentence: str) -> None:
 def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, ask: Ask) -> RosNode:
     """A node on a session, that isn't offered yet.
 
-    Args:
-        settings: How it is offered.
-        session: An open session.
-        model: The robot that is offered.
-        ask: Has requests of ours answered.
-
     Raises:
         RobotInvalid: if the robot can't be offered over ROS.
     """
@@ -320,8 +300,7 @@ def ros_node(settings: RosSettings, session: zenoh.Session, model: RobotModel, a
 def session_for(settings: RosSettings, own: zenoh.Session) -> Iterator[zenoh.Session]:
     """The session in which nodes are met: the service's own, or one that is a router's client.
 
-    Raises:
-        zenoh.ZError: if the router can't be reached.
+    Raises zenoh.ZError if the router can't be reached.
     """
     if settings.connect is None:
         yield own

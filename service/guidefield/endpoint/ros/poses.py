@@ -13,32 +13,21 @@ from guidefield.messages.values import LARGEST, QuaternionXYZW, Vector3
 
 
 def number(value: float, field: str, kind: type[Refused] = Refused) -> float:
-    """A number, if it is finite and within what can be computed with.
-
-    Raises:
-        Refused: otherwise.
-    """
+    """A number, if it is finite and within what can be computed with; else raises Refused."""
     if not abs(value) <= LARGEST:
         raise kind(f"`{field}` must be a finite number within {LARGEST:g}, got {value}")
     return float(value)
 
 
 def vector(message: Any, field: str) -> np.ndarray:
-    """A geometry_msgs Point or Vector3, shape (3,).
-
-    Raises:
-        Refused: if a number isn't finite.
-    """
+    """A geometry_msgs Point or Vector3, shape (3,); raises Refused if a number isn't finite."""
     return np.array([number(getattr(message, axis), f"{field}.{axis}") for axis in "xyz"])
 
 
 def rotation(message: Any, field: str) -> np.ndarray:
     """The rotation matrix (3, 3) of a geometry_msgs Quaternion of any length.
 
-    Of one that is all zero it is the identity, as in MoveIt.
-
-    Raises:
-        Refused: if a number isn't finite.
+    Of one that is all zero it is the identity, as in MoveIt; raises Refused if a number isn't finite.
     """
     x, y, z, w = (number(getattr(message, axis), f"{field}.{axis}") for axis in "xyzw")
     norm = math.hypot(x, y, z, w)
@@ -49,11 +38,7 @@ def rotation(message: Any, field: str) -> np.ndarray:
 
 
 def placement(pose: Any, field: str) -> Any:
-    """The pinocchio.SE3 of a geometry_msgs Pose.
-
-    Raises:
-        Refused: if a number isn't finite.
-    """
+    """The pinocchio.SE3 of a geometry_msgs Pose; raises Refused if a number isn't finite."""
     return pin.SE3(rotation(pose.orientation, f"{field}.orientation"), vector(pose.position, f"{field}.position"))
 
 

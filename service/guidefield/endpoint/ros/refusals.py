@@ -38,12 +38,7 @@ class MoveItCode(enum.IntEnum):
 
 
 class Refused(Exception):
-    """A request that isn't served.
-
-    Attributes:
-        code: Of the answer; by default that of its kind.
-        message: One sentence that names the field.
-    """
+    """A request that isn't served."""
 
     code = MoveItCode.FAILURE
 

@@ -23,8 +23,7 @@ MOST_OBJECTS = 10_000
 def updated(before: Snapshot, message: Any) -> Snapshot:
     """Robot and scene after a PlanningScene: with `is_diff` changed by it, else as it says.
 
-    Raises:
-        Refused: if something in it isn't served; then nothing of it counts.
+    Raises Refused if something in it isn't served; then nothing of it counts.
     """
     _require_served(message)
     after = before
@@ -51,10 +50,7 @@ def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
     """Robot and scene with a moveit_msgs/RobotState: joints that it leaves out keep their values.
 
     What is held is as before and changed by the message if that is a diff, else as the message says; a state that says
-    nothing at all changes nothing.
-
-    Raises:
-        Refused: if a joint, a link or an object in it isn't served.
+    nothing at all changes nothing; raises Refused if a joint, a link or an object in it isn't served.
     """
     if not state.is_diff and not state.joint_state.name and not state.attached_collision_objects:
         _require_single(state, where)
@@ -74,8 +70,7 @@ def with_state(before: Snapshot, state: Any, where: str) -> Snapshot:
 def heard(before: Snapshot, message: Any) -> Snapshot:
     """Robot and scene after a sensor_msgs/JointState: joints that the robot doesn't have, or that follow, don't count.
 
-    Raises:
-        Refused: if a value isn't finite.
+    Raises Refused if a value isn't finite.
     """
     values = zip(message.name, message.position.tolist(), strict=False)
     known = {name: number(value, "position") for name, value in values if name in before.robot.joints}

@@ -96,12 +96,7 @@ class Service:
 
 
 class Services:
-    """Answers requests of MoveIt's services with the engine.
-
-    Args:
-        known: Robot and scene as far as they are known.
-        ask: Has a query answered.
-    """
+    """Answers requests of MoveIt's services with the engine."""
 
     def __init__(self, known: KnownScene, ask: Ask) -> None:
         self._known, self._ask = known, ask
@@ -128,9 +123,7 @@ class Services:
     def _engine(self, key: str, request: msgspec.Struct, kind: type[_R], received: float) -> _R:
         """Return the engine's reply of a kind to a request on a key below an instance's; waits for it.
 
-        Raises:
-            GuidefieldError: if it can't wait its turn.
-            Refused: if it is answered by an error.
+        Raises GuidefieldError if it can't wait its turn; raises Refused if it is answered by an error.
         """
         payload = codec.encode(request, Encoding.MSGPACK)
         is_reply, answer = self._ask(

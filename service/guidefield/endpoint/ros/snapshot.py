@@ -74,10 +74,6 @@ class Snapshot:
     def frame(self, name: str, field: str) -> tuple[Any, str | None]:
         """Where a frame is in the world, and the link with which it moves.
 
-        Args:
-            name: The root, a link, an object or a named frame of one.
-            field: Where the name stands.
-
         Raises:
             Refused: if nothing is called so.
         """
@@ -98,22 +94,14 @@ class Snapshot:
         return inside, None
 
     def scene(self) -> Scene:
-        """The objects as our requests have them.
-
-        Raises:
-            Refused: if two shapes have the same name.
-        """
+        """The objects as our requests have them; raises Refused if two shapes have the same name."""
         try:
             return Scene(SCENE, obstacles=[o for name, thing in self.objects.items() for o in thing.obstacles(name)])
         except ValueError as error:
             raise ObjectRefused(f"the planning scene: {error}") from None
 
     def attached(self) -> list[AttachedObject]:
-        """What links hold, as our requests have it.
-
-        Raises:
-            Refused: if a plane is to be held.
-        """
+        """What links hold, as our requests have it; raises Refused if a plane is to be held."""
         return [one for name, held in self.held.items() for one in _attached(name, held)]
 
     def allowed(self) -> list[tuple[str, str]]:
@@ -138,11 +126,7 @@ def _attached(name: str, held: Held) -> Iterator[AttachedObject]:
 
 
 class KnownScene:
-    """The snapshot of now: any thread reads it, and one after the other replaces it.
-
-    Args:
-        first: The first one.
-    """
+    """The snapshot of now: any thread reads it, and one after the other replaces it."""
 
     def __init__(self, first: Snapshot) -> None:
         self._now = first
