@@ -89,6 +89,7 @@ def test_every_package_and_its_data_are_in_the_wheel() -> None:
     data = PROJECT["tool"]["setuptools"]["package-data"]
     assert data["guidefield"] == ["py.typed"]
     assert (PACKAGE / "py.typed").exists()
+    assert all((PACKAGE / "endpoint" / "ros" / name).exists() for name in data["guidefield.endpoint.ros"])
     for name, folder in DATA.items():
         assert data[f"guidefield.{name}"] == ["**/*"]
         installed = {entry.name for entry in resources.files(f"guidefield.{name}").iterdir()}

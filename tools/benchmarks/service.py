@@ -147,11 +147,10 @@ def over_ros(seconds: float, workers: int) -> tuple[np.ndarray, np.ndarray, np.n
     Then what it takes of the processors here and in the service, its worker apart, the same two ways [s].
     """
     from guidefield.endpoint.ros.cdr import types_of
-    from guidefield.endpoint.ros.known_robot import KnownRobot
     from guidefield.endpoint.ros.motion_plan import asked_plan
     from guidefield.endpoint.ros.names import Entity, Kind
     from guidefield.endpoint.ros.options import Distribution
-    from guidefield.endpoint.ros.snapshot import Snapshot
+    from guidefield.endpoint.ros.snapshot import KnownRobot, Snapshot
 
     types, name = types_of(Distribution.JAZZY), "moveit_msgs/srv/GetMotionPlan"
     key = Entity(Kind.SERVICE, "plan_kinematic_path", name, types.type_hash(name)).key(0)

@@ -15,6 +15,12 @@ def se3(position: Sequence[float], quaternion_xyzw: Sequence[float]) -> Any:
     return pin.XYZQUATToSE3([*position, *unit(quaternion_xyzw)])
 
 
+def wire_pose(placement: Any) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
+    """Return the position [m] and the quaternion (x, y, z, w) of a placement, pinocchio.SE3."""
+    x, y, z, a, b, c, d = pin.SE3ToXYZQUAT(placement).tolist()
+    return (x, y, z), (a, b, c, d)
+
+
 def unit(quaternion_xyzw: Sequence[float]) -> tuple[float, float, float, float]:
     """A quaternion (x, y, z, w), near unit length, of unit length."""
     x, y, z, w = quaternion_xyzw

@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from guidefield.errors import MalformedRequest, UnknownFrame, UnknownObject
 from guidefield.geometry.convex import as_met
-from guidefield.geometry.placements import se3
+from guidefield.geometry.placements import se3, wire_pose
 from guidefield.messages import scene as messages
 from guidefield.messages.requests import Attach, AttachedObject
 from guidefield.messages.values import IDENTITY, ORIGIN, Placement
@@ -167,8 +167,8 @@ class Standing:
                 raise UnknownFrame(
                     f"the robot has no link {name!r}; it has {', '.join(available)}", link=name, available=available
                 )
-        position, quaternion = _plain(self.frame(holder).inverse())
-        attached = AttachedObject(found.message, holder, Placement(position, quaternion), asked.touch_links)
+        placement = Placement(*wire_pose(self.frame(holder).inverse()))
+        attached = AttachedObject(found.message, holder, placement, asked.touch_links)
         others = tuple(name for name in asked.touch_objects if name != asked.object)
         held = Held(attached, others, frozenset(others))
         left = [one for one in self.scene.message.obstacles if one.name != asked.object]
@@ -189,10 +189,3 @@ class Standing:
 def _with(scene: Scene, obstacles: list[messages.Obstacle]) -> Scene:
     """The scene with other obstacles."""
     return scenes.build(msgspec.structs.replace(scene.message, obstacles=obstacles))
-
-
-def _plain(placement: Any) -> tuple[tuple[float, float, float], tuple[float, float, float, float]]:
-    """Position and quaternion (x, y, z, w) of a placement, pinocchio.SE3."""
-    x, y, z, *quaternion = pin.SE3ToXYZQUAT(placement).tolist()
-    a, b, c, d = quaternion
-    return (x, y, z), (a, b, c, d)

@@ -15,12 +15,11 @@ from guidefield.collision.preparation import Told
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
 from guidefield.errors import GuidefieldError, InvalidGroup, MalformedRequest, at_path
-from guidefield.geometry.placements import se3
+from guidefield.geometry.placements import se3, wire_pose
 from guidefield.handlers.asked_group import clamped_goals, constraints_of, followers_of, limited, start_of
 from guidefield.handlers.attached import holding
 from guidefield.handlers.plan import refuse_ends
-from guidefield.handlers.plan_problem import in_motion, problem_of
-from guidefield.handlers.planes import with_derived_planes
+from guidefield.handlers.plan_problem import in_motion, problem_of, with_derived_planes
 from guidefield.handlers.preparation import prepare_problem
 from guidefield.handlers.situation import Held, Standing
 from guidefield.messages import requests
@@ -40,7 +39,6 @@ from guidefield.scene.scene import Scene
 
 STEP_FIELDS = ("goal", "tip", "guide_planes", "attach", "detach")
 """Fields of a step that a plan request of its own has, too."""
-
 BALLS = (JointKind.SPHERICAL, JointKind.FLOATING)
 """Kinds of joints whose chart begins anew with every step: they are not served in sequences."""
 
@@ -314,8 +312,7 @@ def _goal(step: PlanStep, at: Standing, tip: str) -> requests.Goal:
     there = (
         here * by if goal.frame == "tip" else pin.SE3(by.rotation @ here.rotation, here.translation + by.translation)
     )
-    x, y, z, a, b, c, d = pin.SE3ToXYZQUAT(there).tolist()
-    return requests.PoseGoal((x, y, z), (a, b, c, d))
+    return requests.PoseGoal(*wire_pose(there))
 
 
 def _way(step: PlanStep, asked: PlanRequest, problem: Problem) -> StraightWay:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from guidefield.endpoint.ros.known_robot import KnownRobot
-from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.endpoint.ros.snapshot import KnownRobot, Snapshot
 from tests.endpoint.ros.peer import new
 from tests.robots import robot
 

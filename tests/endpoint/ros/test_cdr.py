@@ -65,7 +65,7 @@ def _written(kind: Any) -> str:
 
 def _fields(name: str, fields: str) -> list[tuple[str, str]]:
     package, found = name.split("/", maxsplit=1)[0], []
-    for one in fields.split(","):
+    for one in fields.split("\n"):
         kind, field = one.split()
         base, rest = re.fullmatch(r"([\w/]+)(.*)", kind).groups()
         if base not in KINDS:
@@ -192,7 +192,7 @@ class TestHashes:
         assert types_of(distribution).type_hash(name) == PUBLISHED[name]
 
     def test_a_published_one_of_a_service(self):
-        types = Types(Stores.ROS2_JAZZY, MESSAGES, {"example_interfaces/AddTwoInts": ("int64 a, int64 b", "int64 sum")})
+        types = Types(Stores.ROS2_JAZZY, MESSAGES, {"example_interfaces/AddTwoInts": ("int64 a\nint64 b", "int64 sum")})
         assert types.type_hash("example_interfaces/srv/AddTwoInts") == ADD_TWO_INTS
 
     @pytest.mark.parametrize("name", [name.replace("/", "/srv/") for name in SERVICES])

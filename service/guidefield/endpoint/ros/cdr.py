@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -140,8 +141,7 @@ def _as_it_is(value: Any) -> Any:
 
 def _parsed(name: str, fields: str) -> dict[str, Any]:
     package, _, own = name.split("/")
-    lines = "\n".join(field.strip() for field in fields.split(","))
-    (definition,) = get_types_from_msg(lines, f"{package}/msg/{own}").values()
+    (definition,) = get_types_from_msg(fields, f"{package}/msg/{own}").values()
     return {name: definition}
 
 
@@ -173,135 +173,23 @@ def _service(name: str, request: str, response: str) -> dict[str, Any]:
     }
 
 
-MESSAGES: dict[str, str] = {
-    "service_msgs/ServiceEventInfo": (
-        "uint8 event_type, builtin_interfaces/Time stamp, uint8[16] client_gid, int64 sequence_number"
-    ),
-    "object_recognition_msgs/ObjectType": "string key, string db",
-    "octomap_msgs/Octomap": "std_msgs/Header header, bool binary, string id, float64 resolution, int8[] data",
-    "octomap_msgs/OctomapWithPose": "std_msgs/Header header, geometry_msgs/Pose origin, Octomap octomap",
-    "moveit_msgs/AllowedCollisionEntry": "bool[] enabled",
-    "moveit_msgs/AllowedCollisionMatrix": (
-        "string[] entry_names, AllowedCollisionEntry[] entry_values, string[] default_entry_names,"
-        " bool[] default_entry_values"
-    ),
-    "moveit_msgs/AttachedCollisionObject": (
-        "string link_name, CollisionObject object, string[] touch_links,"
-        " trajectory_msgs/JointTrajectory detach_posture, float64 weight"
-    ),
-    "moveit_msgs/BoundingVolume": (
-        "shape_msgs/SolidPrimitive[] primitives, geometry_msgs/Pose[] primitive_poses, shape_msgs/Mesh[] meshes,"
-        " geometry_msgs/Pose[] mesh_poses"
-    ),
-    "moveit_msgs/CartesianPoint": (
-        "geometry_msgs/Pose pose, geometry_msgs/Twist velocity, geometry_msgs/Accel acceleration"
-    ),
-    "moveit_msgs/CartesianTrajectory": (
-        "std_msgs/Header header, string tracked_frame, CartesianTrajectoryPoint[] points"
-    ),
-    "moveit_msgs/CartesianTrajectoryPoint": "CartesianPoint point, builtin_interfaces/Duration time_from_start",
-    "moveit_msgs/CollisionObject": (
-        "std_msgs/Header header, geometry_msgs/Pose pose, string id, object_recognition_msgs/ObjectType type,"
-        " shape_msgs/SolidPrimitive[] primitives, geometry_msgs/Pose[] primitive_poses, shape_msgs/Mesh[] meshes,"
-        " geometry_msgs/Pose[] mesh_poses, shape_msgs/Plane[] planes, geometry_msgs/Pose[] plane_poses,"
-        " string[] subframe_names, geometry_msgs/Pose[] subframe_poses, byte operation"
-    ),
-    "moveit_msgs/Constraints": (
-        "string name, JointConstraint[] joint_constraints, PositionConstraint[] position_constraints,"
-        " OrientationConstraint[] orientation_constraints, VisibilityConstraint[] visibility_constraints"
-    ),
-    "moveit_msgs/ConstraintEvalResult": "bool result, float64 distance",
-    "moveit_msgs/ContactInformation": (
-        "std_msgs/Header header, geometry_msgs/Point position, geometry_msgs/Vector3 normal, float64 depth,"
-        " string contact_body_1, uint32 body_type_1, string contact_body_2, uint32 body_type_2"
-    ),
-    "moveit_msgs/CostSource": "float64 cost_density, geometry_msgs/Vector3 aabb_min, geometry_msgs/Vector3 aabb_max",
-    "moveit_msgs/DisplayTrajectory": ("string model_id, RobotTrajectory[] trajectory, RobotState trajectory_start"),
-    "moveit_msgs/GenericTrajectory": (
-        "std_msgs/Header header, trajectory_msgs/JointTrajectory[] joint_trajectory,"
-        " CartesianTrajectory[] cartesian_trajectory"
-    ),
-    "moveit_msgs/JointConstraint": (
-        "string joint_name, float64 position, float64 tolerance_above, float64 tolerance_below, float64 weight"
-    ),
-    "moveit_msgs/LinkPadding": "string link_name, float64 padding",
-    "moveit_msgs/LinkScale": "string link_name, float64 scale",
-    "moveit_msgs/MotionPlanRequest": (
-        "WorkspaceParameters workspace_parameters, RobotState start_state, Constraints[] goal_constraints,"
-        " Constraints path_constraints, TrajectoryConstraints trajectory_constraints,"
-        " GenericTrajectory[] reference_trajectories, string pipeline_id, string planner_id, string group_name,"
-        " int32 num_planning_attempts, float64 allowed_planning_time, float64 max_velocity_scaling_factor,"
-        " float64 max_acceleration_scaling_factor, string cartesian_speed_limited_link, float64 max_cartesian_speed"
-    ),
-    "moveit_msgs/MotionPlanResponse": (
-        "RobotState trajectory_start, string group_name, RobotTrajectory trajectory, float64 planning_time,"
-        " MoveItErrorCodes error_code"
-    ),
-    "moveit_msgs/MoveItErrorCodes": "int32 val, string message, string source",
-    "moveit_msgs/ObjectColor": "string id, std_msgs/ColorRGBA color",
-    "moveit_msgs/OrientationConstraint": (
-        "std_msgs/Header header, geometry_msgs/Quaternion orientation, string link_name,"
-        " float64 absolute_x_axis_tolerance, float64 absolute_y_axis_tolerance, float64 absolute_z_axis_tolerance,"
-        " uint8 parameterization, float64 weight"
-    ),
-    "moveit_msgs/PlanningScene": (
-        "string name, RobotState robot_state, string robot_model_name,"
-        " geometry_msgs/TransformStamped[] fixed_frame_transforms, AllowedCollisionMatrix allowed_collision_matrix,"
-        " LinkPadding[] link_padding, LinkScale[] link_scale, ObjectColor[] object_colors, PlanningSceneWorld world,"
-        " bool is_diff"
-    ),
-    "moveit_msgs/PlanningSceneComponents": "uint32 components",
-    "moveit_msgs/PlanningSceneWorld": ("CollisionObject[] collision_objects, octomap_msgs/OctomapWithPose octomap"),
-    "moveit_msgs/PositionConstraint": (
-        "std_msgs/Header header, string link_name, geometry_msgs/Vector3 target_point_offset,"
-        " BoundingVolume constraint_region, float64 weight"
-    ),
-    "moveit_msgs/PositionIKRequest": (
-        "string group_name, RobotState robot_state, Constraints constraints, bool avoid_collisions,"
-        " string ik_link_name, geometry_msgs/PoseStamped pose_stamped, string[] ik_link_names,"
-        " geometry_msgs/PoseStamped[] pose_stamped_vector, builtin_interfaces/Duration timeout"
-    ),
-    "moveit_msgs/RobotState": (
-        "sensor_msgs/JointState joint_state, sensor_msgs/MultiDOFJointState multi_dof_joint_state,"
-        " AttachedCollisionObject[] attached_collision_objects, bool is_diff"
-    ),
-    "moveit_msgs/RobotTrajectory": (
-        "trajectory_msgs/JointTrajectory joint_trajectory,"
-        " trajectory_msgs/MultiDOFJointTrajectory multi_dof_joint_trajectory"
-    ),
-    "moveit_msgs/TrajectoryConstraints": "Constraints[] constraints",
-    "moveit_msgs/VisibilityConstraint": (
-        "float64 target_radius, geometry_msgs/PoseStamped target_pose, int32 cone_sides,"
-        " geometry_msgs/PoseStamped sensor_pose, float64 max_view_angle, float64 max_range_angle,"
-        " uint8 sensor_view_direction, float64 weight"
-    ),
-    "moveit_msgs/WorkspaceParameters": (
-        "std_msgs/Header header, geometry_msgs/Vector3 min_corner, geometry_msgs/Vector3 max_corner"
-    ),
-}
-"""Fields in order of each message that rosbags doesn't have, or has otherwise."""
-SERVICES: dict[str, tuple[str, str]] = {
-    "moveit_msgs/GetMotionPlan": (
-        "MotionPlanRequest motion_plan_request",
-        "MotionPlanResponse motion_plan_response",
-    ),
-    "moveit_msgs/GetPositionIK": (
-        "PositionIKRequest ik_request",
-        "RobotState solution, MoveItErrorCodes error_code",
-    ),
-    "moveit_msgs/GetPositionFK": (
-        "std_msgs/Header header, string[] fk_link_names, RobotState robot_state",
-        "geometry_msgs/PoseStamped[] pose_stamped, string[] fk_link_names, MoveItErrorCodes error_code",
-    ),
-    "moveit_msgs/GetStateValidity": (
-        "RobotState robot_state, string group_name, Constraints constraints",
-        "bool valid, ContactInformation[] contacts, CostSource[] cost_sources,"
-        " ConstraintEvalResult[] constraint_result",
-    ),
-    "moveit_msgs/ApplyPlanningScene": ("PlanningScene scene", "bool success"),
-    "moveit_msgs/GetPlanningScene": ("PlanningSceneComponents components", "PlanningScene scene"),
-}
-"""Fields of each service's request and response, in order."""
+def _read_definitions() -> tuple[dict[str, str], dict[str, tuple[str, str]]]:
+    messages, services = {}, {}
+    text = resources.files(__package__ or "").joinpath("moveit.msg").read_text()
+    for title, _, fields in (block.partition("\n") for block in text.strip().split("\n\n# ")[1:]):
+        if "/srv/" in title:
+            request, _, response = fields.partition("\n---\n")
+            services[title.replace("/srv/", "/")] = request, response
+        else:
+            messages[title.replace("/msg/", "/")] = fields
+    return messages, services
+
+
+MESSAGES, SERVICES = _read_definitions()
+"""Fields, one a line, of each message that rosbags doesn't have, or has otherwise, and of each service's two messages.
+
+By package and name; they stand in `moveit.msg`, each below a line with its name.
+"""
 
 
 @functools.cache

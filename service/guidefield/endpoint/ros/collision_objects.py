@@ -16,8 +16,9 @@ import msgspec
 import numpy as np
 import pinocchio as pin
 
-from guidefield.endpoint.ros.poses import number, placement, pose_message, wire_of
+from guidefield.endpoint.ros.poses import number, placement, pose_message
 from guidefield.endpoint.ros.refusals import ObjectRefused
+from guidefield.geometry.placements import wire_pose
 from guidefield.messages.scene import Box, Cylinder, HalfSpace, Mesh, Obstacle, Sphere
 
 BOX, SPHERE, CYLINDER = 1, 2, 3
@@ -140,7 +141,7 @@ def _plane(message: Any, where: str) -> Shape:
 
 
 def _place(shape: Shape, name: str, there: Any) -> Obstacle:
-    position, quaternion = wire_of(there)
+    position, quaternion = wire_pose(there)
     if isinstance(shape, HalfSpace):
         normal = there.rotation @ np.array(shape.normal)
         offset = shape.offset + float(normal @ there.translation)

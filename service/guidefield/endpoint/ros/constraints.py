@@ -16,9 +16,10 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.endpoint.ros.collision_objects import primitive
-from guidefield.endpoint.ros.poses import number, placement, rotation, vector, wire_of
+from guidefield.endpoint.ros.poses import number, placement, rotation, vector
 from guidefield.endpoint.ros.refusals import FrameRefused, GoalRefused, Refused
 from guidefield.endpoint.ros.snapshot import Snapshot
+from guidefield.geometry.placements import wire_pose
 from guidefield.messages.conditions import LineConstraint, OrientationCone, PathConstraint, PlaneConstraint
 from guidefield.messages.goals import JointSetGoal, JointsGoal, PoseGoal, Tolerance3
 from guidefield.messages.scene import Box, Sphere
@@ -151,7 +152,7 @@ def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot,
     if turn is not None:
         R_world_goal, turned = _turn_goal(turn, group, start, f"{where}.orientation_constraints[0]")
     if position is None:
-        at, quaternion = wire_of(pin.SE3(R_world_goal, np.zeros(3)))
+        at, quaternion = wire_pose(pin.SE3(R_world_goal, np.zeros(3)))
         return [AskedGoal(PoseGoal(at, quaternion, FREE, turned), link)]
     field = f"{where}.position_constraints[0]"
     offset = vector(position.target_point_offset, f"{field}.target_point_offset")
@@ -162,7 +163,7 @@ def _pose_goals(position: Any, turn: Any, group: Sequence[str], start: Snapshot,
         if np.any(offset != 0.0):
             half, within = _with_lever(float(np.linalg.norm(offset)), half, turned, field)
             lever = axes @ offset
-        at, quaternion = wire_of(pin.SE3(axes, there.translation - lever))
+        at, quaternion = wire_pose(pin.SE3(axes, there.translation - lever))
         goals.append(AskedGoal(PoseGoal(at, quaternion, _inside(half, axes.T @ there.rotation), within), link))
     return goals
 

@@ -26,13 +26,12 @@ import zenoh.ext
 
 from guidefield.endpoint.link import UNLESS_TOLD
 from guidefield.endpoint.ros.cdr import Types, Unreadable, types_of
-from guidefield.endpoint.ros.known_robot import KnownRobot
 from guidefield.endpoint.ros.names import GRAPH, LATCHED_QOS, Attachment, Entity, Kind, Node, Strangers
 from guidefield.endpoint.ros.options import IDENTITY, LATCHING, RosSettings
 from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code
 from guidefield.endpoint.ros.scene_updates import heard, updated
 from guidefield.endpoint.ros.services import Answered, Ask, Service, Services
-from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.endpoint.ros.snapshot import KnownRobot, KnownScene, Snapshot
 from guidefield.errors import convert_exception
 from guidefield.messages.identities import Asker
 from guidefield.pool.outbox import Outbox

@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from guidefield.endpoint.ros.refusals import Refused
-from guidefield.messages.values import LARGEST, QuaternionXYZW, Vector3
+from guidefield.geometry.placements import wire_pose
+from guidefield.messages.values import LARGEST
 
 
 def number(value: float, field: str, kind: type[Refused] = Refused) -> float:
@@ -42,15 +43,9 @@ def placement(pose: Any, field: str) -> Any:
     return pin.SE3(rotation(pose.orientation, f"{field}.orientation"), vector(pose.position, f"{field}.position"))
 
 
-def wire_of(there: Any) -> tuple[Vector3, QuaternionXYZW]:
-    """Position and quaternion of a pinocchio.SE3, as our messages have them."""
-    x, y, z, qx, qy, qz, qw = pin.SE3ToXYZQUAT(there).tolist()
-    return (x, y, z), (qx, qy, qz, qw)
-
-
 def pose_message(there: Any) -> dict[str, Any]:
     """Return a geometry_msgs Pose of a pinocchio.SE3."""
-    position, quaternion = wire_of(there)
+    position, quaternion = wire_pose(there)
     return {
         "position": dict(zip("xyz", position, strict=True)),
         "orientation": dict(zip("xyzw", quaternion, strict=True)),

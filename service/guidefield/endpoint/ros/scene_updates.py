@@ -8,11 +8,10 @@ from typing import Any
 
 import pinocchio as pin
 
-from guidefield.endpoint.ros.allowed_collisions import Matrix
 from guidefield.endpoint.ros.collision_objects import SceneObject, checked_id, frames_of, shapes_of
 from guidefield.endpoint.ros.poses import number, placement
 from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused, Refused, StateRefused
-from guidefield.endpoint.ros.snapshot import Held, Snapshot
+from guidefield.endpoint.ros.snapshot import Held, Matrix, Snapshot
 
 ADD, REMOVE, APPEND, MOVE = range(4)
 """Operations of a CollisionObject."""

@@ -13,21 +13,121 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from guidefield.endpoint.ros import kinematics, motion_plan
+from guidefield.endpoint.ros import motion_plan
 from guidefield.endpoint.ros.collision_objects import message_of, object_of
 from guidefield.endpoint.ros.options import IDENTITY
-from guidefield.endpoint.ros.refusals import MoveItCode, Refused, moveit_code, require_no_constraints
-from guidefield.endpoint.ros.robot_messages import error_code, header, robot_state
+from guidefield.endpoint.ros.poses import number, placement, pose_message
+from guidefield.endpoint.ros.refusals import (
+    FrameRefused,
+    LinkRefused,
+    MoveItCode,
+    Refused,
+    moveit_code,
+    require_no_constraints,
+)
+from guidefield.endpoint.ros.robot_messages import NANO, error_code, header, robot_state
 from guidefield.endpoint.ros.scene_updates import updated, with_state
 from guidefield.endpoint.ros.snapshot import KnownScene, Snapshot
+from guidefield.geometry.placements import se3, wire_pose
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.kinematics_replies import ClearanceReply, ForwardKinematicsReply, InverseKinematicsReply
 from guidefield.messages.plan_reply import PlanReply
 from guidefield.messages.replies import ErrorReply
-from guidefield.messages.requests import Clearance
-from guidefield.messages.values import Reply
+from guidefield.messages.requests import Clearance, ForwardKinematics, InverseKinematics, TargetPose
+from guidefield.messages.values import LONGEST_TIME, Reply
 from guidefield.pool.waiting import Answer
+
+UNSET_TIME = 1.0
+"""How long is looked for a solution where a request doesn't say it [s]."""
+
+
+def asked_solution(message: Any, now: Snapshot) -> tuple[InverseKinematics, Snapshot]:
+    """Return what a GetPositionIK asks for: a request of ours, and robot and scene.
+
+    Raises Refused if it isn't served; names the field.
+    """
+    asked = message.ik_request
+    group = now.robot.group(asked.group_name)
+    start = with_state(now, asked.robot_state, "ik_request.robot_state")
+    require_no_constraints(asked.constraints, "ik_request.constraints")
+    link, stamped, where = _target(asked)
+    start.robot.require_link(link, f"ik_request.{'ik_link_names' if asked.ik_link_names else 'ik_link_name'}")
+    frame, moving = start.frame(stamped.header.frame_id, f"ik_request.{where}.header.frame_id")
+    if moving is not None and start.robot.moves(moving, group):
+        raise FrameRefused(
+            f"`ik_request.{where}.header.frame_id` {stamped.header.frame_id[:64]!r} moves with the group"
+        )
+    position, quaternion = wire_pose(frame * placement(stamped.pose, f"ik_request.{where}.pose"))
+    request = InverseKinematics(
+        robot=start.robot.name,
+        poses=[TargetPose(position, quaternion)],
+        tip=link,
+        group=group,
+        scene=start.scene() if asked.avoid_collisions else None,
+        collision_free=asked.avoid_collisions,
+        attached_objects=start.attached() if asked.avoid_collisions else [],
+        allowed_collisions=start.allowed() if asked.avoid_collisions else [],
+        start_configurations=[dict(start.whole)],
+        solutions=1,
+        allowed_time=_allowed(asked.timeout),
+    )
+    return request, start
+
+
+def solution_response(link: str, start: Snapshot, solution: Mapping[str, float]) -> dict[str, Any]:
+    """Return the response with a configuration of the group's joints for a link."""
+    return {
+        "solution": robot_state(start, solution),
+        "error_code": error_code(MoveItCode.SUCCESS, f"a solution for {link}"),
+    }
+
+
+def asked_places(message: Any, now: Snapshot) -> tuple[ForwardKinematics, str, Any]:
+    """Return what a GetPositionFK asks for: a request of ours, the frame of the poses, and its place, pinocchio.SE3.
+
+    Raises Refused if it isn't served; names the field.
+    """
+    if not message.fk_link_names:
+        raise LinkRefused("`fk_link_names` is empty")
+    start = with_state(now, message.robot_state, "robot_state")
+    links = [start.robot.require_link(name, "fk_link_names") for name in message.fk_link_names]
+    there, _ = start.frame(message.header.frame_id, "header.frame_id")
+    request = ForwardKinematics(robot=start.robot.name, frames=links, configurations=[dict(start.whole)])
+    return request, message.header.frame_id or start.robot.root, there
+
+
+def places_response(links: list[str], frame: str, there: Any, reply: ForwardKinematicsReply) -> dict[str, Any]:
+    """Return the response with a pose for each link, in a frame that is at a place, pinocchio.SE3."""
+    (found,) = reply.placements
+    inside = [there.inverse() * se3(one.position, one.quaternion_xyzw) for one in found]
+    return {
+        "pose_stamped": [{"header": header(frame), "pose": pose_message(one)} for one in inside],
+        "fk_link_names": links,
+        "error_code": error_code(MoveItCode.SUCCESS, ""),
+    }
+
+
+def _target(asked: Any) -> tuple[str, Any, str]:
+    """The link, its stamped pose, and the field in which that stands."""
+    if asked.pose_stamped_vector or asked.ik_link_names:
+        if len(asked.pose_stamped_vector) != 1 or len(asked.ik_link_names) != 1:
+            raise LinkRefused(
+                "`ik_request.pose_stamped_vector` and `ik_link_names`: one of each is served, got"
+                f" {len(asked.pose_stamped_vector)} and {len(asked.ik_link_names)}"
+            )
+        return asked.ik_link_names[0], asked.pose_stamped_vector[0], "pose_stamped_vector[0]"
+    if not asked.ik_link_name:
+        raise LinkRefused("`ik_request.ik_link_name` is empty: name the link")
+    return asked.ik_link_name, asked.pose_stamped, "pose_stamped"
+
+
+def _allowed(timeout: Any) -> float:
+    seconds = timeout.sec + timeout.nanosec / NANO
+    if seconds <= 0.0:
+        return UNSET_TIME
+    return number(min(seconds, LONGEST_TIME), "ik_request.timeout")
+
 
 ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
 """Kinds of bodies in a contact."""
@@ -35,7 +135,6 @@ ROBOT_LINK, WORLD_OBJECT, ROBOT_ATTACHED = range(3)
     1 << bit for bit in range(10)
 )
 """Components of a planning scene that can be asked for; none means all."""
-
 Ask = Callable[[keys.Query, float], Future[Answer]]
 """Has a query answered that arrived at a time, by `time.monotonic()` [s]."""
 
@@ -148,18 +247,18 @@ class Services:
         return Answered(response, published)
 
     def _solution(self, message: Any, received: float) -> Answered:
-        request, start = kinematics.asked_solution(message, self._known.now)
+        request, start = asked_solution(message, self._known.now)
         reply = self._engine("kinematics", request, InverseKinematicsReply, received)
         (found,), (reason,) = reply.configurations, reply.reasons
         if not found:
             raise Refused(reason, MoveItCode.NO_IK_SOLUTION)
         solution = {joint: value for joint, value in found[0].items() if not isinstance(value, list)}
-        return Answered(kinematics.solution_response(str(request.tip), start, solution))
+        return Answered(solution_response(str(request.tip), start, solution))
 
     def _places(self, message: Any, received: float) -> Answered:
-        request, frame, there = kinematics.asked_places(message, self._known.now)
+        request, frame, there = asked_places(message, self._known.now)
         reply = self._engine("kinematics", request, ForwardKinematicsReply, received)
-        return Answered(kinematics.places_response(request.frames, frame, there, reply))
+        return Answered(places_response(request.frames, frame, there, reply))
 
     def _validity(self, message: Any, received: float) -> Answered:
         """Return whether nothing touches; else a contact for each pair that does. Limits don't count, as in MoveIt."""

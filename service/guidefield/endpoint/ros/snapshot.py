@@ -2,22 +2,153 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import combinations
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
 import pinocchio as pin
 
-from guidefield.endpoint.ros.allowed_collisions import NOBODY, Matrix
 from guidefield.endpoint.ros.collision_objects import SceneObject
-from guidefield.endpoint.ros.known_robot import KnownRobot
-from guidefield.endpoint.ros.poses import wire_of
-from guidefield.endpoint.ros.refusals import FrameRefused, ObjectRefused
+from guidefield.endpoint.ros.refusals import FrameRefused, LinkRefused, MoveItCode, ObjectRefused, Refused
+from guidefield.errors import RobotInvalid
+from guidefield.geometry.placements import wire_pose
 from guidefield.messages.conditions import AttachedObject
 from guidefield.messages.scene import HalfSpace, Scene
 from guidefield.messages.values import Placement
+from guidefield.robot.model.configuration import configuration_from_wire, configuration_to_wire
+from guidefield.robot.model.model import Joint, RobotModel
+
+WORLD = "world"
+"""The frame of obstacles, where the robot has no link of that name: that of its root."""
+
+
+class KnownRobot:
+    """A robot as messages of ROS name it.
+
+    Raises:
+        RobotInvalid: if a joint of it has several coordinates, which these messages have no place for.
+    """
+
+    def __init__(self, name: str, model: RobotModel) -> None:
+        several = [joint.name for joint in model.joints if joint.nv > 1]
+        if several:
+            raise RobotInvalid(f"over ROS robots with joints of one coordinate are served; {name!r} has {several[0]!r}")
+        self.name = name
+        self.model = model
+        self.joints: dict[str, Joint] = {joint.name: joint for joint in model.joints if joint.mimic is None}
+        self.followers = {joint.name: joint for joint in model.joints if joint.mimic is not None}
+        self.links = tuple(model.links)
+        self.root = self.links[0]
+        rest = configuration_to_wire(model.joints, model.rest)
+        self.rest = {joint: float(rest[joint]) for joint in self.joints}  # type: ignore[arg-type]
+
+    def group(self, name: str) -> list[str]:
+        """The joints of a group; raises Refused if there is none of that name."""
+        if name not in self.model.groups:
+            groups = ", ".join(self.model.groups) or "no group"
+            raise Refused(f"`group_name` {name[:64]!r} is unknown; there is {groups}", MoveItCode.INVALID_GROUP_NAME)
+        return list(self.model.groups[name])
+
+    def require_link(self, name: str, field: str) -> str:
+        """The name itself, if it is a link's; else raises Refused."""
+        if name not in self.links:
+            raise LinkRefused(f"`{field}` {name[:64]!r} is no link of {self.name}: {', '.join(self.links)}")
+        return name
+
+    def is_root(self, frame: str) -> bool:
+        """Whether a frame is the world's: the root link, nothing, or `WORLD`."""
+        return frame in ("", self.root) or (frame == WORLD and WORLD not in self.links)
+
+    def moves(self, link: str, joints: Iterable[str]) -> bool:
+        """Whether a link moves when some joints do, and those that follow them."""
+        driven = set(joints)
+        driven |= {name for name, one in self.followers.items() if one.mimic is not None and one.mimic.driver in driven}
+        model = self.model.model
+        above = list(model.supports[model.frames[self.model.frame_id(link)].parentJoint])
+        return any(model.names[joint] in driven for joint in above if joint)
+
+    def placements(self, positions: Mapping[str, float], links: Iterable[str]) -> list[Any]:
+        """Where links are in the world, pinocchio.SE3 each, at joint values by name [rad or m]."""
+        model = self.model.model
+        data = model.createData()
+        pin.forwardKinematics(model, data, configuration_from_wire(self.model, dict(positions)))
+        return [pin.SE3(pin.updateFramePlacement(model, data, self.model.frame_id(link))) for link in links]
+
+    def limits(self, joint: str) -> tuple[float, float]:
+        """The least and the largest value of a joint [rad or m]; infinite where it turns on and on."""
+        one = self.joints[joint]
+        lower, upper = float(one.lower[0]), float(one.upper[0])
+        return (lower, upper) if math.isfinite(lower) and math.isfinite(upper) else (-math.inf, math.inf)
+
+
+MOST_NAMES = 2_000
+"""Names in a matrix."""
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """Who may touch whom."""
+
+    pairs: MappingProxyType[frozenset[str], bool]
+    defaults: MappingProxyType[str, bool]
+
+    @classmethod
+    def read(cls, message: Any, where: str) -> Matrix:
+        """The matrix of a moveit_msgs/AllowedCollisionMatrix; raises Refused if it isn't square."""
+        names, rows = message.entry_names, message.entry_values
+        alone, allowed = message.default_entry_names, message.default_entry_values
+        if len(names) > MOST_NAMES:
+            raise Refused(f"`{where}.entry_names` has {len(names)} names, at most {MOST_NAMES} are read")
+        if len(rows) != len(names):
+            raise Refused(f"`{where}.entry_values` must have a row for each name, {len(names)}, got {len(rows)}")
+        for index, row in enumerate(rows):
+            if len(row.enabled) != len(names):
+                many = f"{len(names)} values, got {len(row.enabled)}"
+                raise Refused(f"`{where}.entry_values[{index}].enabled` must have {many}")
+        if len(alone) != len(allowed):
+            raise Refused(f"`{where}.default_entry_values` must have {len(alone)} values, got {len(allowed)}")
+        pairs = {
+            frozenset((names[i], names[j])): bool(rows[i].enabled[j]) for i, j in combinations(range(len(names)), 2)
+        }
+        defaults = dict(zip(alone, map(bool, allowed), strict=True))
+        return cls(MappingProxyType(pairs), MappingProxyType(defaults))
+
+    def allows(self, first: str, second: str) -> bool:
+        """Whether two may touch."""
+        pair = self.pairs.get(frozenset((first, second)))
+        if pair is not None:
+            return pair
+        known = [self.defaults[name] for name in (first, second) if name in self.defaults]
+        return bool(known) and all(known)
+
+    def allowed(self, names: Collection[str]) -> list[tuple[str, str]]:
+        """The pairs of some names that may touch."""
+        if not any(self.defaults.values()):
+            there = set(names)
+            some = (tuple(sorted(pair)) for pair, may in self.pairs.items() if may and pair <= there)
+            return sorted((pair[0], pair[1]) for pair in some if len(pair) == 2)
+        return [pair for pair in combinations(sorted(names), 2) if self.allows(*pair)]
+
+    def message(self, names: Iterable[str], left_out: Collection[frozenset[str]]) -> dict[str, Any]:
+        """Return the moveit_msgs/AllowedCollisionMatrix of some names; pairs that are left out may touch, too."""
+        order = sorted(names)
+        rows = [[frozenset((one, other)) in left_out or self.allows(one, other) for other in order] for one in order]
+        return {
+            "entry_names": order,
+            "entry_values": [{"enabled": row} for row in rows],
+            "default_entry_names": list(self.defaults),
+            "default_entry_values": list(self.defaults.values()),
+        }
+
+
+NOBODY = Matrix(MappingProxyType({}), MappingProxyType({}))
+"""Nobody may touch anybody."""
+
 
 SCENE = "planning_scene"
 """The name of the scene in requests; the whole scene goes with each."""
@@ -116,7 +247,7 @@ def _attached(name: str, held: Held) -> Iterator[AttachedObject]:
     for (shape, there), own in zip(held.thing.shapes, held.thing.names(name), strict=True):
         if isinstance(shape, HalfSpace):
             raise ObjectRefused(f"object {name!r} has a plane: no link can hold it")
-        position, quaternion = wire_of(held.thing.pose * there)
+        position, quaternion = wire_pose(held.thing.pose * there)
         yield AttachedObject(
             obstacle=msgspec.structs.replace(shape, name=own),
             link=held.link,
