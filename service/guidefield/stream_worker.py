@@ -12,7 +12,7 @@ import contextlib
 import gc
 import logging
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -29,7 +29,7 @@ from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.replies import Done, ErrorReply, make_error_reply
 from guidefield.messages.stream_requests import StreamAim, StreamAimed, StreamJudge, StreamJudged
-from guidefield.messages.streams import Observation, Piece, StreamOpen, StreamState, StreamUpdate
+from guidefield.messages.streams import Observation, StreamOpen, StreamState, StreamUpdate
 from guidefield.messages.values import Placement
 from guidefield.pool.companion import Taken
 from guidefield.worker import EngineSetup
@@ -60,29 +60,13 @@ class Update:
 
 
 @dataclass(frozen=True)
-class Aim:
-    """A query for another goal, as it came; which answer it waits for."""
+class Ask:
+    """A query for another goal, for a judgement of the last piece, or to stop, as it came; numbered for its answer."""
 
-    asked: int
-    payload: bytes
+    kind: Literal["aim", "judge", "stop"]
+    number: int
     encoding: Encoding
-
-
-@dataclass(frozen=True)
-class Judge:
-    """A query whether the last piece is still proven, as it came."""
-
-    asked: int
-    payload: bytes
-    encoding: Encoding
-
-
-@dataclass(frozen=True)
-class Halt:
-    """A query to stop."""
-
-    asked: int
-    encoding: Encoding
+    payload: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -155,7 +139,16 @@ class StreamConversation:
                 _log.exception("a stream could not be opened")
             line.send(Refused(make_error_reply(told)))
             return
-        line.send(_open(stream))
+        request = self.request
+        line.send(
+            Open(
+                robot=request.robot if isinstance(request.robot, str) else type(request.robot).__name__,
+                position_names=tuple(stream.group.position_names),
+                start=tuple(stream.executing.ends.tolist()),
+                goal=stream.goal_number,
+                warnings=tuple(stream.warnings),
+            )
+        )
         gc.collect()
         gc.freeze()  # what is loaded stays; a collection need not look at it
         with stream, contextlib.suppress(EOFError, BrokenPipeError):
@@ -190,17 +183,6 @@ class StreamConversation:
         return engine.stream(self.request, WhenFound(), journal)
 
 
-def _open(stream: CertifiedStream) -> Open:
-    group, request = stream.group, stream.request
-    return Open(
-        robot=request.robot if isinstance(request.robot, str) else type(request.robot).__name__,
-        position_names=tuple(group.position_names),
-        start=tuple(stream.executing.ends.tolist()),
-        goal=stream.goal_number,
-        warnings=tuple(stream.warnings),
-    )
-
-
 def _rehearse(stream: CertifiedStream) -> None:
     """Have everything loaded that the first update would wait for."""
     for cycle in range(REHEARSED):
@@ -233,15 +215,12 @@ class _Answering:
 
     def _take(self, asked: Sequence[Any]) -> None:
         newest = max((index for index, one in enumerate(asked) if isinstance(one, Update)), default=-1)
+        answers = {"aim": self._aim, "judge": self._judge, "stop": self._halt}
         for index, one in enumerate(asked):
             if isinstance(one, Update):
                 self._update(one, newest=index == newest)
-            elif isinstance(one, Aim):
-                self._answer(one.asked, one.encoding, partial(self._aim, one))
-            elif isinstance(one, Judge):
-                self._answer(one.asked, one.encoding, partial(self._judge, one))
-            elif isinstance(one, Halt):
-                self._answer(one.asked, one.encoding, self._halt)
+            else:
+                self._answer(one.number, one.encoding, partial(answers[one.kind], one))
 
     def _update(self, asked: Update, *, newest: bool) -> None:
         time: float | None = None
@@ -250,45 +229,27 @@ class _Answering:
             time = update.time
             answer = self._stream.update(update) if newest else self._stream.note(update)
         except GuidefieldError as error:
-            answer = self._refused(time, error)
+            commit = self._stream.executing
+            answer = make_state("refused", commit.number, commit.stops, error, update=time)
         if answer is not None:
-            self._tell(answer)
+            commit = self._stream.executing
+            state = answer if isinstance(answer, StreamState) else None
+            key: Literal["pieces", "state"] = "pieces" if state is None else "state"
+            self._line.send(Told(key, codec.encode(answer, self._encoding), commit.number, commit.stops, state))
         for _ in self._stream:  # pieces were told
             pass
 
-    def _refused(self, time: float | None, error: GuidefieldError) -> StreamState:
-        commit = self._stream.executing
-        reason: Literal["refused"] = "refused"
-        return StreamState(
-            update=time,
-            reason=reason,
-            pair=None,
-            time=None,
-            executing=commit.number,
-            stops=commit.stops,
-            error=make_error_reply(error),
-        )
-
-    def _tell(self, answer: Piece | StreamState) -> None:
-        commit = self._stream.executing
-        state = answer if isinstance(answer, StreamState) else None
-        key: Literal["pieces", "state"] = "pieces" if state is None else "state"
-        self._line.send(Told(key, codec.encode(answer, self._encoding), commit.number, commit.stops, state))
-
-    def _answer(self, asked: int, encoding: Encoding, answered: Any) -> None:
+    def _answer(self, number: int, encoding: Encoding, answer: Callable[[], msgspec.Struct | None]) -> None:
         """Answer a query at once, unless its answer comes later."""
+        is_reply = True
         try:
-            reply: msgspec.Struct | None = answered()
+            reply = answer()
         except GuidefieldError as error:
-            self._send_answer(asked, False, codec.encode(make_error_reply(error), encoding))
-            return
+            is_reply, reply = False, make_error_reply(error)
         if reply is not None:
-            self._send_answer(asked, True, codec.encode(reply, encoding))
+            self._line.send(Answered(number, is_reply, codec.encode(reply, encoding), self._stream.goal_number))
 
-    def _send_answer(self, asked: int, is_reply: bool, payload: bytes) -> None:
-        self._line.send(Answered(asked, is_reply, payload, self._stream.goal_number))
-
-    def _judge(self, asked: Judge) -> StreamJudged:
+    def _judge(self, asked: Ask) -> StreamJudged:
         judge: StreamJudge = codec.decode(asked.payload, StreamJudge, asked.encoding)
         told = self._stream.judged(judge.time)
         commit = self._stream.executing
@@ -302,45 +263,44 @@ class _Answering:
             evaluations=told.evaluations,
         )
 
-    def _halt(self) -> Done:
+    def _halt(self, _asked: Ask) -> Done:
         self._stream.stop()
         return Done(done="no piece follows the last one, until there is a goal again: the robot stops")
 
-    def _aim(self, asked: Aim) -> StreamAimed | None:
+    def _aim(self, asked: Ask) -> StreamAimed | None:
         aim: StreamAim = codec.decode(asked.payload, StreamAim, asked.encoding)
         if aim.goal is None:
             return StreamAimed(goal=self._stream.take_goal(None))
         if len(self._sought) >= MOST_SOUGHT:
             raise ServerBusy(f"configurations of {MOST_SOUGHT} goals are looked for already", retry_after=0.1)
         sought = self._stream.seek(aim.goal)
-        self._sought[asked.asked] = sought, asked.encoding
+        self._sought[asked.number] = sought, asked.encoding
         sought.found.add_done_callback(lambda _: os.write(self._wake, b"."))
         return None
 
     def _settle_goals(self) -> None:
-        """Aim for what was found meanwhile, in the order in which it was asked for."""
-        if not self._sought:
-            return
-        for asked, (sought, encoding) in list(self._sought.items()):
+        """Aim for what was found, in the order in which it was asked for."""
+        for number, (sought, encoding) in list(self._sought.items()):
             if not sought.found.done():
                 return
             os.read(self._woken, 1)
-            del self._sought[asked]
-            self._answer(asked, encoding, partial(self._found, sought))
+            del self._sought[number]
+            self._answer(number, encoding, partial(self._aim_at, sought))
 
-    def _found(self, sought: Sought) -> StreamAimed:
+    def _aim_at(self, sought: Sought) -> StreamAimed:
         return StreamAimed(goal=self._stream.take_goal(sought))
 
 
-def ended_state(executing: int, stops: float, error: GuidefieldError) -> StreamState:
-    """Return the state of a stream that is over, if its process can't tell it any more."""
-    reason: Literal["ended"] = "ended"
+def make_state(
+    reason: Literal["refused", "ended"],
+    executing: int,
+    stops: float,
+    error: GuidefieldError,
+    *,
+    update: float | None = None,
+) -> StreamState:
+    """Make the state of a stream that refuses an update, or is over."""
+    reply = make_error_reply(error)
     return StreamState(
-        update=None,
-        reason=reason,
-        pair=None,
-        time=None,
-        executing=executing,
-        stops=stops,
-        error=make_error_reply(error),
+        update=update, reason=reason, pair=None, time=None, executing=executing, stops=stops, error=reply
     )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from typing import Any, cast
 
 import msgspec
@@ -17,7 +16,7 @@ from guidefield.errors import Preempted, RobotInvalid, StreamUnknown, TimedOut
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
 from guidefield.messages.streams import StreamState
-from guidefield.stream_worker import Aim, Halt, StreamConversation
+from guidefield.stream_worker import StreamConversation
 from tests.journeys.service import SO_WITHIN
 from tests.worker_setups import StreamInWords
 
@@ -73,10 +72,10 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
         assert published.await_told(1) == [("pieces", b"one")]
         read = stream.read()
         assert (read.updates, read.pieces, read.executing, read.stops, read.last) == (1, 1, 7, 1.5, None)
-        aimed = stream.ask(partial(Aim, payload=b"{}", encoding=Encoding.JSON), 2)
+        aimed = stream.ask("aim", Encoding.JSON, b"{}")
         over = stream.end(Preempted("it was asked to end"))
         with pytest.raises(StreamUnknown):
-            stream.ask(partial(Halt, encoding=Encoding.JSON), 0)
+            stream.ask("stop", Encoding.JSON)
         over.result(SO_WITHIN)
         with pytest.raises(Preempted, match="asked to end"):
             aimed.result(SO_WITHIN)
@@ -85,7 +84,7 @@ def test_it_counts_what_it_takes_and_ends_for_a_reason() -> None:
         assert state.error is not None
         assert state.error.name == "PREEMPTED"
         with pytest.raises(StreamUnknown):
-            stream.ask(partial(Halt, encoding=Encoding.JSON), 0)
+            stream.ask("stop", Encoding.JSON)
 
 
 def test_one_that_can_not_be_opened_says_why_and_publishes_nothing() -> None:

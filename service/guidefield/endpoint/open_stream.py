@@ -7,35 +7,32 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any
+from typing import Any, Literal
 
 from guidefield.errors import GuidefieldError, ServerBusy, StreamUnknown, TimedOut
 from guidefield.messages import codec
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import Asker
-from guidefield.messages.replies import make_error, make_error_reply
+from guidefield.messages.replies import make_error
 from guidefield.messages.stream_requests import StreamReply
 from guidefield.messages.streams import StreamState
 from guidefield.pool.companion import Companion
 from guidefield.pool.waiting import Answer
 from guidefield.stream_worker import (
-    Aim,
     Answered,
-    Halt,
-    Judge,
+    Ask,
     Open,
     Refused,
     StreamConversation,
     Told,
     Update,
-    ended_state,
+    make_state,
 )
 
 SILENCE = 10.0
 """After so long without an update a stream ends [s]."""
 OPENED_WITHIN = 120.0
 """A stream that isn't open after so long is given up [s]: the first use of a robot prepares it."""
-
 Publish = Callable[[str, bytes, Encoding], None]
 """Publishes something on a key below the stream's."""
 
@@ -103,24 +100,13 @@ class OpenStream:
     def refuse(self, error: GuidefieldError) -> None:
         """Tell that an update isn't taken, and why."""
         with self._lock:
-            state = StreamState(
-                update=None,
-                reason="refused",
-                pair=None,
-                time=None,
-                executing=self._executing,
-                stops=self._stops or 0.0,
-                error=make_error_reply(error),
-            )
-            self._last = state
+            state = self._last = make_state("refused", self._executing, self._stops or 0.0, error)
         self._publish("state", codec.encode(state, self._encoding), self._encoding)
 
-    def ask(self, question: Callable[[int], Aim | Judge | Halt], size: int) -> Future[Answer]:
+    def ask(self, kind: Literal["aim", "judge", "stop"], encoding: Encoding, payload: bytes = b"") -> Future[Answer]:
         """Ask its process to aim for another goal, to judge its last piece, or to stop its robot.
 
-        Raises:
-            StreamUnknown: if it isn't open.
-            ServerBusy: if too much waits for it.
+        Raises StreamUnknown if it isn't open; ServerBusy if too much waits for it.
         """
         answer: Future[Answer] = Future()
         with self._lock:
@@ -128,7 +114,7 @@ class OpenStream:
                 raise StreamUnknown(f"stream {self.name[1]!r} isn't open", stream=self.name[1])
             number = next(self._numbers)
             self._queries[number] = answer
-        if not self._companion.tell(question(number), size):
+        if not self._companion.tell(Ask(kind, number, encoding, payload), len(payload)):
             with self._lock:
                 self._queries.pop(number, None)
             raise ServerBusy("too much waits for this stream already", retry_after=1.0)
@@ -146,7 +132,7 @@ class OpenStream:
         return self._finished
 
     def join(self, timeout: float) -> bool:
-        """Whether it is over within a time [s]."""
+        """Return whether it is over within a time [s]."""
         return self._companion.join(timeout)
 
     def _reply(self) -> StreamReply:
@@ -209,7 +195,7 @@ class OpenStream:
             self._gone = True
             queries, self._queries = list(self._queries.values()), {}
             was_open = self._open is not None
-            state = self._last = ended_state(self._executing, self._stops or 0.0, error)
+            state = self._last = make_state("ended", self._executing, self._stops or 0.0, error)
         self._left(self)
         if was_open:
             self._publish("state", codec.encode(state, self._encoding), self._encoding)

@@ -14,10 +14,9 @@ import uuid
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future
-from functools import partial
-from typing import Protocol
 
 import msgspec
+import zenoh
 
 from guidefield.endpoint.asked import encoding_of
 from guidefield.endpoint.open_stream import OpenStream, Publish
@@ -49,7 +48,7 @@ from guidefield.messages.stream_requests import StreamReply, StreamsReply
 from guidefield.messages.streams import MOST_UPDATE_BYTES
 from guidefield.pool.waiting import Answer
 from guidefield.stores.files import checked_name
-from guidefield.stream_worker import Aim, Halt, Judge, StreamConversation
+from guidefield.stream_worker import StreamConversation
 from guidefield.worker import EngineSetup
 
 RETRY_AFTER = 1.0
@@ -58,16 +57,6 @@ ENDED_WITHIN = 5.0
 """Time for streams to end with the service [s]."""
 
 _log = logging.getLogger(__name__)
-
-
-class Payload(Protocol):
-    """A payload that isn't copied before its length is known."""
-
-    def __len__(self) -> int:
-        """How long it is [bytes]."""
-
-    def to_bytes(self) -> bytes:
-        """All of it."""
 
 
 class Streams:
@@ -113,12 +102,11 @@ class Streams:
             over.add_done_callback(lambda _: answer.set_result(done))
             return answer
         if isinstance(asked, HaltStream):
-            return stream.ask(partial(Halt, encoding=read.encoding), 0)
+            return stream.ask("stop", read.encoding)
         assert isinstance(asked, AimStream | JudgeStream), "there is nothing else"
-        kind = Aim if isinstance(asked, AimStream) else Judge
-        return stream.ask(partial(kind, payload=read.payload, encoding=read.encoding), len(read.payload))
+        return stream.ask("aim" if isinstance(asked, AimStream) else "judge", read.encoding, read.payload)
 
-    def update(self, key: str, payload: Payload, encoding: object, allow: Callable[[str], None]) -> None:
+    def update(self, key: str, payload: zenoh.ZBytes, encoding: object, allow: Callable[[str], None]) -> None:
         """Take an update that somebody put."""
         self._counters["updates"] += 1
         try:
@@ -165,16 +153,30 @@ class Streams:
             if known is None:
                 self._require_room(read.user)
                 conversation = StreamConversation(self._setup, read.user, request, read.encoding)
-                publish = partial(self._tell, base_key(self._setup.instance, read.user), name)
+                base = f"{base_key(self._setup.instance, read.user)}/streams/{name}"
                 known = self._open[own] = OpenStream(
-                    own, read.asker, words, conversation, self._memory, publish, self._forget_stream
+                    own,
+                    read.asker,
+                    words,
+                    conversation,
+                    self._memory,
+                    lambda key, payload, encoding: self._publish(f"{base}/{key}", payload, encoding),
+                    self._forget_stream,
                 )
                 known.start()
                 self._counters["streams"] += 1
             elif (known.asker, known.words) != (read.asker, words):
                 raise MalformedRequest(f"`stream_id`: a stream {name!r} is open already", path="$.stream_id")
         answer: Future[Answer] = Future()
-        known.opened.add_done_callback(partial(_hand_on, answer, read.encoding))
+
+        def hand_on(opened: Future[StreamReply]) -> None:
+            error = opened.exception()
+            if error is not None:
+                answer.set_exception(error)
+            else:
+                answer.set_result((True, codec.encode(opened.result(), read.encoding)))
+
+        known.opened.add_done_callback(hand_on)
         return answer
 
     def _require_room(self, user: str) -> None:
@@ -187,9 +189,6 @@ class Streams:
         if quota is not None and sum(one == user for one, _ in self._open) >= quota:
             told = f"this user may have {quota} streams at once; end one"
             raise QuotaExceeded(told, streams=quota, retry_after=RETRY_AFTER)
-
-    def _tell(self, base: str, name: str, key: str, payload: bytes, encoding: Encoding) -> None:
-        self._publish(f"{base}/streams/{name}/{key}", payload, encoding)
 
     def _forget_stream(self, stream: OpenStream) -> None:
         with self._lock:
@@ -227,11 +226,3 @@ def _answer_now(reply: msgspec.Struct, encoding: Encoding) -> Future[Answer]:
     answer: Future[Answer] = Future()
     answer.set_result((True, codec.encode(reply, encoding)))
     return answer
-
-
-def _hand_on(answer: Future[Answer], encoding: Encoding, opened: Future[StreamReply]) -> None:
-    error = opened.exception()
-    if error is not None:
-        answer.set_exception(error)
-    else:
-        answer.set_result((True, codec.encode(opened.result(), encoding)))
