@@ -20,7 +20,6 @@ from guidefield.whole_file import write_whole
 
 MOST_USERS = 1_000
 """The most users who may have something stored."""
-
 Kind = Literal["runs", "scenes", "robots", "requests"]
 """Kinds of things that belong to a user; requests can't be shared."""
 

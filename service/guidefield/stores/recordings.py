@@ -33,7 +33,6 @@ OWED, LOST_BEFORE = ".owed", "the process that wrote it ended"
 """The ending of the mark of earlier versions for a recording that is being written, and what became of it."""
 SHARED_UNUSED_S = 600.0
 """Time after its last use for which a shared scene or robot is kept though no log needs it [s]."""
-
 Kind = Literal["none", "owed", "rendered", "lost"]
 """The state of a recording: none; its log alone; rendered; lost, with the reason."""
 
@@ -78,14 +77,11 @@ class Recordings:
         return self.folder.with_name("runs-shared")
 
     def path(self, run_id: str) -> Path:
-        """The path of a run's recording, whether it exists or not.
-
-        Raises MalformedRequest if the name can't be a file's.
-        """
+        """Return the path of a run's recording, whether it exists or not; raises as `file`."""
         return self.file(run_id, RECORDING)
 
     def file(self, run_id: str, ending: str) -> Path:
-        """The path of one of a run's files; raises as `path`."""
+        """Return the path of one of a run's files; raises MalformedRequest if the name can't be a file's."""
         return self.folder / f"{checked_name(run_id, 'run_id')}{ending}"
 
     def find(self, run_id: str) -> Path:
@@ -155,15 +151,9 @@ class Recordings:
             raise
 
     def settle(self, run_id: str, log: os.stat_result, fault: str | None = None) -> None:
-        """Delete a log whose recording is there, or say why it never will be.
+        """Delete a log whose recording is there, or say why it can't be rendered; another log of its name stays.
 
-        Args:
-            run_id: The run.
-            log: The file of the log that was rendered; another one of that name stays.
-            fault: Why it can't be rendered.
-
-        Raises:
-            OSError: if the disk refuses.
+        Raises OSError if the disk refuses.
         """
         path = self.file(run_id, LOG)
         with contextlib.suppress(FileNotFoundError):

@@ -92,17 +92,10 @@ class RobotStore:
         return None if content is None else self._read(name, content.decode(errors="replace"))
 
     def write(self, name: str, files: RobotFiles, load: Callable[[SentRobot], object]) -> None:
-        """Keep a robot under a name, in place of an earlier one of that name.
+        """Keep a robot under a name, in place of an earlier one; what `load` raises, which tries it, comes through.
 
-        Args:
-            name: What to call it.
-            files: What was sent.
-            load: Tries the robot; what it raises comes through, and nothing is kept.
-
-        Raises:
-            MalformedRequest: if the name can't be a file's.
-            RobotInvalid: if the name is the catalog's, which means the same everywhere; or if a mesh can't be taken.
-            RequestTooLarge: if there are too many or too large robots already.
+        Raises MalformedRequest if the name can't be a file's; RobotInvalid if it is the catalog's, which means the same
+        everywhere, or a mesh can't be taken; RequestTooLarge if there are too many or too large robots already.
         """
         path = self._path(name)
         if name in library.entries():

@@ -70,8 +70,6 @@ class _SceneHead(msgspec.Struct):
 
 
 class _RequestHead(msgspec.Struct):
-    """Just enough of a request for a list."""
-
     robot: str | dict[str, msgspec.Raw]
     scene: str | _SceneHead
 
@@ -82,13 +80,11 @@ class _Outcome(msgspec.Struct):
 
 
 class _ReplyHead(msgspec.Struct):
-    """Just enough of a reply for a list."""
-
     status: _Outcome
 
 
 def insert(run: NewRun, db: sqlite3.Connection, recording: Kept | None = None) -> int:
-    """Add a run that begins, or that has ended, if what there is of its recording is given; its number."""
+    """Add a run that begins, or has ended if the state of its recording is given; return its number."""
     head = decoded(run.request, _RequestHead, run.encoding) or _RequestHead(UNREADABLE, UNREADABLE)
     row = {
         "owner": run.owner,
@@ -110,13 +106,6 @@ def insert(run: NewRun, db: sqlite3.Connection, recording: Kept | None = None) -
     if recording is not None:
         complete(number, run, recording, db)
     return number
-
-
-def find_unended(run: NewRun, db: sqlite3.Connection) -> int | None:
-    """The number of a run that has begun; None if its row isn't there."""
-    find = "SELECT number FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
-    found = db.execute(find, (run.owner, run.run_id)).fetchone()
-    return None if found is None else int(found[0])
 
 
 def complete(number: int, run: NewRun, recording: Kept, db: sqlite3.Connection) -> None:
@@ -148,12 +137,12 @@ def drop_runs(recordings: Recordings, runs: Iterable[tuple[int, str]], db: sqlit
 
 
 def execute(statement: str, values: tuple[Any, ...], db: sqlite3.Connection) -> int:
-    """Run one statement; the number of rows that it changed."""
+    """Run one statement; return the number of rows that it changed."""
     return db.execute(statement, values).rowcount
 
 
 def earlier_folders(runs: Path) -> list[Path]:
-    """The folders of runs in a folder, the oldest first; what a killed process left behind is deleted."""
+    """Return the folders of runs in a folder, the oldest first; delete what a killed process left behind."""
     folders = []
     for found in runs.iterdir() if runs.is_dir() else ():
         if found.name.startswith("."):
@@ -166,9 +155,17 @@ def earlier_folders(runs: Path) -> list[Path]:
 def add_folders(owner: str, folders: list[Path], shared: Path, db: sqlite3.Connection) -> None:
     """Add the rows of runs to the database, but of those that are there."""
     for folder in folders:
-        there = db.execute("SELECT 1 FROM runs WHERE (owner, run_id) = (?, ?)", (owner, folder.name)).fetchone()
-        if there is None:
-            _add(owner, folder, (shared / folder.name).exists(), db)
+        if db.execute("SELECT 1 FROM runs WHERE (owner, run_id) = (?, ?)", (owner, folder.name)).fetchone():
+            continue
+        request = read_if_any(folder / "request.json") or b""
+        run = NewRun(owner, folder.name, "certify" if is_certify(request) else "plan", request, began=_began(folder))
+        run.reply, run.error = read_if_any(folder / "reply.json"), read_if_any(folder / "error.json")
+        kept, recording = None, folder / "recording.rrd"
+        if run.reply is not None or run.error is not None:
+            run.ended = folder.stat().st_mtime
+            kept = Kept("rendered", recording.stat().st_size) if recording.exists() else Kept("none")
+        number = insert(run, db, kept)
+        db.execute("UPDATE runs SET shared = ? WHERE number = ?", ((shared / folder.name).exists(), number))
 
 
 def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -> None:
@@ -180,18 +177,6 @@ def move_recordings(folders: list[Path], recordings: Recordings, shared: Path) -
                 (folder / name).rename(recordings.folder / f"{folder.name}{ending}")
         (shared / folder.name).unlink(missing_ok=True)
         shutil.rmtree(folder)
-
-
-def _add(owner: str, folder: Path, shared: bool, db: sqlite3.Connection) -> None:
-    request = read_if_any(folder / "request.json") or b""
-    run = NewRun(owner, folder.name, "certify" if is_certify(request) else "plan", request, began=_began(folder))
-    run.reply, run.error = read_if_any(folder / "reply.json"), read_if_any(folder / "error.json")
-    kept, recording = None, folder / "recording.rrd"
-    if run.reply is not None or run.error is not None:
-        run.ended = folder.stat().st_mtime
-        kept = Kept("rendered", recording.stat().st_size) if recording.exists() else Kept("none")
-    number = insert(run, db, kept)
-    db.execute("UPDATE runs SET shared = ? WHERE number = ?", (shared, number))
 
 
 def _began(folder: Path) -> float:

@@ -14,9 +14,8 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from guidefield.errors import DiskRefused
 from guidefield.stores.run_file import checkpoint, connect_writer, telling_faults
@@ -35,8 +34,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class _Change:
+class _Change(NamedTuple):
     apply: Callable[[sqlite3.Connection], Any]
     done: Future[Any]
     size: int
@@ -65,16 +63,10 @@ class RunWriter:
         ]
 
     def submit(self, apply: Callable[[sqlite3.Connection], _T], *, urgent: bool = True, size: int = 0) -> Future[_T]:
-        """Have a change written.
+        """Have a change written that takes some memory until then [bytes]; `urgent`: somebody waits for it.
 
-        Args:
-            apply: Makes it, within a transaction; may be called a second time, after a rollback.
-            urgent: True if somebody waits for it.
-            size: Memory that it takes until then [bytes].
-
-        Returns:
-            What `apply` returned, once that is committed; DiskRefused where it can't be. Until it is begun it may be
-            cancelled.
+        `apply` makes it within a transaction, and may be called a second time, after a rollback. The future comes to
+        what it returned, once that is committed, or to DiskRefused; until the change is begun it may be cancelled.
         """
         done: Future[_T] = Future()
         with self._changed:
@@ -110,21 +102,18 @@ class RunWriter:
             self._db.close()
 
     def _write(self) -> None:
-        while batch := self._next_batch():
-            begun = [change for change in batch if change.done.set_running_or_notify_cancel()]
-            if begun:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closed)
+                self._changed.wait_for(lambda: self._urgent or self._closed, LINGER_S)
+                batch, self._waiting, self._urgent = self._waiting, [], False
+            if not batch:
+                return
+            if begun := [change for change in batch if change.done.set_running_or_notify_cancel()]:
                 self._commit(begun)
             with self._changed:
                 self._size -= sum(change.size for change in batch)
                 self._changed.notify_all()
-
-    def _next_batch(self) -> list[_Change]:
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._closed)
-            self._changed.wait_for(lambda: self._urgent or self._closed, LINGER_S)
-            batch, self._waiting = self._waiting, []
-            self._urgent = False
-            return batch
 
     def _commit(self, changes: list[_Change]) -> None:
         try:
@@ -137,18 +126,25 @@ class RunWriter:
                 changes[0].done.set_exception(refusal)
             return
         self._unflushed = True
-        for change, outcome in zip(changes, outcomes, strict=True):
-            if isinstance(outcome, Exception):
-                change.done.set_exception(outcome)
+        for change, (error, result) in zip(changes, outcomes, strict=True):
+            if error is not None:
+                change.done.set_exception(error)
             else:
-                change.done.set_result(outcome)
+                change.done.set_result(result)
 
-    def _transaction(self, changes: list[_Change]) -> list[Any]:
-        db = self._opened()
+    def _transaction(self, changes: list[_Change]) -> list[tuple[Exception | None, Any]]:
+        """Make some changes; return their own refusals, which are no reason to undo others, and their results."""
+        db, outcomes = self._opened(), list[tuple[Exception | None, Any]]()
         with telling_faults(self._file):
             db.execute("BEGIN IMMEDIATE")
             try:
-                outcomes = [_outcome(change, db) for change in changes]
+                for change in changes:
+                    try:
+                        outcomes.append((None, change.apply(db)))
+                    except sqlite3.Error:
+                        raise
+                    except Exception as error:
+                        outcomes.append((error, None))
                 db.execute("COMMIT")
             finally:
                 if db.in_transaction:
@@ -156,7 +152,7 @@ class RunWriter:
         return outcomes
 
     def _opened(self) -> sqlite3.Connection:
-        """The connection; DiskRefused if the file can't be opened, or couldn't just now."""
+        """Return the connection; raise DiskRefused if the file can't be opened, or couldn't just now."""
         if self._db is None:
             if self._fault is not None and time.monotonic() - self._fault[0] < RETRY_INTERVAL_S:
                 raise self._fault[1]
@@ -176,13 +172,3 @@ class RunWriter:
                     checkpoint(self._file)
             except Exception as error:  # the next one tries again
                 _log.warning("the database of runs is not flushed: %s", error)
-
-
-def _outcome(change: _Change, db: sqlite3.Connection) -> Any:
-    """Make a change; return its result, or its own refusal, which is no reason to undo other changes."""
-    try:
-        return change.apply(db)
-    except sqlite3.Error:
-        raise
-    except Exception as error:
-        return error

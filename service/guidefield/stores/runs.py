@@ -15,7 +15,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import msgspec
 
@@ -50,7 +50,6 @@ from guidefield.stores.run_rows import (
     earlier_folders,
     end_abandoned,
     execute,
-    find_unended,
     insert,
     move_recordings,
 )
@@ -76,23 +75,16 @@ DEFAULT_RETENTION = Retention()
 
 
 class NoRuns:
-    """Keeps no run."""
+    """Keeps no run: each is unknown."""
 
     def list(self, _request: ReadRuns) -> RunsReply:
         """List none."""
         return RunsReply(runs=[])
 
-    def read(self, run_id: str) -> AnyRunReply:
-        """Raise UnknownObject."""
+    def _raise_unknown(self, run_id: str, **_: bool) -> NoReturn:
         raise _unknown(run_id)
 
-    def delete(self, run_id: str) -> None:
-        """Raise UnknownObject."""
-        raise _unknown(run_id)
-
-    def share(self, run_id: str, *, shared: bool) -> None:  # noqa: ARG002 - as that of `UserRuns`
-        """Raise UnknownObject."""
-        raise _unknown(run_id)
+    read = delete = share = _raise_unknown
 
 
 class RunDatabase:
@@ -234,11 +226,7 @@ class UserRuns:
             run.begun = self._writer.submit(partial(insert, run), urgent=False, size=len(run.request))
 
     def finish(self, run: NewRun, reply: bytes) -> Future[Any]:
-        """Keep the reply of a run.
-
-        Returns:
-            Done once it is kept; DiskRefused where the disk refuses.
-        """
+        """Keep the reply of a run; the future is done once it is kept, with DiskRefused where the disk refuses."""
         return self._end(run, reply=reply)
 
     def fail(self, run: NewRun, error: ErrorReply) -> Future[Any]:
@@ -373,9 +361,11 @@ class UserRuns:
         def end(db: sqlite3.Connection) -> Kept | None:
             run.ended, recording = time.time(), self.recordings.kept(run.run_id)
             if begun is not None and begun.exception() is None:
-                number = find_unended(run, db)
-                if number is None:
+                unended = "SELECT number FROM runs WHERE (owner, run_id) = (?, ?) AND ended IS NULL"
+                found = db.execute(unended, (run.owner, run.run_id)).fetchone()
+                if found is None:
                     return None  # it was deleted while it ran
+                number = int(found[0])
                 complete(number, run, recording, db)
             else:
                 execute(FORGET, (run.owner, run.run_id), db)  # of another run, whose end could not be kept
@@ -445,7 +435,7 @@ def _whole(run_id: str, document: str, data: bytes, kind: type[Any], encoding: E
 
 
 def _pattern(text: str) -> str:
-    """Text as a pattern of LIKE that finds it anywhere."""
+    """Return the pattern of LIKE that finds a text anywhere."""
     for special in "\\%_":
         text = text.replace(special, f"\\{special}")
     return f"%{text}%"
