@@ -40,16 +40,17 @@ def start_of(positions: Positions, robot: RobotModel) -> tuple[RobotConfiguratio
     return (clamp_slight(robot, q) if warnings else q), warnings
 
 
+def goal_positions(goal: Goal | RelativeGoal | None) -> list[Positions]:
+    """Return the configurations of a goal as they are given; none for a goal of another kind."""
+    if isinstance(goal, JointSetGoal):
+        return goal.positions
+    return [goal.positions] if isinstance(goal, JointsGoal) else []
+
+
 def clamped_goals(goal: Goal | RelativeGoal | None, robot: RobotModel) -> list[str]:
-    """A warning for each joint that a goal's configurations have beyond its limit by next to nothing."""
-    if isinstance(goal, JointsGoal):
-        many = [goal.positions]
-    elif isinstance(goal, JointSetGoal):
-        many = goal.positions
-    else:
-        return []
+    """Warn about each joint that a goal's configurations have beyond its limit by next to nothing."""
     worst: dict[str, LimitFault] = {}
-    for positions in many:
+    for positions in goal_positions(goal):
         for fault in given_faults(robot.joints, positions):
             if fault.is_slight and (fault.joint not in worst or fault.excess > worst[fault.joint].excess):
                 worst[fault.joint] = fault

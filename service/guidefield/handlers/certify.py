@@ -26,7 +26,7 @@ from guidefield.messages.replies import CertifyReply
 from guidefield.messages.requests import CertifyRequest, RobotReference
 from guidefield.planner.judgement import GivenProblem, Judgement, Leaving, judge, judge_leaving
 from guidefield.planner.motion.given_motion import GivenMotion
-from guidefield.planner.motion.limit_load import Uses, limit_shares
+from guidefield.planner.motion.limit_load import limit_shares
 from guidefield.planner.quality import (
     Clearance,
     ClearanceProfile,
@@ -88,7 +88,8 @@ def answer_certify(
         problem = crop_to_reach(problem, deadline, limited=False)
     prepare_plan(None, problem.scene, deadline)
     deadline.check("the motion was laid out")
-    uses = _uses(problem)
+    _ = problem.motion.pieces, travelled_way(_motion(problem))  # laid out for all that is asked about it
+    uses = limit_shares(problem.motion, problem.group, problem.jerk_limits)
     recording = record(problem.group, scene)
     problem = dataclasses.replace(problem, observer=recording or Silent())
     load_seconds = time.monotonic() - began
@@ -146,12 +147,6 @@ def lay_out_ahead(request: CertifyRequest, load: Callable[[RobotReference], Robo
         robot_bodies(World.build(group, nowhere))
         closed_bodies(group)
         robot_parts(group)
-
-
-def _uses(problem: GivenProblem) -> Uses:
-    """Lay out a motion for all that is asked about it, and return the shares of limits that it uses."""
-    _ = problem.motion.pieces, travelled_way(_motion(problem))
-    return limit_shares(problem.motion, problem.group, problem.jerk_limits)
 
 
 def _motion(problem: GivenProblem) -> MotionInTime:

@@ -35,7 +35,6 @@ from guidefield.scene.scene import Scene
 
 LEAST_STEP = 1e-9
 """Between two times at least [s]."""
-
 SAME = 1e-6
 """Accelerations that differ by less than this share, or by this [rad/s² or m/s²], are the same."""
 

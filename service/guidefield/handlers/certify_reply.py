@@ -6,11 +6,12 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from guidefield.deadline import end_reason
 from guidefield.errors import Status
-from guidefield.handlers.plan_reply import CERTIFICATE, stated, unmeasured
+from guidefield.handlers.plan_reply import CERTIFICATE, clearance_figures, outcome, self_figures, unmeasured
 from guidefield.messages import replies
 from guidefield.messages.certify_reply import describe_place
 from guidefield.messages.replies import CertifyReply
@@ -35,20 +36,25 @@ def reply_to(
     warnings: Sequence[str],
 ) -> CertifyReply:
     """Put a judgement into the wire's words."""
-    group, ended = problem.group, _ending(problem, judgement)
+    group, ended, leaving = problem.group, _ending(problem, judgement), judgement.leaving
+    uses = judgement.uses
+    left = [] if leaving is None or not leaving.leaves else [left_contacts(leaving.contacts)]
     return CertifyReply(
         run_id=run_id,
-        status=replies.Outcome(
-            code=int(ended.status), name=ended.status.name, message=ended.message, details=ended.details
-        ),
-        warnings=[*warnings, *_warn_of_left_contact(judgement), *(unmeasured(measured) if measured else [UNMEASURED])],
+        status=outcome(ended.status, ended.message, ended.details),
+        warnings=[*warnings, *left, *(unmeasured(measured) if measured else [UNMEASURED])],
         curve=problem.motion.kind.value,
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         certificate=_certificate(problem, judgement),
         clearance=_clearance(problem, judgement, measured),
-        self_clearance=_self_clearance(judgement, measured),
-        limits=_limits(problem, judgement),
+        self_clearance=self_figures(measured, 0.0 if _is_certified(judgement) else -np.inf) if measured else None,
+        limits=replies.LimitShares(
+            position=_position_use(problem, uses.position),
+            velocity=_use(problem, uses.velocity, "velocity_owner"),
+            acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
+            jerk=_use(problem, uses.jerk),
+        ),
         timing=replies.Timing(**seconds, total=time.monotonic() - received),
         counters=replies.Counters(collision_checks=problem.counters.collision_checks),
         recording=None,
@@ -134,12 +140,6 @@ def _free_until(problem: GivenProblem, verdict: Verdict) -> tuple[float, float |
     return problem.motion.end if verdict.free_until is None else problem.motion.along(*verdict.free_until)
 
 
-def _warn_of_left_contact(judgement: Judgement) -> list[str]:
-    """A warning about a contact at the start that is left."""
-    leaving = judgement.leaving
-    return [] if leaving is None or not leaving.leaves else [left_contacts(leaving.contacts)]
-
-
 def _covered(problem: GivenProblem, leaving: Leaving | None) -> str:
     """Name the subject of the certificate."""
     what = "path" if problem.motion.times is None else "trajectory"
@@ -173,20 +173,14 @@ def _clearance(
 ) -> replies.MotionClearance | None:
     if measured is None:
         return None
-    closest = measured.obstacle
-    if closest.pair is None:
-        return replies.MotionClearance(minimum=None, mean=None, inner=None, ends=None, pair=None, time=None)
-    certified = problem.min_clearance if judgement.verdict.free and judgement.leaving is None else -np.inf
-    row, when = _measured_at(problem, closest.time)
-    return replies.MotionClearance(
-        minimum=stated(closest, certified),
-        mean=measured.mean,
-        inner=None if measured.inner is None else stated(measured.inner, certified),
-        ends=measured.ends,
-        pair=list(closest.pair),
-        time=when,
-        row=row,
-    )
+    figures = clearance_figures(measured, problem.min_clearance if _is_certified(judgement) else -np.inf)
+    row, when = (None, None) if figures.time is None else _measured_at(problem, figures.time)
+    return replies.MotionClearance(**{**msgspec.structs.asdict(figures), "time": when, "row": row})
+
+
+def _is_certified(judgement: Judgement) -> bool:
+    """Return whether the whole motion is certified, its start too."""
+    return judgement.verdict.free and judgement.leaving is None
 
 
 def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | None]:
@@ -199,25 +193,6 @@ def _measured_at(problem: GivenProblem, time: float) -> tuple[float, float | Non
         return motion.along(0, 0.0)
     piece = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
     return motion.along(piece, float(np.clip((time - times[piece]) / (times[piece + 1] - times[piece]), 0.0, 1.0)))
-
-
-def _self_clearance(judgement: Judgement, measured: Clearance | None) -> replies.SelfClearance | None:
-    if measured is None:
-        return None
-    if measured.own.pair is None:
-        return replies.SelfClearance(minimum=None, pair=None)
-    certified = 0.0 if judgement.verdict.free and judgement.leaving is None else -np.inf
-    return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
-
-
-def _limits(problem: GivenProblem, judgement: Judgement) -> replies.LimitShares:
-    uses = judgement.uses
-    return replies.LimitShares(
-        position=_position_use(problem, uses.position),
-        velocity=_use(problem, uses.velocity, "velocity_owner"),
-        acceleration=_use(problem, uses.acceleration, "acceleration_owner"),
-        jerk=_use(problem, uses.jerk),
-    )
 
 
 def _position_use(problem: GivenProblem, use: Use) -> replies.LimitUse:

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
@@ -63,7 +62,7 @@ def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
     kept = rules or Rules()
     return msgspec.structs.replace(
         brief_info(figures),
-        packages=_packages(),
+        packages={package: _version(package) for package in PACKAGES},
         keys=list(KEYS),
         codes=list(CODES),
         limits=list(kept.limits),
@@ -75,7 +74,7 @@ def info(figures: Figures, rules: Rules | None = None) -> InfoReply:
 def brief_info(figures: Figures) -> InfoReply:
     """The figures, without what stays the same while a service runs."""
     return InfoReply(
-        version=_version(),
+        version=_version("guidefield"),
         packages={},
         schemas={},
         workers=figures.workers,
@@ -104,16 +103,5 @@ def disk_of(folder: Path) -> Disk | None:
     return Disk(free=found.free, total=found.total)
 
 
-@functools.cache
-def _version() -> str:
-    return version("guidefield")
-
-
-@functools.cache
-def _packages() -> dict[str, str]:
-    return {package: version(package) for package in PACKAGES}
-
-
-@functools.cache
-def _schemas() -> dict[str, Any]:
-    return codec.json_schemas()
+_version = functools.cache(version)
+_schemas = functools.cache(codec.json_schemas)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from typing import Any, TypeVar, cast
 
 import msgspec
@@ -51,13 +50,12 @@ from guidefield.robot.ik.inverse_kinematics import solve
 from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import LIMIT_TOLERANCE, configuration_from_wire, configuration_to_wire
 from guidefield.robot.model.model import RobotModel
-from guidefield.robot.model.spaces import ChartPoints, ModelConfiguration, RobotConfiguration, RobotConfigurations
+from guidefield.robot.model.spaces import ModelConfiguration, RobotConfiguration, RobotConfigurations
 from guidefield.scene import scene as scenes
 from guidefield.scene.scene import Scene
 
 FRAMES_TOGETHER = 1024
 """Number of configurations at which frames are placed before the time is looked at: about a millisecond."""
-
 POINTS_AT_ONCE = 4096
 """At so many points the field is found before it is asked whether to go on."""
 
@@ -145,7 +143,7 @@ def inverse_kinematics(
         InvalidConfiguration: if a start configuration doesn't fit the robot, or differs from the first in a joint
             outside the group.
     """
-    obstacles = scene or _empty_scene()
+    obstacles = scene or scenes.build(scene_messages.Scene(name="empty"))
     robot = holding(robot, request.attached_objects, obstacles, deadline)
     starts = []
     for index, positions in enumerate(request.start_configurations):
@@ -162,7 +160,10 @@ def inverse_kinematics(
     for index, start in enumerate(starts):
         _require_same_outside(group, start, f"start_configurations[{index}]")
     world = World.build(group, obstacles, request.allowed_collisions) if request.collision_free else None
-    closest = None if world is None else ClosestPairs(world)
+    accept = None
+    if world is not None:  # what touches nothing, and is no closer to it than 10 micrometres
+        closest = ClosestPairs(world)
+        accept = lambda zs: closest.free(group.expand_each(zs), confirmed=False)  # noqa: E731
     configurations, reasons = [], []
     for index, pose in enumerate(_within(deadline, request.poses)):
         result = solve(
@@ -171,7 +172,7 @@ def inverse_kinematics(
             [group.chart(group.part_of(start)) for start in starts],
             request.solutions,
             rng=np.random.default_rng([request.seed, index]),
-            accept=None if closest is None else partial(_are_free, closest),
+            accept=accept,
             deadline=deadline,
         )
         require_time(deadline, index, len(request.poses))
@@ -262,17 +263,20 @@ class _Clearances:
     def as_lists(self) -> ClearanceReply:
         """The reply in lists."""
         found = self._found
-        gradients = None if self._gradients is None else zip(*self._gradients, strict=True) if found else ([], [])
-        gradient, own = (None, None) if gradients is None else ([*map(_row, one)] for one in gradients)
+        gradient = own = None
+        if self._gradients is not None:
+            gradient, own = (
+                [None if row is None else row.tolist() for row in (both[k] for both in self._gradients)] for k in (0, 1)
+            )
         return ClearanceReply(
             minimum=[_finite(one.obstacle_distance) for one in found],
             pair=[None if one.obstacle_pair is None else list(one.obstacle_pair) for one in found],
-            witness_points=[None if one.witness is None else _points(one.witness) for one in found],
+            witness_points=[None if one.witness is None else [*map(_vector, one.witness)] for one in found],
             self_minimum=[_finite(one.self_distance) for one in found],
             contacts=self._contacts,
             gradient=gradient,
             self_gradient=own,
-            velocity_names=None if gradients is None else self._world.group.velocity_names,
+            velocity_names=None if gradient is None else self._world.group.velocity_names,
         )
 
     def as_packed(self) -> ClearanceReply:
@@ -336,11 +340,6 @@ def _within(deadline: Deadline, asked: Sequence[_Asked]) -> Iterator[_Asked]:
         yield one
 
 
-def _are_free(closest: ClosestPairs, zs: ChartPoints) -> np.ndarray:
-    """Return which chart points (n, nv) touch nothing, and are no closer to it than 10 micrometres: (n,), bool."""
-    return closest.free(closest.world.group.expand_each(zs), confirmed=False)
-
-
 def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, field: str) -> None:
     """Refuse a configuration that differs from the group's reference in a joint that stands still."""
     planned = {joint.name for joint in group.joints}
@@ -353,10 +352,6 @@ def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, fie
                 joint=joint.name,
                 path=f"$.{field}.{joint.name}",
             )
-
-
-def _empty_scene() -> Scene:
-    return scenes.build(scene_messages.Scene(name="empty"))
 
 
 @memoized
@@ -380,14 +375,6 @@ def _or_nan(distances: Sequence[float]) -> np.ndarray:
 
 def _rows(rows: Sequence[np.ndarray | None], shape: tuple[int, ...]) -> np.ndarray:
     return np.array(rows, float).reshape(len(rows), *shape)
-
-
-def _row(values: np.ndarray | None) -> list[float] | None:
-    return None if values is None else values.tolist()
-
-
-def _points(points: np.ndarray) -> list[Vector3]:
-    return [_vector(point) for point in points]
 
 
 def _vector(values: np.ndarray) -> Vector3:

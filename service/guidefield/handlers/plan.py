@@ -20,9 +20,8 @@ from guidefield.geometry.placements import se3
 from guidefield.handlers.agreement import Certified, keep_contradictions, require_agreement
 from guidefield.handlers.asked_group import start_of
 from guidefield.handlers.attached import are_large, holding
-from guidefield.handlers.plan_problem import problem_of
+from guidefield.handlers.plan_problem import Derivation, problem_of, with_derived_planes
 from guidefield.handlers.plan_reply import reply_to
-from guidefield.handlers.planes import Derivation, with_derived_planes
 from guidefield.handlers.preparation import connects, crop_to_reach, is_laid_out, prepare_links, prepare_problem
 from guidefield.handlers.recording import PackedClearance, PackedKnots, PackedMotion, PlainMotion, Prove, Record
 from guidefield.messages import requests, scene as messages

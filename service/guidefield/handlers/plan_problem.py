@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
 
 from guidefield.collision.world import World
 from guidefield.deadline import Deadline
@@ -12,16 +17,19 @@ from guidefield.handlers.asked_group import (
     clamp_slight,
     clamped_goals,
     constraints_of,
+    goal_positions,
     jerk_limits,
     limited,
     rates_of,
     start_of,
 )
 from guidefield.handlers.attached import holding
-from guidefield.handlers.planes import given_planes
 from guidefield.messages import requests
-from guidefield.messages.requests import PlanRequest
+from guidefield.messages.requests import GuidePlaneGoal, PlanRequest
+from guidefield.planner.guide.auto_planes import derive
+from guidefield.planner.plan import Plan
 from guidefield.planner.task.problem import ConfigurationGoal, Goal, LastPlaneGoal, Objective, Problem, TipGoal
+from guidefield.planner.task.trace import StageLeft
 from guidefield.potential import Precision, RobotField
 from guidefield.robot.group.group import PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
@@ -30,8 +38,68 @@ from guidefield.robot.ik.pose_search import PoseTarget
 from guidefield.robot.model.configuration import configuration_from_wire, limit_faults
 from guidefield.robot.model.model import JointKind, RobotModel
 from guidefield.robot.model.spaces import Configuration
+from guidefield.scene import guide_plane
 from guidefield.scene.guide_plane import GuidePlane
 from guidefield.scene.scene import Scene
+
+
+def given_planes(request: PlanRequest, scene: Scene, deadline: Deadline) -> tuple[GuidePlane, ...]:
+    """The request's planes, else the scene's; none where the bare connection is asked for.
+
+    Where planes are to be derived, the last of the scene's is left if it is the goal.
+
+    Raises:
+        SceneInvalid: if a plane of the request isn't flat, isn't convex or has no area.
+        DeadlineExpired: if time was up before planes of many corners were built.
+    """
+    if request.planner == "tree":
+        return ()
+    if isinstance(request.guide_planes, list):
+        return guide_plane.build_all(request.guide_planes, deadline)
+    if request.guide_planes == "auto":
+        return scene.guide_planes[-1:] if isinstance(request.goal, GuidePlaneGoal) else ()
+    return scene.guide_planes
+
+
+@dataclass(frozen=True)
+class Derivation:
+    """The outcome of deriving guide planes, the first stage of a plan; None if none were asked for."""
+
+    left: StageLeft | None = None
+    warning: str | None = None
+
+    def told_in(self, made: Plan) -> Plan:
+        """The plan with this stage in it."""
+        if self.left is None:
+            return made
+        seconds = {**made.seconds, "guide": made.seconds.get("guide", 0.0) + self.left.seconds}
+        warnings = made.warnings if self.warning is None else (*made.warnings, self.warning)
+        return dataclasses.replace(made, stages=(self.left, *made.stages), seconds=seconds, warnings=warnings)
+
+
+def with_derived_planes(problem: Problem, request: PlanRequest) -> tuple[Problem, Derivation]:
+    """The problem with guide planes derived, if the request asks for that: among obstacles as they come to rest."""
+    if request.guide_planes != "auto" or request.planner == "tree":
+        return problem, Derivation()
+    begin = time.perf_counter()
+    planes = derive(problem.at(problem.scene.end), _goal_place(problem))
+    seconds = time.perf_counter() - begin
+    if planes is None:
+        warning = "no guide planes could be derived: the tip alone finds no way to the goal"
+        return problem, Derivation(StageLeft("guide", "no guide planes derived", seconds), warning)
+    left = StageLeft("guide", f"derived {len(planes)} guide planes", seconds)
+    together = dataclasses.replace(problem, guide_planes=(*planes, *problem.guide_planes), derived_planes=len(planes))
+    return together, Derivation(left)
+
+
+def _goal_place(problem: Problem) -> np.ndarray | GuidePlane:
+    """Return the goal of the tip: a point, shape (3,) [m], or a plane."""
+    if isinstance(problem.goal, ConfigurationGoal):
+        return problem.kinematics.tip_position(problem.group.expand(problem.goal.configurations[0]))
+    if isinstance(problem.goal, TipGoal):
+        return np.array(problem.goal.target.placement.translation)
+    return problem.guide_planes[-1]
+
 
 AT_ONCE = 500
 """So many goals are read before it is asked whether there is time: it takes some milliseconds."""
@@ -162,10 +230,9 @@ def _goal(request: PlanRequest, group: PlanningGroup, planes: tuple[GuidePlane, 
         )
     if isinstance(goal, requests.PoseGoal):
         return TipGoal(PoseTarget.from_wire(goal))
-    many = goal.positions if isinstance(goal, requests.JointSetGoal) else [goal.positions]
     of_set = isinstance(goal, requests.JointSetGoal)
     configurations: list[Configuration] = []
-    for index, positions in enumerate(many):
+    for index, positions in enumerate(goal_positions(goal)):
         if len(configurations) % AT_ONCE == AT_ONCE - 1:
             deadline.check("the goals were read")
         with at_path(f"$.goal.positions[{index}]" if of_set else "$.goal.positions"):
@@ -198,15 +265,8 @@ def many_turns_warnings(request: PlanRequest, robot: RobotModel) -> list[str]:
 
     A joint with limits needs none: there such a goal is refused.
     """
-    goal = request.goal
-    if isinstance(goal, requests.JointsGoal):
-        many = [goal.positions]
-    elif isinstance(goal, requests.JointSetGoal):
-        many = goal.positions
-    else:
-        return []
     warnings: dict[str, str] = {}
-    for positions in many:
+    for positions in goal_positions(request.goal):
         for name, value in positions.items():
             joint, start = robot.joint(name), request.start.get(name, 0.0)
             if joint is None or joint.kind is not JointKind.CONTINUOUS or isinstance(value, list):

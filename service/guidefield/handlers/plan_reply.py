@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from guidefield.errors import Status
 from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
@@ -18,6 +20,7 @@ from guidefield.planner.task.problem import Problem
 from guidefield.robot.group.group import LONGEST_TURN, PlanningGroup
 from guidefield.robot.group.kinematics import Kinematics
 from guidefield.robot.group.tangents import tangent_accelerations, tangents
+from guidefield.scene import guide_plane
 
 CERTIFICATE = (
     "the URDF's collision geometry; rigorous motion bounds and separating directions on segments of Bezier curves,"
@@ -38,39 +41,30 @@ def reply_to(
 ) -> PlanReply:
     """Put a plan into the wire's words.
 
-    Args:
-        request: What was asked.
-        problem: What was planned.
-        made: What came of it.
-        measured: How far the trajectory keeps from everything; None without one.
-        run_id: Name of the run.
-        received: As in `answer_plan`.
-        seconds: Time that waiting and loading took [s]; what came after the planner's stages is measuring.
-        warnings: What was odd before planning.
+    `measured` is how far the trajectory keeps from everything, None without one; `received` is as in `answer_plan`;
+    `seconds` is the time of waiting and loading [s]: what came after the planner's stages is measuring.
     """
-    group = problem.group
+    group, whole = problem.group, made.verdict.free and made.judged_from == 0.0
+    kept = problem.min_clearance if whole else -np.inf
     metrics = motion_metrics(made.trajectory, problem.kinematics)
     path, trajectory = group.wire_path(made.path), wire_trajectory(made.trajectory, request.sample_rate, group)
+    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
+    total = time.monotonic() - received
     return PlanReply(
         run_id=run_id,
-        status=replies.Outcome(
-            code=int(made.status), name=made.status.name, message=made.message, details=made.details
-        ),
+        status=outcome(made.status, made.message, made.details),
         warnings=[*warnings, *made.warnings, *unmeasured(measured)],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=path,
         trajectory=trajectory,
-        guide_planes=[
-            GuidePlane(name=plane.name, vertices=[tuple(v) for v in plane.vertices.tolist()])
-            for plane in problem.guide_planes
-        ],
+        guide_planes=wire_planes(problem.guide_planes),
         stages=[
             replies.Stage(name=stage.name, outcome=stage.outcome, seconds=stage.seconds, plane=stage.plane)
             for stage in made.stages
         ],
-        clearance=_clearance(measured, made, problem),
-        self_clearance=_self_clearance(measured, made),
+        clearance=None if measured is None else clearance_figures(measured, kept),
+        self_clearance=None if measured is None else self_figures(measured, 0.0 if whole else -np.inf),
         certificate=replies.CertificateFigures(
             collision_free=made.verdict.free,
             method=CERTIFICATE,
@@ -87,14 +81,18 @@ def reply_to(
         planner=request.planner,
         objective=request.objective,
         recording=None,
-        timing=_timing(made, seconds, time.monotonic() - received),
+        timing=replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent),
     )
 
 
-def _timing(made: Plan, seconds: Mapping[str, float], total: float) -> replies.Timing:
-    """Time by stage [s]: measuring has what is left of all of it."""
-    spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | dict(seconds)
-    return replies.Timing(total=total, measure=max(0.0, total - sum(spent.values())), **spent)
+def outcome(status: Status, message: str, details: dict[str, Any]) -> replies.Outcome:
+    """Return a status in the wire's words."""
+    return replies.Outcome(code=int(status), name=status.name, message=message, details=details)
+
+
+def wire_planes(planes: Iterable[guide_plane.GuidePlane]) -> list[GuidePlane]:
+    """Return guide planes in the wire's words."""
+    return [GuidePlane(name=one.name, vertices=[tuple(v) for v in one.vertices.tolist()]) for one in planes]
 
 
 def _covered(made: Plan) -> str:
@@ -133,12 +131,6 @@ def _turning_less(trajectory: Trajectory, group: PlanningGroup) -> Trajectory:
     return made
 
 
-def _clearance(measured: Clearance | None, made: Plan, problem: Problem) -> replies.ClearanceFigures | None:
-    if measured is None:
-        return None
-    return clearance_figures(measured, _certified(made, problem.min_clearance))
-
-
 def clearance_figures(measured: Clearance, certified: float) -> replies.ClearanceFigures:
     """Distances from obstacles as the reply has them; `certified` is kept all along, by the certificate [m]."""
     closest = measured.obstacle
@@ -154,22 +146,11 @@ def clearance_figures(measured: Clearance, certified: float) -> replies.Clearanc
     )
 
 
-def _self_clearance(measured: Clearance | None, made: Plan) -> replies.SelfClearance | None:
-    if measured is None:
-        return None
-    return self_figures(measured, _certified(made, 0.0))
-
-
 def self_figures(measured: Clearance, certified: float) -> replies.SelfClearance:
     """The distance of the robot from itself as the reply has it; arguments as of `clearance_figures`."""
     if measured.own.pair is None:
         return replies.SelfClearance(minimum=None, pair=None)
     return replies.SelfClearance(minimum=stated(measured.own, certified), pair=list(measured.own.pair))
-
-
-def _certified(made: Plan, kept: float) -> float:
-    """Return the certified clearance [m]; minus infinity if it isn't certified for the whole motion."""
-    return kept if made.verdict.free and made.judged_from == 0.0 else -np.inf
 
 
 def stated(closest: Closest, certified: float) -> float | None:

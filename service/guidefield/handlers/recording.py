@@ -48,7 +48,6 @@ class Recording(Protocol[_R_contra]):
 
 Prove = Callable[[Sequence[Motion], Deadline], None]
 """Proves the motions that a run is certified for, as far as the deadline allows, and keeps the proof with the run."""
-
 Record = Callable[[PlanningGroup, Scene], Recording[_R_contra] | None]
 """Opens the recording of a run, once it is known what moves where."""
 

@@ -19,8 +19,10 @@ from guidefield.handlers.plan_reply import (
     STAGES,
     clearance_figures,
     motion_metrics,
+    outcome,
     self_figures,
     unmeasured,
+    wire_planes,
     wire_trajectory,
 )
 from guidefield.handlers.preparation import prepare_plan
@@ -31,7 +33,6 @@ from guidefield.handlers.steps import Steps
 from guidefield.messages import replies
 from guidefield.messages.replies import PlanReply
 from guidefield.messages.requests import PlanRequest
-from guidefield.messages.scene import GuidePlane
 from guidefield.planner.quality import UNMEASURED, Clearance, clearances
 from guidefield.planner.sequence.sequence import Leg, SequencePlan, plan_sequence
 from guidefield.planner.sequence.stretches import Stretch
@@ -132,15 +133,8 @@ def reply_to(
 ) -> PlanReply:
     """Put a sequence into the wire's words.
 
-    Args:
-        request: What was asked.
-        course: Its steps.
-        made: What came of them.
-        measured: The stretches on which something moves, with how far they keep from everything; None where time was up
-            before.
-        run_id: Name of the run.
-        received: As in `answer_plan`.
-        seconds: Time that waiting, loading and measuring took [s].
+    `measured` has the stretches on which something moves, None where time was up before; `received` is as in
+    `answer_plan`; `seconds` is the time of waiting, loading and measuring [s].
     """
     group, begin = course.whole, time.monotonic()
     metrics = motion_metrics(made.trajectory, Kinematics(group))
@@ -148,20 +142,20 @@ def reply_to(
     spent = {stage: made.seconds.get(stage, 0.0) for stage in STAGES} | seconds
     spent["measure"] += time.monotonic() - begin
     robot = course.start.robot
+    problems = [leg.problem for leg in made.legs if leg.problem is not None]
+    planes = [plane for problem in problems for plane in problem.guide_planes]
     warnings = [*robot.warnings, *course.start.scene.warnings, *course.warnings, *made.warnings]
     if measured is None:
         measured, warnings = [], [*warnings, UNMEASURED]
     return PlanReply(
         run_id=run_id,
-        status=replies.Outcome(
-            code=int(made.status), name=made.status.name, message=made.message, details=made.details
-        ),
+        status=outcome(made.status, made.message, made.details),
         warnings=[*warnings, *dict.fromkeys(text for _, one in measured for text in unmeasured(one))],
         position_names=group.position_names,
         velocity_names=group.velocity_names,
         path=path,
         trajectory=trajectory,
-        guide_planes=_planes(made),
+        guide_planes=[plane for plane, _ in groupby(wire_planes(planes))],  # each once
         stages=[replies.Stage(name=one.name, outcome=one.outcome, seconds=one.seconds) for one in made.stages],
         clearance=_least_clearance([_figures(stretch, one, made) for stretch, one in measured], measured),
         self_clearance=_least_self([self_figures(one, _certified(stretch, made, 0.0)) for stretch, one in measured]),
@@ -173,7 +167,11 @@ def reply_to(
         ),
         metrics=metrics,
         timing=replies.Timing(total=time.monotonic() - received, **spent),
-        counters=_counters(course, made),
+        counters=replies.Counters(
+            iterations=course.counters.iterations,
+            potential_evaluations=sum(one.robot_field.evaluations for one in problems),
+            collision_checks=course.counters.collision_checks,
+        ),
         seed=request.seed,
         planner=request.planner,
         objective=request.objective,
@@ -252,20 +250,3 @@ def _least_self(figures: Sequence[replies.SelfClearance]) -> replies.SelfClearan
         return None
     with_pairs = [one for one in figures if one.pair is not None]
     return min(with_pairs, key=lambda one: -np.inf if one.minimum is None else one.minimum, default=figures[0])
-
-
-def _planes(made: SequencePlan[Standing]) -> list[GuidePlane]:
-    """The guide planes of all steps, each once."""
-    planes = [plane for leg in made.legs if leg.problem is not None for plane in leg.problem.guide_planes]
-    named = [GuidePlane(name=one.name, vertices=[tuple(v) for v in one.vertices.tolist()]) for one in planes]
-    return [plane for plane, _ in groupby(named)]
-
-
-def _counters(course: Steps, made: SequencePlan[Standing]) -> replies.Counters:
-    """Sum the counters of all steps."""
-    fields = [leg.problem.robot_field for leg in made.legs if leg.problem is not None]
-    return replies.Counters(
-        iterations=course.counters.iterations,
-        potential_evaluations=sum(one.evaluations for one in fields),
-        collision_checks=course.counters.collision_checks,
-    )

@@ -30,10 +30,8 @@ from guidefield.scene.scene import Scene
 
 RATE = 30.0
 """Rate at which a carried object's placement is given [Hz]."""
-
 MAX_SAMPLES = 400
 """Most samples of distances, over all steps, but for the ends of each and where its distances are smallest."""
-
 MOST = 3000
 """Largest number of such times, over all steps."""
 
