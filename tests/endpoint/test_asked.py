@@ -61,7 +61,7 @@ class _Query:
 
 
 def _asked(query: _Query, counted: list[str] | None = None) -> Asked:
-    return Asked(query, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
+    return Asked(query, query.key_expr, "local", (counted if counted is not None else []).append, _send_at_once)  # type: ignore[arg-type]
 
 
 def _send_at_once(_asker: Asker, _size: int, send: Callable[[], None]) -> bool:
@@ -135,8 +135,7 @@ def test_only_the_first_answer_is_sent() -> None:
 )
 def test_an_error_is_an_answer(raised: Exception, name: str, code: int) -> None:
     query = _Query("guidefield/local/info")
-    with _asked(query).answering_failures():
-        raise raised
+    _asked(query).fail(raised)
     ((payload, encoding),) = query.errors
     error = json.loads(payload)
     assert (error["name"], error["code"], encoding) == (name, code, "application/json")
@@ -165,7 +164,7 @@ def test_a_client_with_too_much_unread_is_told_so_and_at_last_nothing() -> None:
                 send()
             return size <= most
 
-        Asked(query, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
+        Asked(query, query.key_expr, "local", counted.append, post).answer((True, b"large"))  # type: ignore[arg-type]
         assert query.replies == []
         assert [json.loads(payload)["name"] for payload, _ in query.errors] == ([name] if name else [])
         assert counted == ["refused" if name else "dropped"]

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
+import functools
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 
 import msgspec
 import zenoh
 
-from guidefield.errors import MalformedRequest, ServerBusy, convert_exception
+from guidefield.errors import GuidefieldError, MalformedRequest, ServerBusy, convert_exception
 from guidefield.messages import codec, keys
 from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, Asker, split_owner, split_user
@@ -27,16 +27,13 @@ RETRY_AFTER = 1.0
 """Time after which a client may ask again whose answers wait to be read [s]."""
 LONGEST_CLIENT = 64
 """Part of a client's name that counts [bytes]."""
+REMEMBERED_KEYS = 1_000
+"""The largest number of keys that are remembered as they were split."""
 
 _log = logging.getLogger(__name__)
 
-
 Post = Callable[[Asker, int, Callable[[], None]], bool]
-"""Has an answer sent to who asked, of a size [bytes]; whether it will be."""
-
-
-def _unread() -> ServerBusy:
-    return ServerBusy("too much waits to be read by this client already; read that first", retry_after=RETRY_AFTER)
+"""Has an answer sent to who asked, of a size [bytes]; returns whether it will be."""
 
 
 def encoding_of(told: object) -> Encoding:
@@ -45,27 +42,34 @@ def encoding_of(told: object) -> Encoding:
     Raises MalformedRequest if that isn't understood.
     """
     name = str(told or "").partition(";")[0]
-    if name == Encoding.MSGPACK:
-        return Encoding.MSGPACK
     if name in JSON_NAMES:
         return Encoding.JSON
+    if name == Encoding.MSGPACK:
+        return Encoding.MSGPACK
     raise MalformedRequest(
         f"encoding {name!r} is not understood; use {' or '.join(Encoding)}", encoding=name, available=list(Encoding)
     )
 
 
-class Asked:
-    """A query that waits for its one answer."""
+@functools.lru_cache(REMEMBERED_KEYS)
+def _split(key: str) -> tuple[str, tuple[str, ...]]:
+    """Split a key into its user and the chunks below the user's; raises MalformedRequest as `Asked.read`."""
+    chunks = key.split("/")
+    if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
+        raise MalformedRequest(f"ask one key at a time: {key!r} has wildcards", key=key)
+    return split_user(chunks[2:])
 
-    def __init__(self, query: zenoh.Query, instance: str, count: Callable[[str], None], post: Post) -> None:
-        self._query = query
-        self._prefix = f"guidefield/{instance}"
-        self._key = str(query.key_expr)
-        self._asker = Asker(PLAIN, self._client())
+
+class Asked:
+    """A query that waits for its one answer; `count` is told whether it was answered, refused or dropped."""
+
+    def __init__(self, query: zenoh.Query, key: str, instance: str, count: Callable[[str], None], post: Post) -> None:
+        self._query, self._key, self._instance, self._count, self._post = query, key, instance, count, post
+        attachment = query.attachment
+        client = "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
+        self._asker = Asker(PLAIN, client)
         self._encoding = Encoding.JSON
         self._is_file = False
-        self._count = count
-        self._post = post
         self._open = threading.Lock()
 
     def read(self, let_in: Callable[[keys.Query, int], None]) -> keys.Query:
@@ -79,72 +83,60 @@ class Asked:
             MalformedRequest: if its encoding is unknown, or its key has wildcards or names nobody who can be a user.
             RequestTooLarge: if its payload is too long to be looked at.
         """
-        self._encoding = encoding_of(self._query.encoding)
-        chunks = self._key.split("/")
-        if "**" in chunks or any("*" in chunk for chunk in chunks[2:]):
-            raise MalformedRequest(f"ask one key at a time: {self._key!r} has wildcards", key=self._key)
-        user, below = split_user(chunks[2:])
+        query = self._query
+        self._encoding = encoding_of(query.encoding)
+        user, below = _split(self._key)
+        self._asker = asker = Asker(user, self._asker.client)
         owner, key = split_owner(user, below)
-        self._asker = Asker(user, self._asker.client)
-        told = keys.Query(
-            key=key,
-            parameters=dict(self._query.parameters),
-            payload=b"",
-            encoding=self._encoding,
-            user=user,
-            owner=owner,
-            client=self._asker.client,
-            names_owner=key != below,
-        )
-        self._is_file = keys.is_file(told)
-        payload = self._query.payload
+        parameters = dict(query.parameters)
+        read = keys.Query(key, parameters, b"", self._encoding, user, owner, asker.client, key != below)
+        self._is_file = keys.is_file(read)
+        payload = query.payload
         size = 0 if payload is None else len(payload)
-        let_in(told, size)
+        let_in(read, size)
         codec.require_size(size)
-        return told if payload is None else msgspec.structs.replace(told, payload=payload.to_bytes())
-
-    def _client(self) -> str:
-        """Return the name that the client gave itself: the query's attachment."""
-        attachment = self._query.attachment
-        return "" if attachment is None else attachment.to_bytes()[:LONGEST_CLIENT].decode(errors="replace")
+        return read if payload is None else msgspec.structs.replace(read, payload=payload.to_bytes())
 
     def settle(self, future: Future[Answer]) -> None:
-        """Answer with what a future holds."""
-        with self.answering_failures():
-            self.answer(future.result())
+        """Answer with the result of a future, or its error."""
+        try:
+            answer = future.result()
+        except Exception as error:
+            self.fail(error)
+        else:
+            self.answer(answer)
 
     def answer(self, answer: Answer) -> None:
         """Have the answer sent, unless one was sent; an error in its place where too much waits for this client."""
         if not self._open.acquire(blocking=False):
             return
-        told = "answered" if answer[0] else "refused"
+        outcome = "answered" if answer[0] else "refused"
         if not self._post(self._asker, len(answer[1]), partial(self._send, answer)):
-            told = "refused"
-            unread = False, codec.encode(make_error_reply(_unread()), self._encoding)
+            outcome, busy = "refused", "too much waits to be read by this client already; read that first"
+            unread = self._encode_error(ServerBusy(busy, retry_after=RETRY_AFTER))
             if not self._post(self._asker, 0, partial(self._send, unread)):
-                told = "dropped"
+                outcome = "dropped"
                 self._query.drop()
-        self._count(told)
+        self._count(outcome)
+
+    def fail(self, error: Exception) -> None:
+        """Answer with an error, which is logged unless it is one of ours."""
+        told = convert_exception(error)
+        if told is not error:
+            _log.error("a query failed by itself", exc_info=error)
+        try:
+            self.answer(self._encode_error(told))
+        except Exception:  # Zenoh refuses to send: there is nobody to tell
+            _log.exception("an error could not be sent")
+
+    def _encode_error(self, error: GuidefieldError) -> Answer:
+        return False, codec.encode(make_error_reply(error), self._encoding)
 
     def _send(self, answer: Answer) -> None:
         is_reply, payload = answer
         with self._query as query:
             if is_reply:
-                key = "/".join([self._prefix, *self._key.split("/")[2:]])
+                key = f"guidefield/{self._instance}/{self._key.split('/', 2)[2]}"
                 query.reply(key, payload, encoding=FILE if self._is_file else self._encoding.value)
             else:
                 query.reply_err(payload, encoding=self._encoding.value)
-
-    @contextlib.contextmanager
-    def answering_failures(self) -> Iterator[None]:
-        """Answer with whatever error escapes the block."""
-        try:
-            yield
-        except Exception as error:
-            told = convert_exception(error)
-            if told is not error:
-                _log.exception("a query failed by itself")
-            try:
-                self.answer((False, codec.encode(make_error_reply(told), self._encoding)))
-            except Exception:  # Zenoh refuses to send: there is nobody to tell
-                _log.exception("an error could not be sent")

@@ -51,16 +51,14 @@ class Clients:
                 self._changed.notify()
 
     def _tell_gone(self) -> None:
-        while (client := self._next_gone()) is not None:
+        while True:
+            with self._changed:
+                while not self._closed:
+                    rest = next(iter(self._left.values())) + GRACE - time.monotonic() if self._left else None
+                    if rest is not None and rest <= 0.0:
+                        break
+                    self._changed.wait(rest)
+                if self._closed:
+                    return
+                client, _ = self._left.popitem(last=False)
             self._gone(client)
-
-    def _next_gone(self) -> Asker | None:
-        """The next client that is gone, once one is; None at the end."""
-        with self._changed:
-            while not self._closed:
-                now = time.monotonic()
-                if self._left and now - next(iter(self._left.values())) >= GRACE:
-                    return self._left.popitem(last=False)[0]
-                rest = GRACE - (now - next(iter(self._left.values()))) if self._left else None
-                self._changed.wait(rest)
-            return None

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import functools
 import logging
 import threading
 import time
@@ -24,7 +25,7 @@ from typing import get_args
 import zenoh
 
 from guidefield.endpoint.allowances import Allowances
-from guidefield.endpoint.asked import Asked
+from guidefield.endpoint.asked import REMEMBERED_KEYS, Asked
 from guidefield.endpoint.monitoring import Condition, End, Meter, Trace
 from guidefield.endpoint.readers import Readers
 from guidefield.endpoint.streams import Streams, require_own
@@ -41,7 +42,6 @@ from guidefield.handlers.expired import (
 )
 from guidefield.handlers.info import Figures, Rules, brief_info, disk_of, info
 from guidefield.messages import codec, keys, stream_keys
-from guidefield.messages.codec import Encoding
 from guidefield.messages.identities import PLAIN, USERS, Asker, base_key, shared_key
 from guidefield.messages.replies import Done, Identity, UserFigures
 from guidefield.messages.requests import MotionRequest
@@ -52,7 +52,7 @@ from guidefield.run import whole_recording
 from guidefield.stores.by_user import Kind
 from guidefield.stores.files import checked_name
 from guidefield.stores.run_rows import NewRun
-from guidefield.stores.runs import RunDatabase, UserRuns, answered_before
+from guidefield.stores.runs import RunDatabase, answered_before
 from guidefield.worker import EngineSetup, Job
 
 _log = logging.getLogger(__name__)
@@ -117,31 +117,33 @@ class Endpoint:
         key = str(query.key_expr)
         kind = _kind(key)
         count = partial(self._count_answer, kind, received, self._trace(kind, key))
-        asked = Asked(query, self._setup.instance, count, self._pool.outbox.post)
+        asked = Asked(query, key, self._setup.instance, count, self._pool.outbox.post)
         self._meter.count("asked")
-        with asked.answering_failures():
-            read = asked.read(self._let_in)
-            if stream_keys.is_stream(read):
-                self._ask_stream(asked, read, received)
-                return
-            keys.check(read)
-            self._require_right(read)
-            if read.key == ("info",):
-                figures = self.figures(read.user)
-                reply = brief_info(figures) if keys.is_brief(read) else info(figures, self._rules)
-                asked.answer((True, codec.encode(reply, read.encoding)))
-            elif keys.is_cancel(read):
-                asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
-            elif not keys.is_sharing(read) and (read.key[0] in HEAVY_KEYS or read.payload or self._is_owed(read)):
-                self._hand_over(read, received).add_done_callback(asked.settle)
-            else:
-                self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(asked.settle)
+        try:
+            self._sort(asked, asked.read(self._let_in), received)
+        except Exception as error:
+            asked.fail(error)
 
-    def _is_owed(self, read: keys.Query) -> bool:
-        """Return whether a query asks for a run's recording that isn't rendered yet: a worker does it."""
-        if not keys.is_recording(read):
-            return False
-        return self._runs.of(read.owner).recordings.is_owed(read.key[1])
+    def _sort(self, asked: Asked, read: keys.Query, received: float) -> None:
+        if stream_keys.is_stream(read):
+            self._ask_stream(asked, read, received)
+            return
+        keys.check(read)
+        self._require_right(read)
+        if read.key == ("info",):
+            figures = self.figures(read.user)
+            reply = brief_info(figures) if keys.is_brief(read) else info(figures, self._rules)
+            asked.answer((True, codec.encode(reply, read.encoding)))
+        elif keys.is_cancel(read):
+            asked.answer((True, codec.encode(Done(done=self._cancel(read)), read.encoding)))
+        elif not keys.is_sharing(read) and (
+            read.key[0] in HEAVY_KEYS
+            or read.payload
+            or (keys.is_recording(read) and self._runs.of(read.owner).recordings.is_owed(read.key[1]))
+        ):
+            self._hand_over(read, received).add_done_callback(asked.settle)
+        else:
+            self._readers.submit(read.asker, partial(self._read_files, read)).add_done_callback(asked.settle)
 
     def _let_in(self, told: keys.Query, size: int) -> None:
         """Refuse a user's query, with a payload of a size [bytes], if the user has no more of its quota."""
@@ -270,14 +272,21 @@ class Endpoint:
         head = keys.decode_run_head(read)
         if head is None:
             return self._hand_work_over(read, received)
-        run_id = head.run_id or uuid.uuid4().hex
+        run_id, allowed, encoding = head.run_id or uuid.uuid4().hex, head.allowed, read.encoding
         runs = self._runs.of(read.user)
-        run = NewRun(read.user, run_id, "certify" if read.key == ("certify",) else "plan", read.payload, read.encoding)
+        run = NewRun(read.user, run_id, "certify" if read.key == ("certify",) else "plan", read.payload, encoding)
+
+        def expire(stage: Stage) -> Answer:
+            return True, codec.encode(expired_run(run_id, head, stage), encoding)
+
+        def cancel() -> Answer:
+            return True, codec.encode(cancelled_run(run_id, head, time.monotonic() - received), encoding)
+
         task = Task(
             Job(read, received, run_id),
-            head.allowed + BACKSTOP,
-            deadline=TimedAnswer(received + head.allowed, partial(_expired, run_id, head, "queue", read.encoding)),
-            late=_late(received, head.allowed, partial(_expired, run_id, head, "load", read.encoding)),
+            allowed + BACKSTOP,
+            deadline=TimedAnswer(received + allowed, partial(expire, "queue")),
+            late=_late(received, allowed, partial(expire, "load")),
             asker=read.asker,
             size=len(read.payload),
             hear=partial(self._tell_progress, read.user, run_id),
@@ -287,41 +296,47 @@ class Endpoint:
         return self._under_way.submit(
             (read.user, "runs", run_id),
             task,
-            cancelled=partial(_cancelled, run_id, head, read.encoding, received),
-            words=(read.encoding, read.payload),
+            cancel,
+            words=(encoding, read.payload),
             answer=keep_answer(runs, run, task),
             kept=partial(self._answered_before, read, run_id if head.run_id else None),
         )
 
     def _answered_before(self, read: keys.Query, run_id: str | None) -> Future[Answer] | None:
-        """The answer to come of a run that has ended, if there is one of that name."""
+        """Return the answer to come of a run that has ended, if there is one of that name."""
         runs = self._runs.of(read.user)
+
+        def answer_again() -> Answer:
+            request = keys.decode_query(read)
+            assert isinstance(request, MotionRequest), "it makes a run"
+            return True, codec.encode(answered_before(runs, request, str(run_id)), read.encoding)
+
         with contextlib.suppress(DiskRefused):  # nothing is known of it then
             if run_id is not None and runs.has(run_id):
-                return self._readers.submit(read.asker, partial(_answer_again, runs, run_id, read))
+                return self._readers.submit(read.asker, answer_again)
         return None
 
     def _hand_work_over(self, read: keys.Query, received: float) -> Future[Answer]:
         """Have a query answered that makes no run."""
-        head = keys.decode_work_head(read)
+        head, encoding = keys.decode_work_head(read), read.encoding
+        allowed = head.allowed
 
         def expire(stage: Stage) -> Answer:
-            return error_answer(read.encoding, expired_work(head.allowed, stage))
+            return error_answer(encoding, expired_work(allowed, stage))
 
         task = Task(
             Job(read, received),
-            head.allowed + BACKSTOP,
-            deadline=TimedAnswer(received + head.allowed, partial(expire, "queue")),
-            late=None if keys.changes_store(read) else _late(received, head.allowed, partial(expire, "load")),
+            allowed + BACKSTOP,
+            deadline=TimedAnswer(received + allowed, partial(expire, "queue")),
+            late=None if keys.changes_store(read) else _late(received, allowed, partial(expire, "load")),
             asker=read.asker,
             size=len(read.payload),
             is_brief=read.key == ("kinematics",) and len(read.payload) <= BRIEF,
         )
         own = head.request_id
         name = None if own is None else (read.user, "requests", checked_name(own, "request_id"))
-        words = (read.key, read.encoding, read.payload)
-        cancelled = partial(error_answer, read.encoding, cancelled_work())
-        answer = self._under_way.submit(name, task, cancelled, words)
+        words = (read.key, encoding, read.payload)
+        answer = self._under_way.submit(name, task, lambda: error_answer(encoding, cancelled_work()), words)
         if keys.is_scene(read):
             task.add_done_callback(partial(self._tell_change, read))
         return answer
@@ -367,6 +382,7 @@ def _thing(read: keys.Query) -> tuple[Kind, str]:
     return kinds[read.key[0]], read.key[1]
 
 
+@functools.lru_cache(REMEMBERED_KEYS)
 def _kind(key: str) -> str:
     """Return the kind under which a query's time is counted."""
     chunks = f"{key}/////".split("/")
@@ -374,22 +390,7 @@ def _kind(key: str) -> str:
     return kind if kind in KINDS else "other"
 
 
-def _answer_again(runs: UserRuns, run_id: str, read: keys.Query) -> Answer:
-    """What a run was answered that has ended; MalformedRequest if its request was another one."""
-    request = keys.decode_query(read)
-    assert isinstance(request, MotionRequest), "it makes a run"
-    return True, codec.encode(answered_before(runs, request, run_id), read.encoding)
-
-
-def _cancelled(run_id: str, head: keys.RunHead, encoding: Encoding, received: float) -> Answer:
-    return True, codec.encode(cancelled_run(run_id, head, time.monotonic() - received), encoding)
-
-
 def _late(received: float, allowed: float, answer: Callable[[], Answer]) -> TimedAnswer:
     """Return the answer in place of a worker that is late, with its time."""
-    at, at_last = (later + share * allowed for later, share in ((LATE, LATE_SHARE), (LAST, LAST_SHARE)))
-    return TimedAnswer(received + allowed + at, answer, received + allowed + at_last)
-
-
-def _expired(run_id: str, head: keys.RunHead, stage: Stage, encoding: Encoding) -> Answer:
-    return True, codec.encode(expired_run(run_id, head, stage), encoding)
+    at = received + allowed
+    return TimedAnswer(at + LATE + LATE_SHARE * allowed, answer, at + LAST + LAST_SHARE * allowed)

@@ -178,7 +178,6 @@ def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
 
 End = Callable[[str], None]
 """Ends the trace of a query; is told whether it was answered or refused."""
-
 Trace = Callable[[str, str], End]
 """Begins the trace of a query, by the kind and the key of it."""
 

@@ -54,20 +54,18 @@ class Readers:
 
     def _read_all(self) -> None:
         while self._come.acquire() and not self._waiting.closed:
-            if (task := self._waiting.take()) is not None:  # else it was pushed out
-                self._settle(task)
-
-    def _settle(self, task: Task) -> None:
-        began = time.monotonic()
-        try:
-            outcome: Answer | GuidefieldError = task.job()
-        except Exception as error:  # the thread must outlive it
-            outcome = convert_exception(error)
-            if outcome is not error:
-                _log.exception("a query failed by itself")
-        seconds = time.monotonic() - began
-        self._waiting.done(task, seconds, seconds)
-        if isinstance(outcome, GuidefieldError):
-            task.set_exception(outcome)
-        else:
-            task.set_result(outcome)
+            if (task := self._waiting.take()) is None:  # it was pushed out
+                continue
+            began = time.monotonic()
+            try:
+                outcome: Answer | GuidefieldError = task.job()
+            except Exception as error:  # the thread must outlive it
+                outcome = convert_exception(error)
+                if outcome is not error:
+                    _log.exception("a query failed by itself")
+            seconds = time.monotonic() - began
+            self._waiting.done(task, seconds, seconds)
+            if isinstance(outcome, GuidefieldError):
+                task.set_exception(outcome)
+            else:
+                task.set_result(outcome)

@@ -150,7 +150,9 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
         limits = limits_of(settings.queue_limit)
         progress = session.declare_publisher(f"guidefield/{settings.instance}/**/runs/*/progress")
         pool = Pool(setup, workers=settings.workers, limits=limits, memory=settings.memory)
-        hear_listeners = zenoh.handlers.Callback(partial(_note_listeners, pool), indirect=False)
+        hear_listeners = zenoh.handlers.Callback(
+            lambda status: setattr(pool.listened, "value", status.matching), indirect=False
+        )
         opened.enter_context(progress.declare_matching_listener(hear_listeners))
         streams = Streams(setup, settings.streams, settings.memory, partial(_publish, session, **FOR_STREAMS))
         endpoint = Endpoint(
@@ -186,7 +188,7 @@ def serve(settings: ServiceSettings, stop: threading.Event, announce: Callable[[
             node.offer()
         renderer.start()
         starting.undeclare()
-        opened.enter_context(session.liveliness().declare_token(_alive(settings.instance)))
+        opened.enter_context(session.liveliness().declare_token(f"guidefield/{settings.instance}/alive"))
         announce(f"ready: instance {settings.instance!r} answers at {config.get_json('listen/endpoints')}")
         stop.wait()
         announce("stopping: what is being worked on is finished, what waits is refused")
@@ -321,10 +323,6 @@ def _open_session(config: zenoh.Config) -> zenoh.Session:
         raise CannotServe(f"Zenoh can't be opened at {where}: {strip_source(error)}") from None
 
 
-def _note_listeners(pool: Pool, status: zenoh.MatchingStatus) -> None:
-    pool.listened.value = status.matching
-
-
 def _publish(
     session: zenoh.Session, key: str, payload: bytes, encoding: codec.Encoding = codec.Encoding.JSON, **options: Any
 ) -> None:
@@ -332,10 +330,6 @@ def _publish(
         session.put(key, payload, encoding=encoding.value, **options)
     except zenoh.ZError:  # nobody hears it then; the work goes on
         _log.exception("%s could not be published", key)
-
-
-def _alive(instance: str) -> str:
-    return f"guidefield/{instance}/alive"
 
 
 def _require_no_other(session: zenoh.Session, instance: str) -> None:

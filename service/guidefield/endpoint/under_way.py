@@ -35,10 +35,43 @@ def keep_answer(runs: UserRuns, run: NewRun, task: Task) -> Future[Answer]:
     """Have the outcome of a task kept as that of its run.
 
     Returns:
-        The same, once the run is kept or can't be; at once where time is up, whether it will be kept or not.
+        The same outcome, once the run is kept or can't be; at once where time is up, whether it will be kept or not.
     """
     answer: Future[Answer] = Future()
-    task.add_done_callback(lambda _: _keep(runs, run, answer, task))
+
+    def keep(_: Future[Answer]) -> None:
+        if task.is_overdue:
+            hand_on(answer, task)
+        error, refusal = task.exception(), None
+        if error is None and task.result()[0]:
+            written = runs.finish(run, task.result()[1])
+        else:
+            if error is None:
+                refusal = decoded(task.result()[1], ErrorReply, run.encoding)
+            elif isinstance(error, GuidefieldError):
+                refusal = make_error_reply(error)
+            written = runs.discard(run) if refusal is None else runs.fail(run, refusal)
+        written.add_done_callback(hand_on_written)
+
+    def hand_on_written(written: Future[Any]) -> None:
+        fault = written.exception()
+        if fault is not None:
+            _log.warning("run %s: it is not kept: %s", run.run_id, fault)
+            with contextlib.suppress(OSError, GuidefieldError):
+                runs.recordings.drop(run.run_id)
+        if answer.done():
+            return
+        if fault is None or task.exception() is not None or not task.result()[0]:
+            hand_on(answer, task)
+            return
+        kind: type[MotionReply] = CertifyReply if run.kind == "certify" else PlanReply
+        reply = decoded(task.result()[1], kind, run.encoding)
+        assert isinstance(reply, MotionReply), "it was written by a worker"
+        warnings = [*reply.warnings, f"the run is not kept: {fault}"]
+        unkept = msgspec.structs.replace(reply, recording=None, proof=None, warnings=warnings)
+        answer.set_result((True, codec.encode(unkept, run.encoding)))
+
+    task.add_done_callback(keep)
     return answer
 
 
@@ -49,39 +82,6 @@ def hand_on(answer: Future[Answer], outcome: Future[Answer]) -> None:
         answer.set_exception(error)
     else:
         answer.set_result(outcome.result())
-
-
-def _keep(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Task) -> None:
-    if task.is_overdue:
-        hand_on(answer, task)
-    error = task.exception()
-    if error is None and task.result()[0]:
-        written = runs.finish(run, task.result()[1])
-    elif error is None:
-        refusal = decoded(task.result()[1], ErrorReply, run.encoding)
-        written = runs.discard(run) if refusal is None else runs.fail(run, refusal)
-    else:
-        written = runs.fail(run, make_error_reply(error)) if isinstance(error, GuidefieldError) else runs.discard(run)
-    written.add_done_callback(partial(_answer, runs, run, answer, task))
-
-
-def _answer(runs: UserRuns, run: NewRun, answer: Future[Answer], task: Future[Answer], written: Future[Any]) -> None:
-    fault = written.exception()
-    if fault is not None:
-        _log.warning("run %s: it is not kept: %s", run.run_id, fault)
-        with contextlib.suppress(OSError, GuidefieldError):
-            runs.recordings.drop(run.run_id)
-    if answer.done():
-        return
-    if fault is None or task.exception() is not None or not task.result()[0]:
-        hand_on(answer, task)
-        return
-    kind: type[MotionReply] = CertifyReply if run.kind == "certify" else PlanReply
-    reply = decoded(task.result()[1], kind, run.encoding)
-    assert isinstance(reply, MotionReply), "it was written by a worker"
-    warnings = [*reply.warnings, f"the run is not kept: {fault}"]
-    told = msgspec.structs.replace(reply, recording=None, proof=None, warnings=warnings)
-    answer.set_result((True, codec.encode(told, run.encoding)))
 
 
 REMEMBERED = 10.0
@@ -139,8 +139,8 @@ class UnderWay:
         work = _Work(task, cancelled, words, task if answer is None else answer)
         is_cancelled = False
         with self._lock:
-            self._forget_old()
             if name is not None:
+                self._forget_old()
                 known = self._named.setdefault(name, work)
                 if known is not work and known.words == words:
                     return known.answer
@@ -148,7 +148,7 @@ class UnderWay:
                     raise taken(name[2])
                 is_cancelled = self._early.pop(name, None) is not None
             self._all[task] = work
-        work.answer.add_done_callback(lambda _: self._end(name, work))
+        work.answer.add_done_callback(partial(self._end, name, work))
         try:
             if (before := kept()) is not None:
                 before.add_done_callback(partial(hand_on, work.answer))
@@ -162,7 +162,7 @@ class UnderWay:
         return work.answer
 
     def cancel(self, name: Name) -> str:
-        """End something early; says in a sentence what that means."""
+        """End something early; say in a sentence what that means."""
         kind, own = name[1].removesuffix("s"), name[2]
         with self._lock:
             work = self._named.get(name)
@@ -174,14 +174,14 @@ class UnderWay:
         return f"{kind} {own!r} ends"
 
     def cancel_all_of(self, asker: Asker) -> int:
-        """End early whatever a client asked for; how much that was."""
+        """End everything early that a client asked for; return how much that was."""
         with self._lock:
             found = [work for work in self._all.values() if work.task.asker == asker]
         for work in found:
             self._pool.cancel(work.task, work.cancelled)
         return len(found)
 
-    def _end(self, name: Name | None, work: _Work) -> None:
+    def _end(self, name: Name | None, work: _Work, _: Future[Answer]) -> None:
         with self._lock:
             self._all.pop(work.task, None)
             if name is not None and self._named.get(name) is work:

@@ -342,8 +342,7 @@ def _find_rule(query: Query) -> _Rule:
             key="/".join(query.key),
             served=list(SERVED),
         )
-    unknown = sorted(set(query.parameters) - rule.parameters)
-    if unknown:
+    if query.parameters and (unknown := sorted(query.parameters.keys() - rule.parameters)):
         valid = ", ".join(sorted(rule.parameters)) or "none"
         raise MalformedRequest(
             f"unknown parameter {unknown[0]!r} at {'/'.join(query.key)!r}; valid: {valid}", parameter=unknown[0]

@@ -40,7 +40,6 @@ READY, UNPREPARED, PROGRESS, REPLY, REFUSAL, SET_BACK, FAILED = range(7)
 """Kinds of what a worker sends: it is prepared; it can't be, and why; progress; outcomes of a job."""
 NOTHING, OPTIONAL, OWED = range(3)
 """Work that remains after an answer: none; work that ends early for the next job; work to be done before that."""
-
 _PR_SET_PDEATHSIG = 1
 """Option of Linux's `prctl`: the signal that a process gets when the thread that started it ends."""
 
@@ -141,7 +140,6 @@ class Call:
 
 Work = Callable[[Any, Call], Answer | None]
 """Answers one job; it must not raise. None: the job was set back, and ended early for that."""
-
 Setup = Callable[[], Work]
 """Prepares a worker process and returns what answers there; it is sent there, so it must pickle."""
 

@@ -22,7 +22,7 @@ from collections import Counter, OrderedDict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from guidefield.errors import ServerBusy
 from guidefield.messages.identities import ANONYMOUS, Asker
@@ -49,8 +49,7 @@ NEWEST = 0.1
 """Weight of the newest request in the typical time of one."""
 
 
-@dataclass(frozen=True)
-class TimedAnswer:
+class TimedAnswer(NamedTuple):
     """A time, by `time.monotonic()` [s], and the answer then in a worker's place.
 
     Attributes:
