@@ -19,10 +19,8 @@ Found = TypeVar("Found")
 
 MAX_PER_OBJECT = 16
 """The largest number of results of a function for an object, the most recently used, since clients choose arguments."""
-
 BYTES_PER_TRIANGLE = 560
 """Memory of a tree of Coal per triangle, which has two nodes."""
-
 MISSING: Any = object()
 """Marks a missing result."""
 

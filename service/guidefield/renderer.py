@@ -33,7 +33,6 @@ RETRY_INTERVAL_S = 5.0
 """Pause after a disk has refused, or a process has died [s]."""
 MAX_ATTEMPTS = 5
 """Number of processes that may die with one run before it is given up."""
-
 Named = tuple[str, str]
 """A run by its owner and id."""
 

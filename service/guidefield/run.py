@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import msgspec
 
 from guidefield.errors import UnknownObject, strip_path
-from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply, Timing
+from guidefield.messages.replies import CertifyReply, MotionReply, PlanReply
 from guidefield.messages.requests import CertifyRequest, MotionRequest, PlanRequest
 from guidefield.progress import ProgressReporter
 from guidefield.stores.recordings import Recordings
@@ -177,7 +177,9 @@ class Run:
         place, proof = None if self._recording is None else self._recording.kept, self._keep_proof()
         timing = reply.timing
         if received is not None and self._recording is None:
-            timing = _until(timing, time.monotonic() - received)
+            total = time.monotonic() - received
+            measure = timing.measure + max(0.0, total - timing.total)
+            timing = msgspec.structs.replace(timing, total=total, measure=measure)
         warnings = [*reply.warnings, *self._warnings.texts]
         return msgspec.structs.replace(reply, recording=place, proof=proof, warnings=warnings, timing=timing)
 
@@ -191,11 +193,6 @@ def remove_earlier_proof(file: Path) -> list[str]:
     except OSError as error:
         return [f"the file of the proof isn't of this motion: {strip_path(error)}"]
     return ["the file of the proof was of an earlier motion, and is removed"]
-
-
-def _until(timing: Timing, total: float) -> Timing:
-    """Return the times of a run with another total [s]; the rest counts as measuring."""
-    return msgspec.structs.replace(timing, total=total, measure=timing.measure + max(0.0, total - timing.total))
 
 
 class _Warnings:

@@ -69,7 +69,6 @@ _DEFAULT_FILTERS = (None, LARGEST_PAGE)
 """Values in a request for a list of runs that mean the same where they are left out."""
 PLAN_MARGIN = 90.0
 """Time to wait for a run beyond its allowed time; more than the service's own margin [s]."""
-
 _WORD = re.compile(r"[^/?#*$;]+")
 """One chunk of a key, or the value of a parameter."""
 
@@ -325,16 +324,22 @@ def streams() -> Question[StreamsReply]:
     return _make_reading("streams", StreamsReply)
 
 
+def _about_stream(
+    stream_id: str, part: str, kind: type[_M], message: msgspec.Struct | None = None, *, repeatable: bool = True
+) -> Question[_M]:
+    key = f"{_key('streams', stream_id)}{part}"
+    payload = None if message is None else _encode(message)
+    return Question(key, _make_reader(key, kind), payload, request_id=stream_id, repeatable=repeatable)
+
+
 def read_stream(stream_id: str) -> Question[StreamReply]:
     """One stream."""
-    key = _key("streams", stream_id)
-    return Question(key, _make_reader(key, StreamReply), request_id=stream_id)
+    return _about_stream(stream_id, "", StreamReply)
 
 
 def end_stream(stream_id: str) -> Question[Done]:
     """End a stream."""
-    key = f"{_key('streams', stream_id)}?delete"
-    return Question(key, _make_reader(key, Done), request_id=stream_id, repeatable=False)
+    return _about_stream(stream_id, "?delete", Done, repeatable=False)
 
 
 def aim_stream(
@@ -342,24 +347,21 @@ def aim_stream(
 ) -> tuple[Question[StreamAimed], StreamGoal | None]:
     """Give a stream another goal; return the question and the goal; raises MalformedRequest if that is no goal."""
     aim: StreamAim = codec.convert(codec.plain_fields({"goal": goal}), StreamAim)
-    key = f"{_key('streams', stream_id)}/goal"
-    return Question(key, _make_reader(key, StreamAimed), _encode(aim), request_id=stream_id), aim.goal
+    return _about_stream(stream_id, "/goal", StreamAimed, aim), aim.goal
 
 
 def judge_stream(stream_id: str, time: float) -> Question[StreamJudged]:
-    """Return whether one stream's last piece is still proven from a time on [s].
+    """Ask whether a stream's last piece is still proven from a time on [s].
 
     Raises MalformedRequest if that is no time.
     """
     judge: StreamJudge = codec.convert({"time": time}, StreamJudge)
-    key = f"{_key('streams', stream_id)}/judge"
-    return Question(key, _make_reader(key, StreamJudged), _encode(judge), request_id=stream_id)
+    return _about_stream(stream_id, "/judge", StreamJudged, judge)
 
 
 def stop_stream(stream_id: str) -> Question[Done]:
     """Stop the robot of a stream."""
-    key = f"{_key('streams', stream_id)}/stop"
-    return Question(key, _make_reader(key, Done), request_id=stream_id)
+    return _about_stream(stream_id, "/stop", Done)
 
 
 def stream_recording(stream_id: str) -> Question[bytes]:

@@ -27,7 +27,6 @@ from guidefield.messages.streams import MOST_OBSTACLES, Piece, StreamGoal, Strea
 
 KEPT = 64
 """So many pieces wait to be asked for; the oldest are forgotten."""
-
 GONE_WITHIN = 6.0
 """So long a service may be out of sight before its streams have ended, which it ends itself after that time without the
 client: a link may be cut for a moment [s]."""
