@@ -63,18 +63,7 @@ def answer_certify(
     prove: Prove = lambda *_: None,
     deadline: Deadline | None = None,
 ) -> CertifyReply:
-    """Judge a motion, and say what came of it.
-
-    Args:
-        request: What is asked.
-        robot: The robot that it names.
-        scene: The scene that it names.
-        run_id: Name of the run.
-        received: When it arrived, on the clock of `time.monotonic` [s].
-        began: When loading its robot and scene began, on the same clock [s]; None: now.
-        record: Opens the recording.
-        prove: Keeps the proof, where the request asks for it.
-        deadline: When judging must end; None: when the time that the request allows is up.
+    """Judge a motion, and say what came of it; arguments as those of `answer_plan`.
 
     Raises:
         GuidefieldError: InvalidGroup, InvalidConfiguration, UnknownFrame, UnknownObject, SceneInvalid or

@@ -104,55 +104,35 @@ def _empty(
     run_id: str, head: RunHead, status: Status, message: str, taken: float, details: dict[str, Any]
 ) -> MotionReply:
     """Return the reply of a run that has no result after some time [s]."""
-    ended = Outcome(code=int(status), name=status.name, message=message, details=details)
-    timing = Timing(total=taken, **{details["stage"]: taken})
+    shared: dict[str, Any] = {
+        "run_id": run_id,
+        "status": Outcome(code=int(status), name=status.name, message=message, details=details),
+        "timing": Timing(total=taken, **{details["stage"]: taken}),
+        "counters": Counters(),
+        **dict.fromkeys(("clearance", "self_clearance", "recording")),
+        **{name: [] for name in ("position_names", "velocity_names")},
+    }
+    certificate: dict[str, Any] = {
+        "collision_free": False, "method": "none", "covers": "nothing", "evaluations": 0,
+    }  # fmt: skip
     if isinstance(head, PlanHead):
-        return _without_plan(run_id, head, ended, timing)
-    return _without_judgement(run_id, ended, timing)
-
-
-def _without_plan(run_id: str, head: PlanHead, ended: Outcome, timing: Timing) -> PlanReply:
-    return PlanReply(
-        run_id=run_id,
-        status=ended,
-        position_names=[],
-        velocity_names=[],
-        path=[],
-        trajectory=None,
-        guide_planes=[],
-        stages=[],
-        clearance=None,
-        self_clearance=None,
-        certificate=CertificateFigures(collision_free=False, method="none", covers="nothing", evaluations=0),
-        metrics=None,
-        timing=timing,
-        counters=Counters(),
-        seed=head.seed,
-        planner=head.planner,
-        objective=head.objective,
-        recording=None,
-    )
-
-
-def _without_judgement(run_id: str, ended: Outcome, timing: Timing) -> CertifyReply:
+        return PlanReply(
+            path=[],
+            trajectory=None,
+            guide_planes=[],
+            stages=[],
+            certificate=CertificateFigures(**certificate),
+            metrics=None,
+            seed=head.seed,
+            planner=head.planner,
+            objective=head.objective,
+            **shared,
+        )
+    unused = {name: LimitUse() for name in ("position", "velocity", "acceleration", "jerk")}
+    nowhere = Along(row=0.0, time=None)
     return CertifyReply(
-        run_id=run_id,
-        status=ended,
         curve="none",
-        position_names=[],
-        velocity_names=[],
-        certificate=MotionCertificate(
-            collision_free=False,
-            method="none",
-            covers="nothing",
-            evaluations=0,
-            reason="stopped",
-            free_until=Along(row=0.0, time=None),
-        ),
-        clearance=None,
-        self_clearance=None,
-        limits=LimitShares(position=LimitUse(), velocity=LimitUse(), acceleration=LimitUse(), jerk=LimitUse()),
-        timing=timing,
-        counters=Counters(),
-        recording=None,
+        certificate=MotionCertificate(**certificate, reason="stopped", free_until=nowhere),
+        limits=LimitShares(**unused),
+        **shared,
     )

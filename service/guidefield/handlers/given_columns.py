@@ -156,7 +156,7 @@ def chart_rates(
     for joint in group.joints:
         if (at := columns.of.get(joint.name)) is not None:
             tangents[:, joint.idx_v : joint.idx_v + joint.nv] = rows[:, list(at)]
-    _require_followers_rates(columns, rows, group, tangents, field)
+    _require_followers(columns, rows, group, tangents, field, rates=True)
     if group.is_euclidean:
         return cast(ChartRates, tangents)
     rates = [np.linalg.solve(group.tangent_map(z), v) for z, v in zip(points, tangents, strict=True)]
@@ -203,40 +203,27 @@ def _followers(columns: Columns, group: PlanningGroup) -> list[tuple[Joint, int,
 
 
 def _require_followers(
-    columns: Columns, rows: np.ndarray, group: PlanningGroup, points: ChartPoints, field: str
+    columns: Columns, rows: np.ndarray, group: PlanningGroup, moves: np.ndarray, field: str, *, rates: bool = False
 ) -> None:
+    """Refuse followers' columns that aren't what their laws say of chart points (n, nv), or of their `rates`."""
     for joint, column, driver in _followers(columns, group):
         assert joint.mimic is not None, "it follows another"
-        if driver is None:
-            stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
-            asked = np.full(len(rows), chart.to_chart(joint, stands, stands)[0])
+        if driver is not None:
+            asked = joint.mimic.multiplier * moves[:, driver.idx_v] + (0.0 if rates else joint.mimic.offset)
         else:
-            asked = joint.mimic.multiplier * points[:, driver.idx_v] + joint.mimic.offset
+            stands = group.q_reference[joint.idx_q : joint.idx_q + joint.nq]
+            asked = np.full(len(rows), 0.0 if rates else chart.to_chart(joint, stands, stands)[0])
         apart = rows[:, column] - asked
-        if joint.kind is JointKind.CONTINUOUS:
+        if joint.kind is JointKind.CONTINUOUS and not rates:
             apart -= 2.0 * np.pi * np.round(apart / (2.0 * np.pi))
-        _require_close(joint, np.abs(apart), asked, field)
-
-
-def _require_followers_rates(
-    columns: Columns, rows: np.ndarray, group: PlanningGroup, tangents: np.ndarray, field: str
-) -> None:
-    for joint, column, driver in _followers(columns, group):
-        assert joint.mimic is not None, "it follows another"
-        asked = np.zeros(len(rows)) if driver is None else joint.mimic.multiplier * tangents[:, driver.idx_v]
-        _require_close(joint, np.abs(rows[:, column] - asked), asked, field)
-
-
-def _require_close(joint: Joint, apart: np.ndarray, asked: np.ndarray, field: str) -> None:
-    assert joint.mimic is not None, "it follows another"
-    if len(off := np.flatnonzero(apart > FOLLOWS)):
-        row = int(off[0])
-        raise InvalidConfiguration(
-            f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.driver!r}, by whose value it is"
-            f" {asked[row]:.6g}; the row has it {apart[row]:.3g} off: leave its column out",
-            joint=joint.name,
-            row=row,
-        )
+        if len(off := np.flatnonzero(np.abs(apart) > FOLLOWS)):
+            row = int(off[0])
+            raise InvalidConfiguration(
+                f"`{field}[{row}]`: joint {joint.name!r} follows {joint.mimic.driver!r}, by whose value it is"
+                f" {asked[row]:.6g}; the row has it {abs(apart[row]):.3g} off: leave its column out",
+                joint=joint.name,
+                row=row,
+            )
 
 
 def velocity_names_of(columns: Columns, robot: RobotModel) -> list[str]:

@@ -142,40 +142,33 @@ class Companion:
         self._ended(error)
 
     def _listen(self, line: Connection, process: BaseProcess) -> GuidefieldError:
-        """Hear what the process tells, until the conversation is over; why it is."""
-        looked = time.monotonic()
+        """Hear what the process tells, until the conversation is over; return why it is."""
+        looked, death = time.monotonic(), WorkerCrashed("the process that worked on it died; the service lives on")
         while True:
             try:
                 if line.poll(LOOK_EVERY):
-                    self._heard(line.recv())
+                    what = line.recv()
+                    if isinstance(what, Taken):
+                        with self._changed:
+                            self._unfinished -= what.count
+                            self._got_on = time.monotonic()
+                    else:
+                        self._hear(what)
             except (EOFError, OSError):
-                return WorkerCrashed("the process that worked on it died; the service lives on")
+                return death
             now = time.monotonic()
             if now - looked < LOOK_EVERY:
                 continue
             looked = now
-            over = self._over()
-            if over is not None:
+            if (over := self._over()) is not None:
                 return over
             if self.memory > self._memory:
                 limit = self._memory // 2**20
                 return WorkerCrashed(f"it took more than {limit} MiB of memory and was ended", mebibytes=limit)
-            if self._is_stuck(now):
+            if self._unfinished > 0 and now - self._got_on > STUCK:
                 return WorkerCrashed(f"it got on with nothing for {STUCK:g} s and was ended", seconds=STUCK)
             if not process.is_alive() and not line.poll(0.0):
-                return WorkerCrashed("the process that worked on it died; the service lives on")
-
-    def _heard(self, what: Any) -> None:
-        if isinstance(what, Taken):
-            with self._changed:
-                self._unfinished -= what.count
-                self._got_on = time.monotonic()
-        else:
-            self._hear(what)
-
-    def _is_stuck(self, now: float) -> bool:
-        with self._changed:
-            return self._unfinished > 0 and now - self._got_on > STUCK
+                return death
 
     def _send(self, line: Connection) -> None:
         while True:

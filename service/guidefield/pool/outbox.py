@@ -184,8 +184,8 @@ class Outbox:
             _start(self._send_all)
 
     def _send_all(self) -> None:
-        while (taken := self._next()) is not None:
-            self._send(*taken)
+        while (chosen := self._next()) is not None:
+            self._send(*chosen)
 
     def _send(self, key: object, letter: _Letter) -> None:
         try:
