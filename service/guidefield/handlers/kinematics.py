@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar, cast
 
@@ -40,7 +42,7 @@ from guidefield.messages.replies import (
     PointPotentialReply,
     RobotPotentialReply,
 )
-from guidefield.messages.values import Placement, Reply, Vector3
+from guidefield.messages.values import Placement, QuaternionXYZW, Reply, Vector3
 from guidefield.potential import RobotField
 from guidefield.prove.closest import ClosestPairs
 from guidefield.read_only import read_only
@@ -70,9 +72,8 @@ def answer_kinematics(
 ) -> Reply:
     """The reply to a request of any kind, with what is odd about robot and scene.
 
-    Raises:
-        DeadlineExpired: if the deadline passed before all is answered; its details say how many are.
-        GuidefieldError: as its own function.
+    Raises DeadlineExpired if the deadline passed before all is answered; its details say how many are; GuidefieldError
+    as its own function.
     """
     reply = _ANSWERS[type(request)](request, robot, scene, deadline)
     warnings = [warning for one in (robot, scene) if one is not None for warning in one.warnings]
@@ -106,19 +107,17 @@ def forward_kinematics(
 ) -> ForwardKinematicsReply:
     """Placements of frames in the world.
 
-    Raises:
-        UnknownFrame: if the robot lacks a frame.
-        InvalidConfiguration: if a configuration doesn't fit the robot.
+    Raises UnknownFrame if the robot lacks a frame; InvalidConfiguration if a configuration doesn't fit the robot.
     """
     frames = _frame_table(robot, tuple(request.frames))
-    root = se3(request.robot_placement.position, request.robot_placement.quaternion_xyzw).homogeneous[:3]
+    root = _rows_of(request.robot_placement.position, request.robot_placement.quaternion_xyzw)
     configurations, joints = configurations_from(robot, request.configurations), robot.joint_table
     placements = np.empty((len(configurations), len(request.frames), 7))
     for some in batches(deadline, len(configurations), FRAMES_TOGETHER):
-        place_frames(joints, frames, np.ascontiguousarray(root), configurations[some], placements[some])
+        place_frames(joints, frames, root, configurations[some], placements[some])
     if request.packed:
         return ForwardKinematicsReply(placements=[], packed=pack_numbers(placements))
-    with pause_collector():  # many small objects are made, and all are kept
+    with pause_collector() if len(placements) > FRAMES_TOGETHER else contextlib.nullcontext():  # all that is made stays
         listed = [
             [Placement((x, y, z), (a, b, c, d)) for x, y, z, a, b, c, d in of_frames]
             for of_frames in placements.tolist()
@@ -136,12 +135,10 @@ def inverse_kinematics(
 
     Joints outside the group have the values of the first start configuration, else those of the rest configuration.
 
-    Raises:
-        InvalidGroup: if the group cannot be planned for.
-        UnknownFrame: if the robot lacks the tip, or a link that holds something.
-        UnknownObject: if a pair that may touch is of nothing there, or what is held has a name that is taken.
-        InvalidConfiguration: if a start configuration doesn't fit the robot, or differs from the first in a joint
-            outside the group.
+    Raises InvalidGroup if the group cannot be planned for; UnknownFrame if the robot lacks the tip, or a link that
+    holds something; UnknownObject if a pair that may touch is of nothing there, or what is held has a name that is
+    taken; InvalidConfiguration if a start configuration doesn't fit the robot, or differs from the first in a joint
+    outside the group.
     """
     obstacles = scene or scenes.build(scene_messages.Scene(name="empty"))
     robot = holding(robot, request.attached_objects, obstacles, deadline)
@@ -191,9 +188,8 @@ def clearance(
 ) -> ClearanceReply:
     """Exact distances of the moving links to the obstacles, and of the robot to itself.
 
-    Raises:
-        InvalidConfiguration: if a configuration doesn't fit the robot.
-        UnknownFrame, UnknownObject: as `inverse_kinematics`.
+    Raises InvalidConfiguration if a configuration doesn't fit the robot; UnknownFrame or UnknownObject as
+    `inverse_kinematics`.
     """
     robot = holding(robot, request.attached_objects, scene, deadline)
     group = whole_group(robot, request.robot_placement)
@@ -352,6 +348,12 @@ def _require_same_outside(group: PlanningGroup, q_whole: RobotConfiguration, fie
                 joint=joint.name,
                 path=f"$.{field}.{joint.name}",
             )
+
+
+@functools.lru_cache(16)
+def _rows_of(position: Vector3, quaternion_xyzw: QuaternionXYZW) -> np.ndarray:
+    """Return a placement as rows of rotation and translation, shape (3, 4)."""
+    return np.ascontiguousarray(se3(position, quaternion_xyzw).homogeneous[:3])
 
 
 @memoized

@@ -64,6 +64,9 @@ def follow(joints: Sequence[Joint], q: RobotConfiguration) -> None:
     by_name = {joint.name: joint for joint in joints} if followers else {}
     for joint, mimic in followers:
         driver = by_name[mimic.driver]
+        if driver.nq == joint.nq == 1:  # the chart is the value itself, which most followers have
+            q[joint.idx_q] = mimic.multiplier * q[driver.idx_q] + mimic.offset
+            continue
         values = [q[one.idx_q : one.idx_q + one.nq] for one in (driver, joint)]
         z = mimic.multiplier * chart.to_chart(driver, values[0], values[0]) + mimic.offset
         q[joint.idx_q : joint.idx_q + joint.nq] = chart.from_chart(joint, z, values[1])
